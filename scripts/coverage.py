@@ -27,7 +27,8 @@ from seaid._progress import track
 from seaid.excitation import BasisName
 from seaid.log.motion import Motion
 from seaid.report.figures import save_figure
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

@@ -22,7 +22,8 @@ from seaid._files import result_folder
 from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
 from seaid.regressor.load import load_model
-from seaid.report.text import number, percent, table
+from seaid.report.formats import number, percent
+from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

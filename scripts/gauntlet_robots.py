@@ -21,7 +21,7 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._files import read_toml
-from seaid.cli.options import payload_of
+from seaid.cli.kinds import payload_of
 from seaid.drives import Drive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.excitation import Trajectory, make_basis

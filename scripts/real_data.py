@@ -24,7 +24,7 @@ from seaid._files import result_folder
 from seaid._progress import track
 from seaid.log.description import description_for
 from seaid.log.readers.opening import open_table
-from seaid.report.text import number
+from seaid.report.formats import number
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

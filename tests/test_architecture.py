@@ -134,7 +134,7 @@ ONE_IMPORTER = {
         "identification.repeated_identification",
     ),
     "one part of the page or window each": (
-        *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
+        *("report.figures", "report.html_experiment", "report.html_verdict"),
         *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
@@ -144,7 +144,7 @@ ONE_IMPORTER = {
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.custom_columns", "log.infer_base", "log.infer_planar"),
+        *("log.channels", "log.describe.base", "log.describe.joints", "log.describe.vectors"),
     ),
 }
 """{reason: modules that only one other module imports}."""

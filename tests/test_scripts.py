@@ -320,6 +320,7 @@ SHORT_FORMS = {
         "--quick --runs 1",
         "--quick --runs 1 --mistakes",
     ),
+    "benchmarks/unseen_plants.py": ("--quick --seeds 1",),
     "coverage.py": ("--quick --experiments 1 --others 1 --jobs 1 --output OUT",),
     "design_table.py": ("--quick --draws 1 --only rate",),
     "gauntlet.py": ("--quick --only 'tilted by 20' --workers 1 --output OUT",),

@@ -29,7 +29,8 @@ from seaid.excitation.criteria import triangular_factor
 from seaid.excitation.flatness import transmission
 from seaid.excitation.objective import Target, drive_target, stacked_regressor
 from seaid.excitation.problem import make_problem, previous_logs_factor, scaled_target
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -38,7 +38,8 @@ from seaid.identification.consistency import FeasibleParameters, feasible_parame
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.load import LoadModel, load_model
 from seaid.regressor.rigid_body import rigid_body_regressor
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.robot.inertia import is_physical
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

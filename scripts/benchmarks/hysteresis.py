@@ -21,7 +21,8 @@ import seaid
 from seaid._progress import track
 from seaid.drives import states
 from seaid.log.motion import Motion
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

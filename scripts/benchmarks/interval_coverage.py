@@ -21,7 +21,8 @@ from scipy.signal import lfilter
 import seaid
 from seaid._arrays import Array
 from seaid.log import Log, Motion
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

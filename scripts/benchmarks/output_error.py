@@ -21,7 +21,8 @@ from seaid._arrays import Array
 from seaid.estimation.nonlinear_least_squares import fisher_covariance, joined
 from seaid.identification.output_error import layout_of, linearised, measured, runs_of
 from seaid.log.filtering import decimation
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

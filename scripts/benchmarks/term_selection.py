@@ -21,7 +21,8 @@ from seaid._progress import track
 from seaid.identification.model_selection import TermSelection
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

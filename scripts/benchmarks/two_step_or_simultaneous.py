@@ -34,7 +34,8 @@ from seaid.regressor.base import base_parameters
 from seaid.regressor.load import offset_sensitivity
 from seaid.regressor.regression import Regression
 from seaid.regressor.rigid_body import rigid_body_regressor
-from seaid.report.text import percent, table
+from seaid.report.formats import percent
+from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -546,7 +546,7 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         return  # on a floating base no joint is used, whose bodies have columns of their own
     factors, clear = _torque_factors(experiment)
     logs = np.log([factors[j] for j in clear])
-    if not _are_scales(logs, np.abs(experiment.lever[clear])):
+    if not _are_scales(logs, experiment.lever[clear]):
         return
     scales, by = _parts_of_limits(experiment, logs, clear), "limits"
     if not scales:
@@ -596,7 +596,7 @@ def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]
 def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) -> dict[int, float]:
     """Return the scales of torques that are parts of the limits of the robot file, or none."""
     is_motor = np.isfinite(experiment.torque[0])
-    limits = experiment.robot.effort_limits / np.where(is_motor, np.abs(experiment.lever), 1.0)
+    limits = experiment.robot.effort_limits / np.where(is_motor, experiment.lever, 1.0)
     if not np.all(np.isfinite(limits) & (limits > 0)):
         return {}
     # A part of a rating is full tau / limit, so that factor times limit is `full` at all joints.

@@ -23,6 +23,7 @@ from seaid.checks.engine import (
     ColumnCheck,
     Equation,
     Trial,
+    equation_of,
     linear_candidate,
 )
 from seaid.checks.terms import (
@@ -76,8 +77,7 @@ class Side:
     @cached_property
     def equation(self) -> Equation:
         """The rows of the fit with the weights of its equations."""
-        assert self.fitted.rows is not None
-        return Equation(self.fitted.rows, self.fitted.weights)
+        return equation_of(self.fitted)
 
     def unexplained(self, joint: str) -> float:
         """Return the error of the equation of a joint over its torque without the mean."""

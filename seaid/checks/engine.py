@@ -32,6 +32,7 @@ from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 if TYPE_CHECKING:
     from seaid.checks.check import Code
     from seaid.errors import Finding
+    from seaid.estimation import FittedRows
     from seaid.regressor import Regression
 
 Fit = TypeVar("Fit")
@@ -463,6 +464,16 @@ class Equation:
         units = (*self.rows.units, *len(more) * ("",))
         rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
         return Equation(rows, self.weights)
+
+
+def equation_of(fitted: FittedRows) -> Equation:
+    """Return the rows of a fit, which are in memory, with the weights of their equations.
+
+    An equation of the fit may have lost all of its rows, those of a contact, and its weight goes.
+    """
+    assert fitted.rows is not None
+    remaining = np.isin(fitted.qr_factor.equations, fitted.rows.joint)
+    return Equation(fitted.rows, fitted.weights[remaining])
 
 
 _LOST = 1e-6

@@ -69,8 +69,8 @@ _SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(
 
 
 _OF_LOADS = ("robot", "joint", "motor", "direction")
-_OF_TORQUES = ("robot", "ratio", "inertia", "motor", "torque", "sensed")
-_SIGNALS = (*_OF_LOADS, *_OF_TORQUES, "torque_rate", "both", "counted")
+_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed", "unscaled")
+_SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
 Value = TypeVar("Value")
@@ -175,7 +175,7 @@ class Experiment:
 
     @derived("robot", "ratio")
     def lever(self) -> Array:
-        """N r_L / r_M (n,): the torque on the load per torque of the motor."""
+        """N r_L / r_M (n,), positive: the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
         return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
 
@@ -183,8 +183,25 @@ class Experiment:
     def target(self) -> Array:
         """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
         # (7) into (4b) without friction: tau_L = N r_L / r_M (tau_M - I_M theta_M'').
-        of_motor = self.lever * (self.torque - self.inertia * self.motor[2])
+        of_motor = self.lever * (self.torque - self.rotor * self.motor[2])
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
+
+    @derived(*_OF_TORQUES)
+    def rotor(self) -> Array:
+        """Inertia (n,) of the rotors: a known one, or that by the motor equation (7) of a spring.
+
+        The torque on a rotor whose inertia is taken as zero looks like that of bodies. A negative
+        inertia comes from a mistake in the channels and is none.
+        """
+        inertia = self.inertia.copy()
+        for j in map(self.robot.index, self.robot.elastic_joints):
+            if inertia[j] or not np.all(np.isfinite(self.torque[:, j])):
+                continue
+            rows, y, others = self._of_spring(j)
+            columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
+            if np.sum(rows) > 3 * columns.shape[1]:
+                inertia[j] = max(scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
+        return inertia
 
     @derived(*_OF_TORQUES)
     def _torque_sizes(self) -> Array:
@@ -242,7 +259,7 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived(*_OF_TORQUES, "torque_rate")
+    @derived(*_OF_TORQUES)
     def _further(self) -> Array:
         """Columns (n, R, 2) of what a torque may have besides bodies and `loads`, zero if not.
 
@@ -337,7 +354,8 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         for j in self._elastic:
             # a torque that is late is no other mistake
-            y, columns = self._spring_torque(j), [self.friction[j], self.torque_rate[:, j]]
+            y = self.torque[:, j] - self.rotor[j] * self.motor[2][:, j]
+            columns = [self.friction[j], self.torque_rate[:, j]]
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
                 # tau_L / lever = k r_M / N stretch + c, with the zeros of all sensors in c.
                 y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]
@@ -634,7 +652,7 @@ class Experiment:
         rows = self.counted[:, j]
         x = scaled_svd(columns[rows]).solve(y[rows])
         # a spring of negative stiffness explains nothing
-        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] * self.lever[j] < 0 else 0.0
+        wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] < 0 else 0.0
         friction = x[:2] if len(x) > 2 else np.zeros(2)
         drives = float(self._driving([j], friction[None, :, None])[0])
         rms = math.hypot(float(np.std((y - columns @ x)[rows])), drives, wrong)
@@ -644,7 +662,7 @@ class Experiment:
         """Return the size (u,) of friction (u, 2, 1) of joints that drives."""
         torque, speed = self.friction[joints, :, :2] @ friction, self.motor[1].T[joints]
         # A friction torque of the sign of the speed takes power; one that gives power drives.
-        power = np.mean(torque[..., 0] * speed, axis=1) * np.sign(self.lever[joints])
+        power = np.mean(torque[..., 0] * speed, axis=1)
         return np.asarray(np.maximum(-power, 0.0) / np.maximum(np.std(speed, axis=1), _LEAST))
 
     def cost(self, kind: str, rows: Array | float = 2.0) -> float:

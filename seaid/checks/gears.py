@@ -179,7 +179,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     factors = {
         j: 1 / float(experiment.lever[j])
         for j, slope in slopes.items()
-        if slope and abs(math.log(slope * abs(experiment.lever[j]))) < 3 * tol.SLIGHT
+        if slope and abs(math.log(slope * experiment.lever[j])) < 3 * tol.SLIGHT
     }
     if factors:
         yield multiplied(

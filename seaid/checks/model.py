@@ -30,7 +30,7 @@ from seaid.checks.sensors import SENSOR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
-from seaid.checks.verdict import RobotFit
+from seaid.checks.verdict import Contact, RobotFit
 from seaid.drives import parameter_of, term_fields
 from seaid.errors import Finding, SeaidError, Severity, by_severity
 from seaid.estimation import FittedRows, estimator_named, fit
@@ -197,10 +197,9 @@ def model_sides(
     term would explain there what a hand did.
     """
     actuators, load = fits
-    contact = RobotFit(robot.joint_names, load).contact
-    if contact is not None:
-        actuators = {joint: _apart(fitted, *contact) for joint, fitted in actuators.items()}
-        load = _apart(load, *contact)
+    contacts = RobotFit(robot.joint_names, load).contacts
+    actuators = {joint: _apart(fitted, contacts) for joint, fitted in actuators.items()}
+    load = _apart(load, contacts)
     rows = load.rows
     if rows is None or not motions:
         return []
@@ -219,15 +218,12 @@ def model_sides(
     ]
 
 
-def _apart(
-    fitted: FittedRows, start: float, end: float, softly_s: float, joints: Sequence[str]
-) -> FittedRows:
-    """Return a fit without the rows of a contact of joints, which begins and ends softly."""
-    rows = fitted.rows
-    if rows is None:
-        return fitted
-    is_apart = (rows.time < start - softly_s) | (rows.time > end + softly_s)
-    return replace(fitted, rows=rows.at(is_apart))
+def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
+    """Return a fit without the rows of contacts, which begin and end softly."""
+    for contact in contacts:
+        if fitted.rows is not None:
+            fitted = replace(fitted, rows=fitted.rows.at(~contact.touches(fitted.rows)))
+    return fitted
 
 
 def selections(sides: Sequence[Side]) -> list[SideSelection]:

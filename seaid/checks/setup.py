@@ -308,7 +308,7 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
     for j in experiment.used:
         joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
-        product = float(np.mean(speeds)) * ratio if experiment.both[j] else 1.0
+        product = float(np.mean(speeds)) if experiment.both[j] else 1.0
         for sides, penalty in _SIGNS[product > 0].items():
             words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
             message = f"the {words} of {joint} has the opposite sign"

@@ -18,10 +18,10 @@ from seaid._files import toml_table
 from seaid.checks.engine import (
     Alternative,
     Candidate,
-    Equation,
     ModelComparison,
     Trial,
     compared_candidates,
+    equation_of,
 )
 from seaid.drives import (
     COULOMB,
@@ -417,12 +417,10 @@ def compared_terms(
     `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
     the search.
     """
-    assert fitted.rows is not None
     reason, trials = _NO_COLUMN, list[Trial]()
     try:
         candidates = term_candidates(drive, terms, grids)
-        equation = Equation(fitted.rows, fitted.weights)
-        trials = compared_candidates(equation, candidates, count)
+        trials = compared_candidates(equation_of(fitted), candidates, count)
     except IdentificationError as problem:  # too few rows
         reason = str(problem)
     compared = {trial.candidate.name: trial for trial in trials}

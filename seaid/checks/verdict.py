@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -168,6 +169,26 @@ def _care(doubtful: Sequence[Finding], joints: Collection[str]) -> str:
 # How much of the torques the model explains
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Times [s] of a log, by its `run` in the rows, at which something touches the robot.
+
+    It begins and ends softly, within `softly_s`; `joints` are those that feel it.
+    """
+
+    run: int
+    start_s: float
+    end_s: float
+    softly_s: float
+    joints: tuple[str, ...]
+
+    def touches(self, rows: Regression) -> BoolArray:
+        """Return the mask (R,) of the rows from its soft beginning to its soft end."""
+        is_after = rows.time >= self.start_s - self.softly_s
+        is_before = rows.time <= self.end_s + self.softly_s
+        return np.asarray((rows.run == self.run) & is_after & is_before)
+
+
 @dataclass(frozen=True, eq=False)
 class RobotFit:
     """The fit of a robot, and how much of its torques it explains.
@@ -177,7 +198,8 @@ class RobotFit:
     residual of all joints over that of their torques without contact forces, of a floating base, in
     the own logs and in excluded blocks. `rows_per_parameter` are the independent ones, infinite
     without blocks; `predicted` are the errors of other motions by joint. `own` (R,) are the rows of
-    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded.
+    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded. `logs` {run
+    of the rows: number of its log, from 1} name the logs.
     """
 
     joint_names: tuple[str, ...]
@@ -188,6 +210,7 @@ class RobotFit:
     own: BoolArray | None = None
     weak: Collection[str] = ()
     predicted: Mapping[str, float] = FrozenMapping({}, "joint")
+    logs: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def rows(self) -> Regression | None:
@@ -196,8 +219,8 @@ class RobotFit:
         return rows if rows is None or self.own is None else rows.at(self.own)
 
     @cached_property
-    def contact(self) -> tuple[float, float, float, tuple[str, ...]] | None:
-        """Start, end and window [s] of a contact, and the joints that feel it, None without one.
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts, at most one of a log.
 
         A contact pulls the fit towards itself: the rows of suspicious windows are predicted by a
         fit of the others, in units of the error of a prediction. That counts if it shows at two
@@ -205,24 +228,34 @@ class RobotFit:
         """
         rows = self.rows
         if rows is None:
-            return None
+            return ()
         # A window has at least one independent row of each joint.
         instants = np.unique(rows.time[rows.run == rows.run[0]])
         window_s = max(tol.WINDOW_S, tol.CORRELATED_ROWS * row_step(instants))
         residual = rows.y - rows.H @ self.fit.estimate.values
         bursts = _bursts(self.joint_names, rows, residual, tol.BURST, window_s)
         suspects = _bursts(self.joint_names, rows, residual, tol.SURE, window_s)
-        apart = np.isin(np.floor(rows.time / window_s), list(suspects))
+        window, apart = np.floor(rows.time / window_s), np.zeros(len(rows.y), dtype=bool)
+        for run, windows in suspects.items():
+            apart |= (rows.run == run) & np.isin(window, list(windows))
         if np.any(apart) and np.mean(apart) < tol.RARE:
             deleted = _deleted_residual(self.fit, rows, apart)
             others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
-            bursts = others if len(set().union(*others.values())) > 1 else bursts
-        windows = sorted(bursts)
+            bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}
         # One contact has at least half of the windows from its start to its end.
-        if not windows or windows[-1] + 1 - windows[0] > 2 * len(windows):
-            return None
-        joints = sorted(set.union(*bursts.values()), key=self.joint_names.index)
-        return windows[0] * window_s, (windows[-1] + 1) * window_s, window_s, tuple(joints)
+        if any(max(x) + 1 - min(x) > 2 * len(x) for x in bursts.values()):
+            return ()
+        order = self.joint_names.index
+        return tuple(
+            Contact(
+                run,
+                min(windows) * window_s,
+                (max(windows) + 1) * window_s,
+                window_s,
+                tuple(sorted(set().union(*windows.values()), key=order)),
+            )
+            for run, windows in sorted(bursts.items())
+        )
 
 
 def robot_fit(
@@ -234,14 +267,15 @@ def robot_fit(
     own: BoolArray | None = None,
     locked: Collection[str] = (),
     weak: Collection[str] = (),
+    logs: Mapping[int, int] = MappingProxyType({}),
 ) -> RobotFit:
     """Return how much of the torques of all joints with rows in memory a fit explains.
 
     `actuators` are the fits of motor equations; `bodies` (10n,) the identified standard parameters
     with the payloads; `experiment` is what has the `own` rows. Load sides of `locked` joints are
-    unknown, NaN.
+    unknown, NaN. `logs` are the numbers of the logs, as in `RobotFit`.
     """
-    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak)
+    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak, logs=logs)
     rows = bare.rows
     if rows is None or fit.rows is None:
         return bare
@@ -271,13 +305,9 @@ def _joint_fits(
 ) -> dict[str, JointFit]:
     """Return the errors of joints, or of the rows of a base where no joint has a torque.
 
-    `errors` {equation: error} are those of the own logs and of excluded blocks, in which the
-    motor equations may be those behind the n of the load side.
+    `errors` {equation: error} are those of the own logs and of excluded blocks.
     """
     of_log, blocks = errors
-    # Equation j < n is the load side of joint j, equation n + j its motor equation in a
-    # simultaneous fit.
-    motors = {x: of_log[j] for j, x in enumerate(names, len(names)) if j in of_log} | {**motors}
     fits = {
         x: JointFit(of_log[j], blocks[j], motors.get(x, NAN), *of_bodies.get(x, ()))
         for j, x in enumerate(names)
@@ -380,11 +410,14 @@ def _blocks(fit: FittedRows) -> _Blocks:
 
 def _bursts(
     joint_names: Sequence[str], rows: Regression, residual: Array, times: float, window_s: float
-) -> dict[int, set[str]]:
-    """Return {number of a window: joints whose residual exceeds that of their median window}."""
-    bursts: dict[int, set[str]] = {}
+) -> dict[int, dict[int, set[str]]]:
+    """Return {run: {window: joints whose residual exceeds that of their median window}}.
+
+    Windows are numbered from the time zero of each log.
+    """
+    bursts: dict[int, dict[int, set[str]]] = {}
     for j, joint in enumerate(joint_names):
-        for run in np.unique(rows.run[rows.joint == j]).tolist():
+        for run in np.unique(rows.run[rows.joint == j]).astype(int).tolist():
             of_run = (rows.joint == j) & (rows.run == run)
             window = np.floor(rows.time[of_run] / window_s)
             starts, place, counts = np.unique(window, return_inverse=True, return_counts=True)
@@ -394,7 +427,7 @@ def _bursts(
             far = size > max(times * float(np.median(size)), least)
             if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < tol.RARE:
                 for start in starts[far].astype(int).tolist():
-                    bursts.setdefault(start, set()).add(joint)
+                    bursts.setdefault(run, {}).setdefault(start, set()).add(joint)
     return bursts
 
 
@@ -491,16 +524,18 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
 
 def _contacts(whole: RobotFit) -> Iterator[Finding]:
     """Yield the times at which residuals of several windows are far beyond those of the others."""
-    if whole.contact is not None:
-        start, end, softly_s, joints = whole.contact  # it begins and ends softly, within a window
+    for contact in whole.contacts:
+        several = len(set(whole.logs.values())) > 1
+        log = f"log {whole.logs[contact.run]}" if several else "the log"
+        start, end, joints = contact.start_s, contact.end_s, contact.joints
+        softly = f"{max(start - contact.softly_s, 0):.3f}, {end + contact.softly_s:.3f}"
         yield CONTACT.finding(
-            f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from "
-            f"the model, more than {tol.BURST:g} times as far as at other times: contact, or a "
-            "hand",
+            f"between {start:.2f} and {end:.2f} s{f' of {log}' * several} the torques of "
+            f"{', '.join(joints)} are far from the model, more than {tol.BURST:g} times as far as "
+            "at other times: contact, or a hand",
             joints[0],
             evidence={"start [s]": start, "end [s]": end},
-            remedy="in the description of the log:\n"
-            f"exclude_s = [[{max(start - softly_s, 0):.3f}, {end + softly_s:.3f}]]",
+            remedy=f"in the description of {log}:\nexclude_s = [[{softly}]]",
             joints=joints,
         )
 
@@ -513,7 +548,7 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
         tol.FEWEST_BY_BLOCKS if whole.predicted else tol.FEWEST_INDEPENDENT
     )  # of a floating base
     is_unclear = error > tol.POOR and count < tol.TWICE * fewest
-    if has_fit and (count < fewest or is_unclear) and whole.contact is None:
+    if has_fit and (count < fewest or is_unclear) and not whole.contacts:
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
         yield FEW_ROWS.finding(
             "blocks of the logs contradict each other as if there were only "

@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import typer
-from typer import Argument, Option
 
-from seaid.cli.defaults import is_typed
+import seaid
+from seaid.cli.kinds import Page, TableFile, TomlFile, UrdfFile
 from seaid.cli.messages import written
-from seaid.cli.options import ResultOptions, checked_suffix
+from seaid.cli.options import ResultOptions
+from seaid.cli.project import is_typed
 
 
 def calibrate(
-    table: Annotated[
-        Path, Argument(help="Loads and readings (CSV), or a log with --urdf.", metavar="TABLE")
-    ],
+    table: TableFile,
     *,
-    law: Annotated[Literal["linear", "cubic"], Option(help="Law of the spring or sensor.")] = (
-        "linear"
-    ),
-    urdf: Annotated[
-        Path | None, Option(help="Robot of a log with held poses, its bodies known.")
-    ] = None,
-    drives: Annotated[Path | None, Option(help="Drives of that robot.")] = None,
-    joint: Annotated[str | None, Option(help="Joint that is calibrated by a log.")] = None,
-    sensor: Annotated[
-        Literal["spring", "torque"], Option(help="What a log has of it: spring, or torque sensor.")
-    ] = "spring",
-    output: Annotated[
-        Path | None, Option("--output", "-o", help="A page with the law.", metavar="HTML")
-    ] = None,
+    law: Literal["linear", "cubic"] = "linear",
+    urdf: UrdfFile | None = None,
+    drives: TomlFile | None = None,
+    joint: str | None = None,
+    sensor: Literal["spring", "torque"] = "spring",
+    output: Page | None = None,
     result: ResultOptions,
 ) -> None:
     """Calibrate a spring or a torque sensor by dead weights, ramps or held poses.
@@ -41,30 +31,43 @@ def calibrate(
     separate friction from the law. With --urdf the dead weights are the bodies of the robot at the
     held poses of a log.
 
+    Parameters
+    ----------
+    table
+        Loads and readings (CSV), or a log with --urdf.
+    law
+        Law of the spring or sensor: linear or cubic.
+    urdf
+        Robot of a log with held poses, its bodies known.
+    drives
+        Drives of that robot.
+    joint
+        Joint that is calibrated by a log.
+    sensor
+        What a log has of it: spring, or torque sensor.
+    output
+        A page with the law.
+
+    Examples
+    --------
     seaid calibrate weights.csv -o weights.html
     seaid calibrate poses.csv --urdf leg.urdf --drives leg.toml --joint knee_pitch
     """
-    from seaid.identification import calibrate_statics, held_poses, read_statics
-    from seaid.report import write_calibration
-
-    checked_suffix(output, ".html", ".htm")
     is_half = is_typed("urdf") if joint is None else urdf is None
     if is_half:
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
     result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))
     if urdf is None or joint is None:
-        statics = read_statics(table)
+        statics = seaid.read_statics(table)
     else:
-        from seaid.log import read_log
-        from seaid.robot import load_robot
-
-        robot = load_robot(urdf, drives)
-        statics = held_poses(robot, read_log(table, robot), joint, sensor=sensor)
-    fit = calibrate_statics(statics, law=law)
-    name = joint or table.stem
-    if output is not None:
-        with written(output, ".html") as file:
-            write_calibration(fit, file, name=name)
+        robot = seaid.load_robot(urdf, drives)
+        statics = seaid.identification.held_poses(
+            robot, seaid.read_log(table, robot), joint, sensor=sensor
+        )
+    fit = seaid.calibrate_statics(statics, law=law)
+    written(
+        output, ".html", lambda file: seaid.write_calibration(fit, file, name=joint or table.stem)
+    )
     values = zip(fit.names, fit.values, fit.standard_errors, fit.units, strict=True)
     content = {
         "law": fit.law,

@@ -3,62 +3,28 @@
 from __future__ import annotations
 
 from importlib import import_module
-from inspect import cleandoc, signature
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli.completion import completer_of
-from seaid.cli.defaults import ARGUMENTS
-from seaid.cli.messages import begin, reported
-
-_HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
-spring stiffness and inertias, each with its standard error.
-
-\b
-  seaid init leg.urdf run.csv other.csv              a project file, inferred
-  seaid run                                          identify, validate, report, export
-  seaid inspect leg.urdf --drives leg.toml           which parameters are identifiable
-  seaid excite leg.urdf -o plan.json                 a motion that excites them
-  seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
-  seaid view leg.urdf --drives leg.toml --log run.csv
-  seaid describe run.csv -o run.toml                 a log with custom columns
-  seaid check leg.urdf run.csv --drives leg.toml     what is wrong with a set-up
-  seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
-  seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
-  seaid replay leg.urdf other.csv --from run.csv --drives leg.toml
-  seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
-  seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
-
-A seaid.toml in the working folder has the robot, logs and options of every command that names no
-other robot; the command line takes precedence. Its folder may stand for the URDF. Each command has
-its own --help with examples. Results go to stdout; notes, errors and progress go to stderr. Exit
-codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong usage, 3 warnings
-of --fail-on. Files are written completely or not at all, and overwritten only with --force."""
+import seaid
+from seaid.cli.messages import MovedError, begin, reported
 
 COMMANDS = {
     "init": "Write a first project file for a robot and its logs, with each doubt as a comment.",
     "run": "Identify, validate, report and export the project of the working folder.",
     "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
-    "crosscheck": "Compare numeric base parameters with exact ones, computed over the rationals.",
-    "codegen": "Write the regressor and the inverse dynamics of a robot as Python or C.",
+    "view": "Show a robot and its motions in the browser, at the address in the last line.",
     "excite": "Plan a motion within limits that excites the parameters.",
     "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
-    "view": "Show a robot and its motions in the browser, at the address in the last line.",
     "describe": "Infer the meaning of custom columns, as a log description in TOML.",
-    "delays": "Estimate by how much the channels of a log are late or early.",
-    "gear-ratio": "Estimate the gear ratios from the angles on both sides of the gears.",
-    "calibrate": "Calibrate a spring or a torque sensor by dead weights, ramps or held poses.",
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
+    "calibrate": "Calibrate a spring or a torque sensor by dead weights, ramps or held poses.",
     "identify": "Identify drives and bodies from one log or several.",
+    "frequency": "Measure frequency responses of joints: resonance, damping and springs.",
     "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
     "replay": "Replay a log by the nominal and by the identified model, and compare their errors.",
-    "terms": "Compare which further terms of friction and springs the logs support.",
-    "frequency": "Measure frequency responses of joints: resonance, damping and springs.",
-    "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
-    "cross-validate": "Validate each log on the model identified from all the others.",
-    "conditions": "Identify several conditions together, such as cold and warm.",
     "compare": "Compare two identifications: which parameters differ significantly.",
     "report": "Identify, validate, and write the results with their reliability as one HTML page.",
     "export": "Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.",
@@ -66,13 +32,36 @@ COMMANDS = {
 """{command: first line of its docstring}; its function has its name, in a module of that name."""
 
 _SECTIONS = {
-    "init": "A project",
+    "init": "Project",
     "inspect": "Robot and motion",
     "describe": "Logs",
-    "check": "Identification",
+    "identify": "Identification",
     "compare": "Results",
 }
 """{first command: title of a section of the help}."""
+
+MOVED = {
+    "crosscheck": "write seaid inspect URDF --exact",
+    "codegen": "write seaid export URDF -o FILE.py, or FILE.c",
+    "delays": "write seaid check URDF LOG --delays",
+    "gear-ratio": "write seaid check URDF LOG --gear-ratios",
+    "terms": "write seaid check URDF LOG --terms",
+    "refine": "write seaid identify URDF LOG --refine",
+    "conditions": "write seaid identify URDF --condition NAME=LOG --condition NAME=LOG",
+    "cross-validate": "write seaid validate URDF LOG LOG --cross",
+    "gains": "docs/how_to/position_commands.md says how a second set of gains differs",
+}
+"""{former command: what to write now}."""
+
+RENAMED = {
+    "--sides": "--method two-step or simultaneous",
+    "--rows": "--torque-joints",
+    "--joint-zero-std": "--encoder-offset-std",
+    "--drive-columns": "--drive-parameters",
+    "--allow-impossible": "--allow-inconsistent",
+    "--free-ends": "--ends-in-motion",
+}
+"""{former option: what to write now}."""
 
 
 class _Commands(TyperGroup):
@@ -97,7 +86,10 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that runs."""
         begin(args[0] if args[0] in COMMANDS else "seaid", args)
-        ctx.meta[ARGUMENTS] = args[1:]
+        if args[0] in MOVED:
+            raise MovedError(f"'seaid {args[0]}' is no longer there: {MOVED[args[0]]}")
+        for option in RENAMED.keys() & {word.partition("=")[0] for word in args}:
+            raise MovedError(f"'{option}' is no longer there: write {RENAMED[option]}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
@@ -107,25 +99,22 @@ class _Commands(TyperGroup):
 
 
 def command_of(name: str) -> Any:
-    """Load a command; its help is the docstring, with one line per example."""
-    from seaid.cli.options import with_groups
+    """Load a command."""
+    from seaid.cli import options
+    from seaid.cli.project import with_project
+    from seaid.cli.signature import descriptions, for_typer, help_of
 
-    word = name.replace("-", "_")
-    function = getattr(import_module(f"seaid.cli.{word}"), word)
-    text = cleandoc(function.__doc__ or "").replace("\n\nseaid ", "\n\n\b\nseaid ")
-    command = with_groups(function)
-    for parameter in signature(command).parameters.values():
-        for option in getattr(parameter.annotation, "__metadata__", ()):
-            option.autocompletion = completer_of(parameter.name)
+    function = getattr(import_module(f"seaid.cli.{name}"), name)
+    shared = {**descriptions(options), **descriptions(options.IdentifiedOptions)}
+    command = for_typer(function, shared, with_project)
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name, help=text)(command)
+    alone.command(name, help=help_of(function))(command)
     return typer.main.get_command(alone)
 
 
 app = typer.Typer(
     name="seaid",
     cls=_Commands,
-    help=_HELP,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -135,9 +124,7 @@ app = typer.Typer(
 
 def _version(asked: bool) -> None:
     if asked:
-        from seaid import __version__
-
-        typer.echo(f"seaid {__version__}")
+        typer.echo(f"seaid {seaid.__version__}")
         raise typer.Exit
 
 
@@ -147,4 +134,28 @@ def _options(
         False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    """Take the options that come before a command."""
+    """Identify robots with springs in their joints: from a URDF and a log to motor friction,
+    spring stiffness and inertias, each with its standard error.
+
+    \b
+      seaid init leg.urdf run.csv other.csv              a project file, inferred
+      seaid run                                          identify, validate, report, export
+      seaid inspect leg.urdf --drives leg.toml           which parameters are identifiable
+      seaid excite leg.urdf -o plan.json                 a motion that excites them
+      seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
+      seaid view leg.urdf --drives leg.toml --log run.csv
+      seaid describe run.csv -o run.toml                 a log with custom columns
+      seaid check leg.urdf run.csv --drives leg.toml     what is wrong with a set-up
+      seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
+      seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
+      seaid replay leg.urdf other.csv --from run.csv --drives leg.toml
+      seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
+      seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
+
+    A seaid.toml in the working folder has the robot, logs and options of every command that names
+    no other robot; the command line takes precedence. Its folder may stand for the URDF. Each
+    command has its own --help with examples. Results go to stdout; notes, errors and progress go to
+    stderr. Exit codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong
+    usage, 3 warnings of --fail-on. Files are written completely or not at all, and overwritten only
+    with --force.
+    """  # noqa: D301

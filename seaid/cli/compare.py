@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 import typer
-from typer import Argument, Option
 
+import seaid
+from seaid.cli.kinds import Page, ResultFile
 from seaid.cli.messages import written
-from seaid.cli.options import ResultOptions, checked_suffix
-
-if TYPE_CHECKING:
-    from seaid.report import Comparison
-
-_FILE = Argument(help="Folder of a run, or parameters of seaid identify.", metavar="RUN")
+from seaid.cli.options import ResultOptions
 
 
 def compare(
-    first: Annotated[Path, _FILE],
-    second: Annotated[Path, _FILE],
+    first: ResultFile,
+    second: ResultFile,
     *,
-    output: Annotated[
-        Path | None, Option("--output", "-o", help="A page with the comparison.", metavar="HTML")
-    ] = None,
+    output: Page | None = None,
     result: ResultOptions,
 ) -> None:
     """Compare two identifications: which parameters differ significantly.
@@ -33,12 +27,20 @@ def compare(
     would be rare without one, in any of all parameters. Runs have covariances, so that drives and
     base parameters are also tested as a whole; files of parameters have none, and no page.
 
+    Parameters
+    ----------
+    first, second
+        Folder of a run, or parameters of seaid identify.
+    output
+        A page with the comparison.
+
+    Examples
+    --------
     seaid compare runs/cold runs/latest -o comparison.html
     seaid compare cold.json warm.json
     """
     from seaid._files import followed
 
-    checked_suffix(output, ".html", ".htm")
     result.check(output, read=())
     names = (first.stem, second.stem) if first.is_file() else (first.name, second.name)
     if names[0] == names[1]:
@@ -48,11 +50,8 @@ def compare(
     if all(runs):
         robot, comparison = _compare_runs(first, second, names, output)
     elif output is None and not any(runs):
-        from seaid.export import parameters_content
-        from seaid.report import comparison_of_parameters
-
-        robot = parameters_content(first)["robot"]
-        comparison = comparison_of_parameters(first, second, names=names)
+        robot = seaid.export.parameters_content(first)["robot"]
+        comparison = seaid.report.comparison_of_parameters(first, second, names=names)
     else:
         wanted = "two runs, or two files of parameters" if any(runs) else "runs, for a page"
         raise typer.BadParameter(f"give {wanted}", param_hint="RUN")
@@ -61,18 +60,18 @@ def compare(
 
 def _compare_runs(
     first: Path, second: Path, names: tuple[str, str], output: Path | None
-) -> tuple[str, Comparison]:
-    from seaid.project import load_run
-    from seaid.report import comparison_of, write_comparison
+) -> tuple[str, seaid.report.Comparison]:
 
-    first_fit, second_fit = (load_run(path).identification for path in (first, second))
-    if output is not None:
-        with written(output, ".html") as file:
-            write_comparison(first_fit, second_fit, file, names=names)
-    return first_fit.robot.name, comparison_of(first_fit, second_fit, names=names)
+    first_fit, second_fit = (seaid.load_run(path).identification for path in (first, second))
+    written(
+        output,
+        ".html",
+        lambda file: seaid.write_comparison(first_fit, second_fit, file, names=names),
+    )
+    return first_fit.robot.name, seaid.report.comparison_of(first_fit, second_fit, names=names)
 
 
-def _content(comparison: Comparison) -> dict[str, Any]:
+def _content(comparison: seaid.report.Comparison) -> dict[str, Any]:
     keys = (
         *("joint", "name", "unit", "first", "second", "first_error", "second_error"),
         *("change", "error", "significance", "p_value", "is_significant"),

@@ -1,67 +1,39 @@
-"""Command export: the identified robot for a simulator."""
+"""Command export: the identified robot for a simulator, and its equations as code."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 import typer
-from typer import Option
 
 import seaid
-from seaid.cli.defaults import is_typed
+from seaid.cli.kinds import JsonFile, Kind, choice
 from seaid.cli.messages import is_stdout, note, option_of, written
-from seaid.cli.options import (
-    FEASIBLE,
-    IdentifiedOptions,
-    ResultOptions,
-    checked_suffix,
-    facts_of,
-    one_of,
-)
+from seaid.cli.options import IdentifiedOptions, ResultOptions, facts_of, refuse
+from seaid.cli.project import is_typed
+from seaid.errors import by_severity, listed
 
-if TYPE_CHECKING:
-    from seaid.export import FormatName, Randomization
-    from seaid.robot import Robot
+CODE = {"python": ".py", "c": ".c"}
+"""{format of code: its suffix}."""
+
+ExportFormat = Annotated[str, choice("format", lambda: (*seaid.export.FORMATS, *CODE))]
 
 
 def export(
     options: IdentifiedOptions,
     *,
-    output: Annotated[
-        Path,
-        Option("--output", "-o", help="File to write: .urdf, .xml for MuJoCo, or of --format."),
-    ],
-    format: Annotated[  # noqa: A002
-        str | None,
-        one_of(
-            "format",
-            "mjcf, urdf, isaaclab, mjlab, usd, newton, bam, drake or ros2_control; "
-            "default: mjcf for .xml, urdf for .urdf.",
-            lambda: seaid.export.FormatName,
-        ),
-    ] = None,
-    time_step: Annotated[
-        float, Option(help="Time step [s] of the simulation, in which delays are counted.")
-    ] = 0.005,
-    parameters: Annotated[
-        Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
-    ] = None,
-    feasible: Annotated[bool, Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
-    allow_inconsistent: Annotated[
-        bool, Option("--allow-inconsistent", help="Also write physically inconsistent bodies.")
-    ] = False,
-    randomization: Annotated[
-        Path | None,
-        Option(help="Also write ranges and samples for domain randomization: .json or .yaml."),
-    ] = None,
-    level: Annotated[float, Option(help="Probability of the ranges.")] = 0.95,
-    samples: Annotated[int, Option(help="Number of samples next to the ranges.")] = 100,
-    at_temperature: Annotated[
-        float | None,
-        Option(help="Temperature of the motors [degC], for friction that depends on it."),
-    ] = None,
+    output: Annotated[Path, Kind("FILE")],
+    format: ExportFormat | None = None,  # noqa: A002
+    time_step: float = 0.005,
+    parameters: JsonFile | None = None,
+    as_estimated: bool = False,
+    allow_inconsistent: bool = False,
+    randomization: Annotated[Path, Kind("FILE")] | None = None,
+    level: float = 0.95,
+    samples: int = 100,
+    at_temperature: float | None = None,
     result: ResultOptions,
 ) -> None:
     """Write the identified robot for a simulator: URDF, MuJoCo, Isaac Lab and others.
@@ -72,44 +44,73 @@ def export(
     are not written. A MuJoCo model contains the springs and the payloads. The other formats have
     the actuators of the joints; what a format cannot hold is a warning.
 
+    A file that ends in .py or .c has the regressor and the inverse dynamics as code, of the URDF if
+    nothing is identified: the torque of the joints without friction and rotor inertia, with the
+    payloads. The regressor times the inertial parameters is the same without payloads, and the base
+    regressor has the identifiable columns only. They are exact: no number is rounded but the
+    lengths in the URDF. Python needs NumPy, C99 its <math.h>.
+
+    Parameters
+    ----------
+    output
+        File to write: .urdf, .xml for MuJoCo, .py or .c for code, or of --format.
+    format
+        mjcf, urdf, isaaclab, mjlab, usd, newton, bam, drake or ros2_control, or python or c for
+        code; default: by the suffix.
+    time_step
+        Time step [s] of the simulation, in which delays are counted.
+    parameters
+        Parameters of seaid identify, used unchanged in place of --from.
+    as_estimated
+        The bodies as estimated, or physically consistent ones nearest to the estimate.
+    allow_inconsistent
+        Also write physically inconsistent bodies.
+    randomization
+        Also write ranges and samples for domain randomization: .json or .yaml.
+    level
+        Probability of the ranges.
+    samples
+        Number of samples next to the ranges.
+    at_temperature
+        Temperature of the motors [degC], for friction that depends on it.
+
+    Examples
+    --------
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
     seaid export --run runs/latest -o found.xml
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     seaid export --run runs/latest --format isaaclab -o actuators.py
     seaid export --run runs/latest -o found.xml --randomization ranges.json
+    seaid export leg.urdf -o leg_dynamics.py
+    seaid export leg.urdf --parameters runs/latest/parameters.json -o leg_dynamics.c
     """
-    from seaid.errors import by_severity
-    from seaid.export import FORMATS, by_suffix, read_parameters, write_model, write_randomization
-    from seaid.report import warning_lines
-
-    kind = cast("FormatName", format) or by_suffix(output)
-    suffix = FORMATS[kind].suffix
-    checked_suffix(output, *([suffix] if format else [".urdf", ".xml", ".usda"]))
-    if parameters is not None and is_typed("from_logs", "run"):
-        raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
+    kind, suffix = _format(format, output)
+    if parameters is not None:
+        refuse("give one of them, or --parameters", "from_logs", "run")
+        refuse("it needs --from or --run", "randomization")
     toml = output.with_suffix(".toml") if suffix == ".urdf" else None
     result.check(output, toml, randomization, read=(*options.files, parameters))
+    robot, fit = _robot(options, parameters, feasible=not as_estimated, is_code=kind in CODE)
+    if kind in CODE:
+        result.show(*_write_code(robot, output, suffix), output, robot=robot.name)
+        return
+    facts: dict[str, Any] = {"robot": robot.name} if fit is None else facts_of(fit)
     ranges = None
-    if parameters is not None:
-        if randomization is not None:
-            raise typer.BadParameter("needs --from or --run", param_hint="--randomization")
-        robot = read_parameters(parameters, options.robot(options.known_body))
-        facts: dict[str, Any] = {"robot": robot.name}
-    else:
-        fit = options.result(feasible=feasible).identification
-        robot, facts = fit.robot, facts_of(fit)
-        if randomization is not None:
-            ranges = write_randomization(fit, randomization, level=level, samples=samples)
-    with written(output, suffix) as file:
-        model = write_model(
+    if fit is not None and randomization is not None:
+        ranges = seaid.write_randomization(fit, randomization, level=level, samples=samples)
+    model = written(
+        output,
+        suffix,
+        lambda file: seaid.write_model(
             robot,
             file,
-            kind,
+            cast("seaid.export.FormatName", kind),
             time_step_s=time_step,
             force=allow_inconsistent,
             at_temperature_degC=at_temperature,
-        )
+        ),
+    )
     for text in model.notes:
         note(text.replace("payloads=", option_of("payloads=")))
     tables = model.drives
@@ -117,20 +118,65 @@ def export(
         tables = None
         note("stdout has the URDF without its drives: --output writes both")
     facts["warnings"] = by_severity([*facts.get("warnings", ()), *model.warnings])
-    lines = [*_lines(robot, kind, ranges), *warning_lines(facts["warnings"])]
+    lines = [
+        *_lines(robot, cast("seaid.export.FormatName", kind), ranges),
+        *seaid.report.warning_lines(facts["warnings"]),
+    ]
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
     result.show("\n".join(lines), content, output, tables, randomization, **facts)
 
 
-def _lines(robot: Robot, kind: FormatName, ranges: Randomization | None) -> Iterator[str]:
-    """Yield what was written, and what of the `ranges` is not determined."""
-    from seaid.errors import listed
-    from seaid.export import FORMATS
+def _format(name: str | None, output: Path) -> tuple[str, str]:
+    """Return the format of an output, and its suffix; raise BadParameter for another suffix."""
+    suffixes: dict[str, str] = {kind: entry.suffix for kind, entry in seaid.export.FORMATS.items()}
+    suffixes |= CODE
+    by_code = {suffix: code for code, suffix in CODE.items()}
+    kind = name or by_code.get(output.suffix.lower()) or seaid.export.by_suffix(output)
+    allowed = [suffixes[kind]] if name else [".urdf", ".xml", ".usda", *by_code]
+    if not is_stdout(output) and output.suffix.lower() not in allowed:
+        message = f"'{output}' must end in {' or '.join(allowed)}"
+        raise typer.BadParameter(message, param_hint="--output")
+    return kind, suffixes[kind]
 
-    if FORMATS[kind].has_bodies:
+
+def _robot(
+    options: IdentifiedOptions, parameters: Path | None, *, feasible: bool, is_code: bool
+) -> tuple[seaid.Robot, seaid.Identification | None]:
+    """Return the robot that is written, and the identification that it is of."""
+    if parameters is not None:
+        return seaid.read_parameters(parameters, options.robot()), None
+    if is_code and options.run is None and not is_typed("from_logs"):
+        return options.robot(), None
+    fit = options.result(feasible=feasible).identification
+    return fit.robot, fit
+
+
+def _write_code(robot: seaid.Robot, output: Path, suffix: str) -> tuple[str, dict[str, Any]]:
+    """Write regressor and inverse dynamics as Python or C; return a text and JSON content."""
+    form = seaid.symbolic.rigid_body(robot)
+    write = seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy
+    parameters = robot.parameters + robot.payload_parameters
+    written(output, suffix, lambda file: write(form, file, parameters))
+    content = {
+        "joints": form.joint_names,
+        "parameters": form.parameter_names,
+        "base_parameters": form.base.expressions,
+    }
+    text = (
+        f"{robot.name}: regressor of {len(form.parameter_names)} parameters and of "
+        f"{len(form.base.expressions)} base parameters, and inverse dynamics, written"
+    )
+    return text, content
+
+
+def _lines(
+    robot: seaid.Robot, kind: seaid.export.FormatName, ranges: seaid.Randomization | None
+) -> Iterator[str]:
+    """Yield what was written, and what of the `ranges` is not determined."""
+    if seaid.export.FORMATS[kind].has_bodies:
         yield f"{robot.name}: {robot.n} bodies and their drives written"
     else:
-        yield f"{robot.name}: {robot.n} actuators written for {FORMATS[kind].title}"
+        yield f"{robot.name}: {robot.n} actuators written for {seaid.export.FORMATS[kind].title}"
     if ranges is not None:
         free = listed(f"{parameter.name} of {parameter.of}" for parameter in ranges.unidentified)
         yield f"not determined by the log, and as wide as the prior: {free or 'none'}"

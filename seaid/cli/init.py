@@ -3,45 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
-
-from seaid.cli.messages import show
+import seaid
+from seaid.cli.kinds import ByJoint, Folder, LogFile
 from seaid.cli.mistakes import check_log_files, check_robot_files
-from seaid.cli.options import (
-    AsJson,
-    Logs,
-    RateHz,
-    RobotOptions,
-    check_joints,
-    contacts_of,
-    names,
-    payload_of,
-    positions,
-    values,
-    vector,
-)
+from seaid.cli.options import JsonOptions, RobotOptions, check_joints
 from seaid.errors import abridged
-
-if TYPE_CHECKING:
-    from seaid.drives import Controller
 
 
 def init(
     options: RobotOptions,
-    logs: Logs,
+    logs: list[LogFile],
     *,
-    position_gain: Annotated[
-        str | None,
-        Option(help="Gain of the position controllers [N m/rad at the joint], or hip=20,knee=40."),
-    ] = None,
-    velocity_gain: Annotated[
-        str, Option(help="Their velocity gain [N m s/rad at the joint], or hip=1,knee=2.")
-    ] = "0",
-    rate_hz: RateHz = None,
-    folder: Annotated[Path, Option(help="The folder of the project.")] = Path(),
-    as_json: AsJson = False,
+    position_gain: ByJoint | None = None,
+    velocity_gain: ByJoint = 0,
+    rate_hz: float | None = None,
+    folder: Folder = Path(),
+    result: JsonOptions,
 ) -> None:
     """Write a first project file for a robot and its logs, with each doubt as a comment.
 
@@ -49,58 +27,58 @@ def init(
     with the gains given. Logs with custom columns get a description, and a robot without drives
     gets those that the logs show: check what is unsure, then run it.
 
+    Parameters
+    ----------
+    position_gain
+        Gain of the position controllers [N m/rad at the joint]
+    velocity_gain
+        Their velocity gain [N m s/rad at the joint]
+    folder
+        The folder of the project.
+
+    Examples
+    --------
     seaid init leg.urdf run.csv other.csv
     seaid init go2 go2.csv --position-gain 20 --velocity-gain 1.5
     seaid init go2 walk.npz --base floating --contact FL_foot,FR_foot,RL_foot,RR_foot --rate-hz 500
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
     """
-    from seaid.project import write_first_project
-
     check_robot_files(options.urdf, options.drives)
     check_log_files(logs)
-    project = write_first_project(
+    project = seaid.write_first_project(
         options.urdf,
         logs,
-        drives=options.drives,
-        joints=names(options.joints),
-        locked=positions("--locked", options.locked),
-        payloads=[payload_of(text) for text in options.payload or ()],
-        gravity=vector("--gravity", options.gravity),
         folder=folder,
         controllers=_controllers(options, position_gain, velocity_gain),
-        base=options.base,  # type: ignore[arg-type]
-        contacts=[contact for text in options.contact or () for contact in contacts_of(text)],
-        imu_link=options.imu_link,
         rate_hz=rate_hz,
+        **options.keywords_of_robot(),
     )
     text = [f"unsure: {abridged(doubt)}" for doubt in project.doubts]
     place = "" if folder == Path() else f" {folder}"
     text.append(f"Check what is unsure, then: seaid run{place}")
     content = {"files": project.files, "doubts": project.doubts}
-    show("\n".join(text), content, as_json, *project.files)
+    result.show("\n".join(text), content, *project.files)
 
 
 def _controllers(
-    options: RobotOptions, position_gain: str | None, velocity_gain: str
-) -> dict[str, Controller] | None:
-    """Return {joint: controller} of the options, None without a position gain."""
-    from seaid.drives import Controller
-
+    options: RobotOptions,
+    position_gain: float | dict[str, float] | None,
+    velocity_gain: float | dict[str, float],
+) -> dict[str, seaid.Controller] | None:
+    """Return {joint: controller} of the options, None without a gain."""
     robot = options.robot()
-    stiffness = values("--position-gain", position_gain)
-    damping = values("--velocity-gain", velocity_gain)
-    if stiffness is None and not damping:
+    if position_gain is None and not velocity_gain:
         return None
     stiff, damped = (
         gains if isinstance(gains, dict) else dict.fromkeys(robot.joint_names, gains or 0.0)
-        for gains in (stiffness, damping)
+        for gains in (position_gain, velocity_gain)
     )
     check_joints("--position-gain", stiff, robot)
     check_joints("--velocity-gain", damped, robot)
     return {
-        joint: Controller(
+        joint: seaid.Controller(
             position_gain_Nm_per_rad=stiff.get(joint, 0.0),
             velocity_gain_Nms_per_rad=damped.get(joint, 0.0),
         )
-        for joint in (stiff if stiffness is not None else damped)
+        for joint in (stiff if position_gain is not None else damped)
     }

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
-from typer import Option
+import typer
 
-from seaid.cli.messages import show
-from seaid.cli.options import AsJson, RobotOptions, names
-
-if TYPE_CHECKING:
-    from seaid.regressor import BaseParameters, Identifiability
-    from seaid.robot import Robot, UrdfTree
-
+import seaid
+from seaid.cli.kinds import JsonFile, LinkNames, SensorNames
+from seaid.cli.options import JsonOptions, RobotOptions
+from seaid.errors import SeaidError
 
 _CHOICES = (
     ("motor_position", "joint_position", "motor_torque"),
@@ -28,24 +25,12 @@ _CHOICES = (
 
 def inspect(
     options: RobotOptions,
-    sensors: Annotated[
-        str | None,
-        Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
-    ] = None,
-    stance: Annotated[
-        list[str] | None,
-        Option(
-            "--stance",
-            help="Contacts of a floating base on the ground together, as FL,HR; air or hanging for "
-            "none. May be repeated; default: the air, each contact, and all.",
-            metavar="LINK,LINK",
-        ),
-    ] = None,
-    plans: Annotated[
-        list[Path] | None,
-        Option("--plan", help="A planned motion, to measure. May be repeated.", metavar="JSON"),
-    ] = None,
-    as_json: AsJson = False,
+    *,
+    sensors: SensorNames | None = None,
+    stance: list[LinkNames] | None = None,
+    plans: list[JsonFile] | None = None,
+    exact: bool = False,
+    result: JsonOptions,
 ) -> None:
     """Show a robot: tree, drives, base parameters, and the identifiability by sensors.
 
@@ -55,15 +40,32 @@ def inspect(
     condition number of columns of unit norm, and by D-efficiency over the first. Of a robot with a
     floating base it shows what the stances determine, alone and together.
 
+    With --exact the exit code is 1 if numeric and exact base parameters differ: then angles in the
+    file are rounded, or the robot is badly conditioned.
+
+    Parameters
+    ----------
+    sensors
+        Sensors of every joint, as motor_position,motor_torque, in detail.
+    stance
+        Contacts of a floating base on the ground together, as FL,HR; air or hanging for none.
+        Default: the air, each contact, and all.
+    plans
+        A planned motion, to measure.
+    exact
+        Compare numeric base parameters with exact ones, computed over the rationals.
+
+    Examples
+    --------
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
     seaid inspect leg.urdf --drives leg.toml --plan plan.json --plan other.json
+    seaid inspect arm.urdf --exact
     seaid inspect solo12 --base floating --contact FL_FOOT,FR_FOOT,HL_FOOT,HR_FOOT
     """
-    from seaid.robot import reread_urdf
-
     robot = options.robot()
-    tree = reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
+    _check_base(robot, {"--sensors": sensors, "--plan": plans, "--stance": stance})
+    tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
     if robot.floating_base is not None:
@@ -71,20 +73,51 @@ def inspect(
     else:
         content, text = _sensor_content(robot, sensors, plans)
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
-    show("\n".join(text), {**facts, **content}, as_json, robot=robot.name)
+    comparison = _exact(robot) if exact else None
+    if comparison is not None:
+        text.append(f"\n{comparison.summary()}")
+        content["exact"] = asdict(comparison)
+    result.show("\n".join(text), {**facts, **content}, robot=robot.name)
+    if comparison is not None and not comparison.agree:
+        raise SeaidError(
+            f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
+            "in the URDF; the exact ones hold for the file as written"
+        )
+
+
+_OF_FIXED = {
+    "--sensors": "a robot with a floating base has joint torques and the motion of its base: "
+    "leave --sensors out, and choose stances with --stance",
+    "--plan": "a planned motion is measured with a fixed base only: leave --plan out; seaid excite "
+    "--stance measures the motions that it plans for feet on the ground",
+}
+"""{option that a floating base has not: what to do instead}."""
+_OF_FLOATING = {
+    "--stance": "the base of this robot is fixed: leave --stance out, or add --base floating"
+}
+
+
+def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
+    """Raise BadParameter for one of the `options` that the base of the robot has not."""
+    for option, remedy in (_OF_FIXED if robot.floating_base else _OF_FLOATING).items():
+        if options[option] is not None:
+            raise typer.BadParameter(remedy, param_hint=option)
+
+
+def _exact(robot: seaid.Robot) -> seaid.CrossCheck:
+    """Return the comparison of numeric base parameters with exact ones."""
+    return seaid.regressor.cross_check(
+        seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
+    )
 
 
 def _sensor_content(
-    robot: Robot, sensors: str | None, plans: list[Path] | None
+    robot: seaid.Robot, sensors: Sequence[str] | None, plans: list[Path] | None
 ) -> tuple[dict[str, Any], list[str]]:
     """Return base parameters, identifiability by sensors, and measures of plans, and as lines."""
-    from seaid.regressor import base_parameters, identifiability
-
-    base = base_parameters(robot)
-    choices: tuple[tuple[str, ...], ...] = (
-        _CHOICES if sensors is None else (tuple(names(sensors) or ()),)
-    )
-    cases = {", ".join(choice): identifiability(robot, choice) for choice in choices}  # type: ignore[arg-type]
+    base = seaid.base_parameters(robot)
+    choices: tuple[tuple[str, ...], ...] = _CHOICES if sensors is None else (tuple(sensors),)
+    cases = {", ".join(choice): seaid.identifiability(robot, choice) for choice in choices}  # type: ignore[arg-type]
     content = {
         "base_parameters": list(base.expressions),
         "singular_value_gap": base.gap,
@@ -106,19 +139,18 @@ _AGREES = {True: "agrees", False: "does NOT agree"}
 
 
 def _stance_content(
-    robot: Robot, links: Sequence[str], texts: list[str] | None
+    robot: seaid.Robot, links: Sequence[str], asked_stances: list[list[str]] | None
 ) -> tuple[dict[str, Any], list[str]]:
     """Return what stances of a floating base determine, alone and together, and as lines."""
-    from seaid.regressor import identifiability
-    from seaid.report import table
-    from seaid.robot import HANGING
-
-    usual = ["air", *links, ",".join(links)] if links else ["air"]
-    by_word: dict[str, Sequence[str]] = {HANGING: HANGING, "air": []}
-    stances = {text: by_word.get(text, names(text) or []) for text in texts or usual}
-    asked = [*stances.values()] if texts else [stances[usual[-1]]]
-    cases = {text: identifiability(robot, stances=[stance]) for text, stance in stances.items()}
-    together = identifiability(robot, stances=asked)
+    usual = [["air"], *([link] for link in links), links] if links else [["air"]]
+    by_word: dict[str, Sequence[str]] = {seaid.robot.HANGING: seaid.robot.HANGING, "air": []}
+    texts = [",".join(stance) for stance in asked_stances or usual]
+    stances = {text: by_word.get(text, text.split(",")) for text in texts}
+    asked = [*stances.values()] if asked_stances else [stances[texts[-1]]]
+    cases = {
+        text: seaid.identifiability(robot, stances=[stance]) for text, stance in stances.items()
+    }
+    together = seaid.identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
     header = ["stance", "base", "individually", "in combination", "unidentifiable", "exact"]
@@ -129,25 +161,22 @@ def _stance_content(
     content = {"stances": {name: _identifiable(case) for name, case in cases.items()}}
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
     title = "\nIdentifiable from joint torques and the motion of the base, by stance"
-    return content, [*_base_lines(together.base), table(title, header, rows)]
+    return content, [*_base_lines(together.base), seaid.report.table(title, header, rows)]
 
 
-def _measured(robot: Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
+def _measured(robot: seaid.Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
     """Return the measures of planned motions as JSON content and as lines."""
-    from seaid.excitation import excitation_measures, load_trajectory
-    from seaid.report import measure_lines
-
-    every = [excitation_measures(robot, load_trajectory(path)) for path in plans]
+    every = [
+        seaid.excitation.excitation_measures(robot, seaid.load_trajectory(path)) for path in plans
+    ]
     content = {
         str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
         for path, measures in zip(plans, every, strict=True)
     }
-    return content, [f"  {line}" for line in measure_lines([*map(str, plans)], every)]
+    return content, [f"  {line}" for line in seaid.report.measure_lines([*map(str, plans)], every)]
 
 
-def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
-    from seaid.drives import drive_table
-
+def _joint_facts(robot: seaid.Robot) -> list[dict[str, Any]]:
     return [
         {
             "joint": joint,
@@ -155,13 +184,13 @@ def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
             "type": "prismatic" if robot.is_prismatic[index] else "revolute",
             "lower": robot.lower_limits[index],
             "upper": robot.upper_limits[index],
-            "drive": drive_table(robot.drives[joint]),
+            "drive": seaid.drives.drive_table(robot.drives[joint]),
         }
         for index, joint in enumerate(robot.joint_names)
     ]
 
 
-def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
+def _tree_lines(robot: seaid.Robot, tree: seaid.robot.UrdfTree, root: str) -> Iterator[str]:
     """Yield the links depth first, each with its joint and drive."""
     yield f"{robot.name}: {robot.n} joints move, {len(robot.elastic_joints)} of them with a spring"
     yield root
@@ -172,32 +201,31 @@ def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
         waiting += [(below, depth + 1) for below in reversed(tree.children(joint.child))]
 
 
-def _motion(robot: Robot, joint: str) -> str:
+def _motion(robot: seaid.Robot, joint: str) -> str:
     for mimic in robot.dependent_joints:
         if mimic.name == joint:
             return f"mimics {mimic.leader}, times {mimic.multiplier:.6g} plus {mimic.offset:.6g}"
     if joint not in robot.joint_names:
         return "does not move"
-    from seaid.drives import IDEAL_DRIVE, drive_table
 
     index = robot.index(joint)
     unit = "m" if robot.is_prismatic[index] else "rad"
     limits = f"{robot.lower_limits[index]:.4g} to {robot.upper_limits[index]:.4g} {unit}"
     drive = robot.drives[joint]
-    if drive == IDEAL_DRIVE:
+    if drive == seaid.drives.IDEAL_DRIVE:
         return f"{limits}, torque known at the joint"
     kind, *facts = (
         f"{name} {' + '.join(value) if isinstance(value, list) else value}"
-        for name, value in drive_table(drive).items()
+        for name, value in seaid.drives.drive_table(drive).items()
     )
     return f"{limits}, {kind.removeprefix('type ')}; {', '.join(facts)}"
 
 
-def _inconsistent_links(tree: UrdfTree) -> dict[str, str]:
+def _inconsistent_links(tree: seaid.robot.UrdfTree) -> dict[str, str]:
     """Return {link: reason why its inertia is physically inconsistent}."""
-    from seaid.robot import inconsistency
-
-    reasons = {link: inconsistency(parameters) for link, parameters in tree.links.items()}
+    reasons = {
+        link: seaid.robot.inconsistency(parameters) for link, parameters in tree.links.items()
+    }
     return {link: reason for link, reason in reasons.items() if reason is not None}
 
 
@@ -207,23 +235,20 @@ def _link_lines(inconsistent: dict[str, str]) -> Iterator[str]:
         yield from (f"  {link} has {reason}" for link, reason in inconsistent.items())
 
 
-def _base_lines(base: BaseParameters) -> Iterator[str]:
+def _base_lines(base: seaid.BaseParameters) -> Iterator[str]:
     yield f"\n{len(base.expressions)} base parameters (singular-value gap {base.gap:.2g}):"
     yield from (f"  {expression}" for expression in base.expressions)
 
 
-def _identifiable(case: Identifiability) -> dict[str, Any]:
+def _identifiable(case: seaid.Identifiability) -> dict[str, Any]:
     kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
     by_derivatives = None if case.derivatives is None else case.derivatives.expressions
     facts = {name: getattr(case, name) for name in kept}
     return {"base_parameters": case.body_count, **facts, "by_derivatives": by_derivatives}
 
 
-def _identifiability_table(cases: dict[str, Identifiability]) -> str:
+def _identifiability_table(cases: dict[str, seaid.Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
-    from seaid.drives import JointParameter
-    from seaid.report import table
-
     header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
     header.append("unidentifiable")
     rows = []
@@ -232,10 +257,12 @@ def _identifiability_table(cases: dict[str, Identifiability]) -> str:
         counts = (case.body_count, len(case.identifiable), len(case.combinations), ratios)
         rows.append([name, *map(str, counts), str(len(case.unidentifiable))])
         if (base := case.derivatives) is not None:
-            bodies = sum(not isinstance(name, JointParameter) for name in base.names)
+            bodies = sum(not isinstance(name, seaid.drives.JointParameter) for name in base.names)
             pairs = zip(base.expressions, base.names, strict=True)
             alone = sum(expression == name for expression, name in pairs)
             lost = int((~base.grouping.any(axis=0)).sum())
             counts = (bodies, alone, len(base.columns) - alone, "-")
             rows.append(["  with their derivatives", *map(str, counts), str(lost)])
-    return table("\nIdentifiability by sensors (--sensors lists the names)", header, rows)
+    return seaid.report.table(
+        "\nIdentifiability by sensors (--sensors lists the names)", header, rows
+    )

@@ -31,6 +31,10 @@ _OPTIONS = {
     "condition_specific=": "--specific",
     "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
+    "seaid.describe_log": "seaid describe",
+    "columns= or description= (seaid.describe_log infers one)": (
+        "--description (seaid describe infers one)"
+    ),
     "contacts=": "--contact",
     "load_robot(contacts=[...])": "--contact",
     "write it with force=True": "add --allow-inconsistent",
@@ -51,6 +55,10 @@ class _Call:
     as_json: bool = False
     notes: list[str] = field(default_factory=list)
     has_result: bool = False
+
+
+class MovedError(SeaidError):
+    """A former command: wrong usage, for which one line names what to write now."""
 
 
 _CALL: ContextVar[_Call] = ContextVar("_CALL")
@@ -74,7 +82,7 @@ def note(text: str) -> None:
 
 @contextmanager
 def reported() -> Iterator[None]:
-    """Print warnings of seaid as `note:` lines, and errors as `error:` with exit code 1."""
+    """Print warnings of seaid as `note:` lines, and errors as `error:` with their exit code."""
 
     def noted(message: Warning | str, category: type[Warning], *place: Any) -> None:
         if issubclass(category, SeaidWarning):
@@ -89,9 +97,10 @@ def reported() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            _print_error_json(error_text(problem), 1)
+            code = 2 if isinstance(problem, MovedError) else 1
+            _print_error_json(error_text(problem), code)
             typer.echo(f"error: {error_text(problem)}", err=True)
-            raise typer.Exit(1) from None
+            raise typer.Exit(code) from None
         except _USAGE_ERROR as problem:
             _print_error_json(problem.format_message(), problem.exit_code)
             raise
@@ -185,15 +194,17 @@ def is_stdout(path: Path | None) -> bool:
     return str(path) == "-"
 
 
-@contextmanager
-def written(path: Path, suffix: str) -> Iterator[Path]:
-    """Yield where to write a result: `path`, or for `-` a temporary file that goes to stdout."""
-    if not is_stdout(path):
-        yield path
-        return
+def written(path: Path | None, suffix: str, write: Callable[[Path], Any]) -> Any:
+    """Return what `write` returns after it wrote a result: to `path`, or for `-` to stdout.
+
+    Nothing is written, and None returned, without a path.
+    """
+    if path is None or not is_stdout(path):
+        return None if path is None else write(path)
     with TemporaryDirectory() as folder:
-        yield (file := Path(folder, f"result{suffix}"))
+        result = write(file := Path(folder, f"result{suffix}"))
         typer.echo(file.read_bytes().decode(), nl=False)
+    return result
 
 
 def is_terminal() -> bool:

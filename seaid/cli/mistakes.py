@@ -6,7 +6,8 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from seaid.cli.completion import LOGS
+import seaid
+from seaid.cli.kinds import LOGS
 from seaid.errors import SeaidError
 
 
@@ -40,9 +41,7 @@ def check_log_files(logs: Iterable[Path], description: Path | None = None) -> No
 
 def _check_place(path: Path, place: str, others: Sequence[str]) -> None:
     """Raise SeaidError for a file that is one of the `others` by its name."""
-    from seaid.robot import ROBOT_SUFFIXES
-
-    suffixes = {"a log": LOGS, "a robot": ROBOT_SUFFIXES, "TOML": (".toml",)}
+    suffixes = {"a log": LOGS, "a robot": seaid.robot.ROBOT_SUFFIXES, "TOML": (".toml",)}
     for kind in others:
         if path.suffix.lower() in suffixes[kind]:
             raise SeaidError(

@@ -1,46 +1,85 @@
-"""Command validate: prediction of the torques of another log."""
+"""Command validate: prediction of the torques of logs that were not identified from."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+import typer
 
-from seaid.cli.messages import written
+import seaid
+from seaid.cli.kinds import Kind, LogFile
+from seaid.cli.messages import is_terminal, written
 from seaid.cli.options import (
     IdentifiedOptions,
     ResultOptions,
     check_validation_logs,
     facts_of,
+    refuse,
 )
 
 
 def validate(
     options: IdentifiedOptions,
-    log: Annotated[Path, Argument(help="A log not identified from.", metavar="LOG")],
+    logs: list[LogFile],
     *,
-    output: Annotated[
-        Path | None, Option("--output", "-o", help="File for parameters with their validation.")
-    ] = None,
+    cross: bool = False,
+    parts: int = 4,
+    output: Annotated[Path, Kind("FILE")] | None = None,
     result: ResultOptions,
 ) -> None:
     """Identify from some logs, or load a run, and predict the torques of another log.
 
+    With --cross each of the logs is predicted by the model identified from all the others; a single
+    log is cut into parts.
+
+    Parameters
+    ----------
+    logs
+        A log not identified from; with --cross the logs.
+    cross
+        Validate each log on the model identified from all the others.
+    parts
+        Parts into which --cross cuts a single log.
+    output
+        File for parameters with their validation.
+
+    Examples
+    --------
     seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
     seaid validate other.csv --run runs/latest
+    seaid validate arm.urdf a.csv b.csv c.csv --drives arm.toml --cross
+    seaid validate leg.urdf run.csv --drives leg.toml --cross --parts 5
     """
-    from seaid.identification import validate as validated
-    from seaid.report import warning_lines
-
-    check_validation_logs([log], options.from_logs)
-    result.check(output, read=(*options.files, log))
+    if cross:
+        refuse("--cross identifies from the logs to validate", "from_logs", "run", "output")
+        _cross_validate(options, logs, parts, result)
+        return
+    refuse("it needs --cross", "parts")
+    if len(logs) > 1:
+        raise typer.BadParameter("give one log, or add --cross", param_hint="LOG")
+    check_validation_logs(logs, options.from_logs)
+    result.check(output, read=(*options.files, *logs))
     fit = options.result().identification
-    (unseen,) = options.logs([log], fit.known)
-    validation = validated(fit, unseen)
-    if output is not None:
-        with written(output, ".json") as file:
-            fit.save(file, validation)
-    text = [validation.summary(), *warning_lines(fit.warnings)]
+    (unseen,) = options.logs(logs, fit.known)
+    validation = seaid.validate(fit, unseen)
+    written(output, ".json", lambda file: fit.save(file, validation))
+    text = [validation.summary(), *seaid.report.warning_lines(fit.warnings)]
     result.show("\n".join(text), validation.to_dict(), output, **facts_of(fit, validation))
+
+
+def _cross_validate(
+    options: IdentifiedOptions, logs: list[Path], parts: int, result: ResultOptions
+) -> None:
+    """Print the validation of each log on the model of all the others."""
+    robot = options.robot()
+    read = options.logs(logs, robot)
+    folds = seaid.cross_validate(
+        robot, read, parts=parts, progress=is_terminal(), **options.keywords()
+    )
+    alone = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]
+    names = [str(log) for log in logs] if len(logs) > 1 else alone
+    text = [f"{name}\n{fold.summary()}" for name, fold in zip(names, folds, strict=True)]
+    content = [{"log": name, **fold.to_dict()} for name, fold in zip(names, folds, strict=True)]
+    result.show("\n".join(text), {"validations": content}, robot=robot.name)

@@ -7,51 +7,31 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer import Option
 
-from seaid.cli.defaults import is_typed, warn_of_changes
-from seaid.cli.messages import note, show
-from seaid.cli.options import AsJson, Description, Repair, RobotOptions, logs_of
-
-if TYPE_CHECKING:
-    from seaid.identification import Identification
-    from seaid.robot import Robot
-    from seaid.view import Shown
+import seaid
+from seaid.cli.kinds import Folder, JsonFile, LogFile, RunFile, TomlFile
+from seaid.cli.messages import note
+from seaid.cli.options import JsonOptions, RobotOptions, logs_of
+from seaid.cli.project import is_typed, warn_of_changes
 
 
 def view(
     options: RobotOptions,
-    log: Annotated[list[Path] | None, Option(help="Recorded log to play. May be repeated.")] = None,
-    trajectory: Annotated[
-        list[Path] | None, Option(help="Trajectory of seaid excite to play. May be repeated.")
-    ] = None,
-    parameters: Annotated[
-        Path | None,
-        Option(help="Identified parameters to compare with: parameters.json of seaid identify."),
-    ] = None,
-    run: Annotated[
-        Path | None,
-        Option("--run", help="Saved run, with or without a URDF: its values and motions."),
-    ] = None,
-    description: Description = None,
-    repair: Repair = False,
-    package_dir: Annotated[
-        list[Path] | None, Option(help="Folder with packages of meshes. May be repeated.")
-    ] = None,
-    port: Annotated[int, Option(help="Port of the page; 0: any free port.")] = 8080,
-    host: Annotated[
-        str, Option(help="Access: 127.0.0.1 from this machine, 0.0.0.0 from the network.")
-    ] = "127.0.0.1",
-    seconds: Annotated[
-        float | None, Option(help="Time to show it [s]; default: until Ctrl-C.")
-    ] = None,
-    no_browser: Annotated[
-        bool, Option("--no-browser", help="Print the address without opening the browser.")
-    ] = False,
-    as_json: AsJson = False,
+    *,
+    log: list[LogFile] | None = None,
+    trajectory: list[JsonFile] | None = None,
+    parameters: JsonFile | None = None,
+    run: RunFile | None = None,
+    description: TomlFile | None = None,
+    repair: bool = False,
+    package_dir: list[Folder] | None = None,
+    port: int = 8080,
+    host: str = "127.0.0.1",
+    seconds: float | None = None,
+    no_browser: bool = False,
+    result: JsonOptions,
 ) -> None:
     """Show a robot and its motions in the browser, at the address in the last line.
 
@@ -61,16 +41,37 @@ def view(
     torques and deflections of both.
     On a desktop the browser opens by itself. Needs pip install 'seaid[view]'.
 
+    Parameters
+    ----------
+    log
+        Recorded log to play.
+    trajectory
+        Trajectory of seaid excite to play.
+    parameters
+        Identified parameters to compare with: parameters.json of seaid identify.
+    run
+        Saved run, with or without a URDF: its values and motions.
+    package_dir
+        Folder with packages of meshes.
+    port
+        Port of the page; 0: any free port.
+    host
+        Access: 127.0.0.1 from this machine, 0.0.0.0 from the network.
+    seconds
+        Time to show it [s]; default: until Ctrl-C.
+    no_browser
+        Print the address without opening the browser.
+
+    Examples
+    --------
     seaid view leg.urdf --drives leg.toml --log run.csv --trajectory plan.json
     seaid view leg.urdf --drives leg.toml --log run.csv --parameters parameters.json
     seaid view --run runs/latest
     seaid view arm.urdf --package-dir ~/ros/src --port 0
     """
-    from seaid.view import view_robot
-
     robot, identified = _robots(options, parameters, run)
     motions = _motions(robot, log or [], trajectory or [], description, repair)
-    shown = view_robot(
+    shown = seaid.view.view_robot(
         robot,
         motions or _motions_of(identified),
         identified=identified,
@@ -81,7 +82,7 @@ def view(
     with shown, contextlib.suppress(KeyboardInterrupt):
         for text in shown.picture.notes:
             note(text)
-        show(shown.url, {"url": shown.url}, as_json, robot=robot.name)
+        result.show(shown.url, {"url": shown.url}, robot=robot.name)
         if not no_browser and has_display():
             webbrowser.open(shown.url)
         shown.wait(seconds)
@@ -89,28 +90,27 @@ def view(
 
 def _robots(
     options: RobotOptions, parameters: Path | None, run: Path | None
-) -> tuple[Robot, Robot | Identification | None]:
+) -> tuple[seaid.Robot, seaid.Robot | seaid.Identification | None]:
     """Return the nominal robot, and what was identified.
 
     The run of a project file gives way to another robot and to --parameters.
     """
-    from seaid.export import read_parameters
-    from seaid.project import load_run
-
     if parameters is not None and is_typed("run"):
         raise typer.BadParameter("give one of the two", param_hint="--parameters, --run")
     if parameters is not None:
         robot = options.robot()
-        return robot, read_parameters(parameters, robot)
+        return robot, seaid.read_parameters(parameters, robot)
     if run is None or (not is_typed("run") and is_typed("urdf", "drives", "joints")):
         return options.robot(), None
-    saved = load_run(run)
+    saved = seaid.load_run(run)
     warn_of_changes(run, saved.provenance)
     robot = options.robot() if is_typed("urdf") else saved.identification.known
     return robot, saved.identification
 
 
-def _motions_of(identified: Robot | Identification | None) -> dict[str, Shown]:
+def _motions_of(
+    identified: seaid.Robot | seaid.Identification | None,
+) -> dict[str, seaid.view.Shown]:
     """Return the motions that an identification has, for a view without other ones."""
     motions = getattr(identified, "motions", ())
     return {f"identified from {number}": motion for number, motion in enumerate(motions, 1)}
@@ -130,14 +130,16 @@ def is_shown() -> bool:
 
 
 def _motions(
-    robot: Robot, logs: list[Path], trajectories: list[Path], description: Path | None, repair: bool
-) -> dict[str, Shown]:
+    robot: seaid.Robot,
+    logs: list[Path],
+    trajectories: list[Path],
+    description: Path | None,
+    repair: bool,
+) -> dict[str, seaid.view.Shown]:
     """Return all motions by the names of their files, or by their paths if names are equal."""
-    from seaid.excitation import load_trajectory
-
     paths = [*logs, *trajectories]
-    read: list[Shown] = [*logs_of(logs, robot, description, repair)]
-    read += map(load_trajectory, trajectories)
+    read: list[seaid.view.Shown] = [*logs_of(logs, robot, description, repair)]
+    read += map(seaid.load_trajectory, trajectories)
     names = [path.name for path in paths]
     return {
         path.name if names.count(path.name) == 1 else str(path): motion

@@ -28,7 +28,7 @@ from scipy.special import stdtrit
 from seaid._arrays import Array, BoolArray, IndexArray
 
 _NORMAL = 1.96
-_MOST_FREEDOM = 1e4
+MOST_FREEDOM = 1e4
 """Degrees of freedom beyond which Student's t is normal."""
 
 _LEAST_LEFT = 0.1
@@ -229,9 +229,9 @@ def fixed_b_freedom(b: float) -> float:
     # The quantile is that of a value over its biased sum; the unbiased variance is larger by 1 /
     # left, and the value over it smaller by the root.
     quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
-    if quantile < stdtrit(_MOST_FREEDOM, 0.975):
-        return _MOST_FREEDOM
-    return float(optimize.brentq(lambda n: stdtrit(n, 0.975) - quantile, 1.0, _MOST_FREEDOM))
+    if quantile < stdtrit(MOST_FREEDOM, 0.975):
+        return MOST_FREEDOM
+    return float(optimize.brentq(lambda n: stdtrit(n, 0.975) - quantile, 1.0, MOST_FREEDOM))
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:

@@ -25,8 +25,8 @@ from scipy import linalg
 from scipy.fft import dct
 from scipy.special import fdtri
 
-from seaid._arrays import Array, safely
-from seaid.estimation.covariance import at_slots, row_step, slots
+from seaid._arrays import Array, BoolArray, safely
+from seaid.estimation.covariance import MOST_FREEDOM, at_slots, row_step, slots
 from seaid.estimation.estimate import Drift, Estimate
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
 
@@ -54,10 +54,14 @@ _DEPENDENT, _ROUNDING = 1e-7, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    """Weighted rows [H C y] (K, c) of an equation in cosines of `frequency_hz` (K,)."""
+    """Weighted rows [H C y] (K, c) of an equation in cosines of `frequency_hz` (K,).
+
+    `changes` (K,) masks the cosines that are not the mean of a log.
+    """
 
     equation: int
     frequency_hz: Array
+    changes: BoolArray
     rows: Array
 
 
@@ -95,11 +99,11 @@ def drifts_of(
         best, (corner, ratio) = max(likely.items(), key=lambda item: item[1][1])
         corner_hz = float(likelihoods[best].corners_hz[corner])
         drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
-        if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
+        if ratio < _SIGNIFICANT:  # and so are the ratios of all others
             break
-        # A drift that large is a defect of the model: it stays in the residual, and only the search
-        # for the drifts of other equations allows for it.
-        if drift.share < _LARGEST_SHARE:
+        # A drift that small is a numerical error, and one that large a defect of the model: it
+        # stays in the residual, and only the search for drifts of other equations allows for it.
+        if _LEAST_SHARE <= drift.share < _LARGEST_SHARE:
             drifts.append((drift, influence))
         rest.remove(best)
         moments[best] = likelihoods[best].moments[corner]
@@ -108,7 +112,7 @@ def drifts_of(
 
 def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> _Band:
     """Return the weighted rows of an equation in cosines below a frequency, by log."""
-    frequency, coefficients = [], []
+    frequency, changes, coefficients = [], [], []
     for run in np.unique(rows.run):
         mask = (rows.joint == equation) & (rows.run == run)
         if not np.any(mask):
@@ -120,11 +124,14 @@ def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> 
         signal = at_slots(columns, np.full(len(columns), weight), slots(part.time, start, step))
         # The cosine of order k over T instants has the frequency k / (2 T step).
         count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz - _ROUNDING))
-        order = np.maximum(np.arange(count), 0.5)  # the mean is half a step from the first cosine
-        frequency.append(order / (2 * len(signal) * step))
+        order = np.arange(count)
+        changes.append(order > 0)
+        # The mean counts as half a step from the first cosine.
+        frequency.append(np.maximum(order, 0.5) / (2 * len(signal) * step))
         # Orthonormal: the coefficients of white noise have its standard deviation.
         coefficients.append(dct(signal, axis=0, norm="ortho")[:count])
-    return _Band(equation, np.concatenate(frequency), np.concatenate(coefficients))
+    masks = np.concatenate(changes)
+    return _Band(equation, np.concatenate(frequency), masks, np.concatenate(coefficients))
 
 
 def _independent(bands: Sequence[_Band]) -> list[_Band]:
@@ -207,9 +214,8 @@ def _drift(
     # The root of the drift's part s^2 (f_c / f)^2 of the spectrum at each cosine.
     std = level * corner_hz / band.frequency_hz
     y = rows.y[rows.joint == band.equation]
-    changing = std[band.frequency_hz > np.min(band.frequency_hz)]  # without the mean
     # By Parseval the sum over cosines is that over instants; the weight is taken out: [N m].
-    rms = float(np.linalg.norm(changing)) / math.sqrt(len(y)) / weight
+    rms = float(np.linalg.norm(std[band.changes])) / math.sqrt(len(y)) / weight
     share = rms / max(float(np.std(y)), 1e-300)
     # H^T W^2 d of a drift d whose cosines are independent, with these standard deviations.
     influence = band.rows[:, : len(rows.names)].T * std
@@ -330,6 +336,7 @@ def _ratios(
     if between_freedom < _FEWEST_FREEDOM or not np.any(seen):
         return ratios
     seen_ratios = between[seen] / (remaining[seen] * variance[seen])
+    freedom = min(freedom, MOST_FREEDOM)  # `fdtri` is NaN for an infinite number
     # parameters share noise: degrees of freedom of their mean grow with the root of their number
     root_count = math.sqrt(np.sum(seen))
     # Both are quantiles of F; that of the largest ratio is at (1 - level) / number (Bonferroni).

@@ -320,22 +320,28 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
     for joint in np.unique(rows.joint):
         mask = rows.joint == joint
         count = int(np.sum(mask))
-        # (rows,) -> per log (T, 1) at every instant, zero without a row: lags are steps of time.
-        runs = by_instant(np.ones((count, 1)), residual[mask], rows.time[mask], rows.run[mask])
-        lagged = [
-            sum(float(np.sum(run[lag:] * run[: max(len(run) - lag, 0)])) for run in runs)
-            for lag in range(_WHITENESS_LAGS + 1)
-        ]
-        r = np.array(lagged[1:]) / lagged[0] if lagged[0] > 0 else np.zeros(_WHITENESS_LAGS)
-        pairs = np.maximum(count - np.arange(1, _WHITENESS_LAGS + 1), 1)
-        Q = count * (count + 2) * np.sum(r**2 / pairs)  # Ljung and Box 1978
-        changes = sum(float(np.sum(np.diff(run, axis=0) ** 2)) for run in runs)
+        # (rows,) -> per log (T, 2) at every instant, zero without a row: lags are steps of time.
+        columns = np.column_stack([residual[mask], np.ones(count)])
+        runs = by_instant(columns, np.ones(count), rows.time[mask], rows.run[mask])
+        lagged, pairs = np.array([_lagged(runs, lag) for lag in range(_WHITENESS_LAGS + 1)]).T
+        r = lagged[1:] / lagged[0] if lagged[0] > 0 else np.zeros(_WHITENESS_LAGS)
+        # Ljung and Box 1978: r_l has the variance (n - l) / (n (n + 2)), where n - l is the number
+        # of pairs of rows l steps apart. Logs and gaps have fewer, and no pair tests nothing.
+        Q = count * (count + 2) * np.sum(r**2 / np.maximum(pairs[1:], 1))
+        tested = int(np.sum(pairs[1:] > 0))
+        changes = sum(float(np.sum(np.diff(run[:, 0]) ** 2)) for run in runs)
         by_joint[int(joint)] = Whiteness(
             first=float(r[0]),
             durbin_watson=changes / lagged[0] if lagged[0] > 0 else 2.0,
-            p_value=float(chi2.sf(Q, _WHITENESS_LAGS)),
+            p_value=float(chi2.sf(Q, tested)) if tested else 1.0,
         )
     return by_joint
+
+
+def _lagged(runs: Sequence[Array], lag: int) -> Array:
+    """Return the sums (c,) of the products of columns of logs (T, c) with those `lag` later."""
+    products = [np.sum(run[lag:] * run[: max(len(run) - lag, 0)], axis=0) for run in runs]
+    return np.asarray(np.sum(products, axis=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -171,7 +171,9 @@ def deming(x: Array, y: Array, ratio: float) -> float:
         return xy / xx
     # The numerator is positive, so that the slope has the sign of xy; the other root fits worst.
     half = 0.5 * (yy - ratio * xx)
-    return float((half + np.sqrt(half**2 + ratio * xy**2)) / xy)
+    root = float(np.hypot(half, np.sqrt(ratio) * xy))
+    # a + sqrt(a^2 + b) = b / (sqrt(a^2 + b) - a), which does not cancel for a < 0.
+    return (half + root) / xy if half > 0 else ratio * xy / (root - half)
 
 
 def _checked(rows: Regression, instruments: Array) -> Array:

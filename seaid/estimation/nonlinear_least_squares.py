@@ -105,18 +105,19 @@ def gauss_newton_step(
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    # The sandwich over the rows; the prior's residuals are independent, of variance 1.
     covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
-    covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
-    spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
+    # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
+    bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
+    spent = p + sum(round(float(np.sum(basis**2))) for basis in bases)
     freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
     return Step(
         change=solution,
         nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
         own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in logs),
         stds=stds,
-        covariance=freedom * covariance,
+        # The sandwich over the rows; the prior's residuals are independent, of variance 1.
+        covariance=freedom * covariance + (inverse * precision**2) @ inverse,
         white_covariance=freedom * inverse,
         merit=merit,
         condition_number=condition,
@@ -169,11 +170,14 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
 
 def _autocorrelation(residual: Array, most: float) -> Array:
     """Return the weighted autocorrelation at lags from 1 to twice the last significant one."""
-    lags = min(int(most), len(residual) - 1)
-    power = max(float(residual @ residual), 1e-300)
-    correlation = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
-    count = max(int(np.count_nonzero(residual)), 1)
-    outstanding = np.flatnonzero(np.abs(correlation) > _STANDS_OUT / np.sqrt(count))
+    lags, present = min(int(most), len(residual) - 1), residual != 0
+    power = max(float(residual @ residual), 1e-300) / max(int(np.sum(present)), 1)
+    later = [slice(lag, None) for lag in range(1, lags + 1)]
+    products = np.array([residual[x] @ residual[: -x.start] for x in later])
+    # Rows that do not count are zero: a mean over all pairs would be too small.
+    pairs = np.array([np.sum(present[x] & present[: -x.start]) for x in later])
+    correlation = products / np.maximum(pairs, 1) / power
+    outstanding = np.flatnonzero(np.abs(correlation) * np.sqrt(pairs) > _STANDS_OUT)
     bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
     lag = np.arange(1, bandwidth + 1)
     # Flat top (Politis 2003): 1 up to half of the bandwidth, then a straight line to zero.
@@ -219,7 +223,9 @@ def without_information(step: Step, noise: Array) -> Step:
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     root = axes * sizes
     parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
-    # In the coordinates of `root` the information is the identity, and without noise 1 - parts.
+    # In the coordinates of `root` the information is the identity, and without noise 1 - parts. The
+    # factor n / (n - p) in `white_covariance` is needed here: the random states of `noise` have the
+    # standard deviations of the maximum likelihood, whose squares are too small by this factor.
     kept = 1 - np.clip(parts, 0.0, _MOST_NOISE)
     inverse = turned.T @ (axes / sizes).T
     larger = scale[:, None] * (root @ turned / kept @ inverse) / scale
@@ -285,13 +291,21 @@ def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
 
 
 def _basis(log: Residuals, weights: Array) -> Array:
-    """Return an orthonormal basis of each window's weighted nuisance columns."""
+    """Return an orthonormal basis of each window's weighted nuisance columns.
+
+    Its columns are zero where a nuisance parameter does not move the rows of the window.
+    """
     windows, s = len(log.residual), log.nuisance.shape[3]
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
     if not s:
         return columns
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
-    return np.asarray(np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))[0])
+    Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
+    # Of dependent columns Q has a direction that is not in their span, and is information on the
+    # others: the span is that of the left singular vectors, with the tolerance of `_nuisance`.
+    left, sizes, _ = safely(np.linalg.svd, R, what="the output error")
+    in_span = sizes > _LEAST_STATE * sizes[:, :1]
+    return np.asarray(Q @ (left[:, :, : sizes.shape[1]] * in_span[:, None]))
 
 
 def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:

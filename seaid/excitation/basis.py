@@ -453,9 +453,10 @@ def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     polar form at its knots s[i+1] .. s[i+degree], by the recursion of de Boor.
     """
     index = np.arange(len(finer) - degree - 1)
-    # the polar form is that of a span within the support of the point: from the middle of the
-    # support it is extrapolated least
-    middle = finer[index + (degree + 1) // 2]
+    # The polar form is that of a span within the support of the point, from its middle, so that it
+    # is extrapolated least. The middle is the mean of the polar form's knots (Greville): unlike the
+    # knot in their middle, it is no repeated knot at which the support ends.
+    middle = finer[index[:, None] + np.arange(1, degree + 1)].mean(axis=1)
     span = np.searchsorted(knots, middle, side="right") - 1
     span = np.clip(span, degree, len(knots) - degree - 2)
     # (C, degree + 1, K): the control points c[span-degree] .. c[span] that meet in each span

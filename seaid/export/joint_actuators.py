@@ -25,7 +25,8 @@ from seaid.robot import Robot
 class JointActuator:
     """An actuator in the coordinate of its joint [SI, rad or m]; `offset` acts against the motor.
 
-    Its force is clip(position_gain (u(t - delay_s) - q) - velocity_gain q', +-limit) - offset.
+    Its force is clip(position_gain (u(t - delay_s) - q) - velocity_gain q' + feedforward, +-limit)
+    - offset.
     """
 
     joint: str
@@ -35,6 +36,7 @@ class JointActuator:
     viscous: float
     dry: float
     offset: float
+    feedforward: float
     position_gain: float
     velocity_gain: float
     limit: float
@@ -97,9 +99,9 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
         armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
         viscous=ratio**2 * viscous + term_value(joint, drive, "joint_friction", "viscous"),
         dry=ratio * coulomb + term_value(joint, drive, "joint_friction", "coulomb"),
-        # `offset` brakes and the feed-forward drives, therefore opposite signs.
-        offset=ratio * term_value(joint, drive, "friction", "offset")
-        - (pulleys * controller.feedforward_Nm if controller else 0.0),
+        offset=ratio * term_value(joint, drive, "friction", "offset"),
+        # The torque limit of the drive holds for its feed-forward, and not for its friction.
+        feedforward=pulleys * controller.feedforward_Nm if controller else 0.0,
         position_gain=pulleys**2 * controller.position_gain_Nm_per_rad if controller else 0.0,
         velocity_gain=pulleys**2 * controller.velocity_gain_Nms_per_rad if controller else 0.0,
         limit=pulleys * controller.torque_limit_Nm if controller else math.inf,
@@ -107,6 +109,10 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
         # A URDF must have the attribute velocity, and has 0 where no limit is known.
         velocity_limit=velocity_limit if velocity_limit > 0 else math.inf,
     )
+
+
+Remedy = Callable[[Sequence[JointActuator]], str]
+"""What replaces an effect that a file lacks, for the actuators that have the effect."""
 
 
 def no_remedy(_: Sequence[JointActuator]) -> str:
@@ -121,7 +127,7 @@ class Effect:
     size: Callable[[JointActuator], float]
     unit: str
     severity: Severity
-    remedy: Callable[[Sequence[JointActuator]], str] = no_remedy
+    remedy: Remedy = no_remedy
 
 
 _OF_SLIDES = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "s": "s"}
@@ -134,17 +140,21 @@ def _unit(actuator: JointActuator, effect: Effect) -> str:
     return _OF_SLIDES[effect.unit] if actuator.slides else effect.unit
 
 
-def _as_commands(lost: Sequence[JointActuator]) -> str:
-    """Return the change of commands that replaces friction offsets exactly."""
-    # -offset is missing in the file: as a torque it is added as it is, to a commanded position as
-    # the du with K_p du = -offset. Beyond the torque limit the controller cuts it off.
-    shifts = [
-        f"{a.joint} {-a.offset / a.position_gain:+.4g} {'m' if a.slides else 'rad'}"
-        if a.position_gain
-        else f"{a.joint} {-a.offset:+.4g} {'N' if a.slides else 'N m'}"
-        for a in lost
-    ]
-    return f"add to the commands: {', '.join(shifts)}"
+def _as_commands(torque: Callable[[JointActuator], float]) -> Remedy:
+    """Return the remedy that replaces a constant torque by a change of the commands."""
+
+    # As a torque it is added as it is, to a commanded position as the du with K_p du = torque.
+    # Beyond the torque limit the controller cuts it off, as a drive does with its feed-forward.
+    def remedy(lost: Sequence[JointActuator]) -> str:
+        shifts = [
+            f"{a.joint} {torque(a) / a.position_gain:+.4g} {'m' if a.slides else 'rad'}"
+            if a.position_gain
+            else f"{a.joint} {torque(a):+.4g} {'N' if a.slides else 'N m'}"
+            for a in lost
+        ]
+        return f"add to the commands: {', '.join(shifts)}"
+
+    return remedy
 
 
 def _spring(actuator: JointActuator) -> float:
@@ -167,7 +177,10 @@ EFFECTS = {
     "armature": Effect(lambda a: a.armature, "kg m^2", "doubtful"),
     "viscous friction": Effect(lambda a: a.viscous, "N m s/rad", "doubtful"),
     "dry friction": Effect(lambda a: a.dry, "N m", "doubtful"),
-    "friction offset": Effect(lambda a: a.offset, "N m", "note", _as_commands),
+    "friction offset": Effect(lambda a: a.offset, "N m", "note", _as_commands(lambda a: -a.offset)),
+    "feed-forward": Effect(
+        lambda a: a.feedforward, "N m", "note", _as_commands(lambda a: a.feedforward)
+    ),
     "gains": Effect(
         lambda a: a.position_gain,
         "N m/rad",
@@ -255,6 +268,17 @@ def _lost_terms(
         yield not_in_format(
             f"smooth friction is written as dry friction for {listed(smooth)}", "note"
         )
+
+
+def limited_offsets(actuators: Iterable[JointActuator]) -> list[Finding]:
+    """Return the friction offsets that a limit of the whole force cuts off, unlike the drive's."""
+    limited = [a for a in actuators if a.offset and math.isfinite(a.limit)]
+    if not limited:
+        return []
+    sizes = {a.joint: a.offset for a in limited}
+    text = "at its torque limit, an actuator of the file has no friction offset: "
+    text += listed(f"{a.joint} ({a.offset:.4g} of {a.limit:.4g})" for a in limited)
+    return [not_in_format(text, "note", sizes)]
 
 
 def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Finding]:

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from seaid.identification import FeasibleParameters, Identification, Validation
 
 
-_FORMAT = "seaid parameters 3"
+_FORMAT = "seaid parameters 4"
 _KEYS = (
     *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
     *(
         "torques_used",
+        "method",
         "cutoff_hz",
         "verdict",
         "warnings",
@@ -60,6 +61,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "grouping": found.base.grouping,
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": found.model.torque_joints,
+        "method": {"name": found.method, "not_shared": found.not_shared},
         "cutoff_hz": found.cutoff_hz,
         "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,

@@ -21,6 +21,7 @@ from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line,
 from seaid.export.joint_actuators import (
     JointActuator,
     actuators_of,
+    limited_offsets,
     lost_effects,
     rounded_delays,
 )
@@ -97,6 +98,7 @@ class Format:
     has_bodies: bool = False
     has_slides: bool = True
     in_steps: bool = False
+    limits_offsets: bool = False
 
     def notes(self, actuators: Iterable[JointActuator]) -> Iterator[str]:
         """Yield the notes on joints and bodies that the files do not hold."""
@@ -171,6 +173,8 @@ def write_model(
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
     drives, notes = kind.write(request)
     lost = lost_effects(robot, actuators, kind.title, kind.holds)
+    if kind.limits_offsets:
+        lost += limited_offsets(actuators)
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
     return WrittenModel(path, drives, by_severity(lost), (*notes, *kind.notes(every)))
@@ -399,8 +403,8 @@ def _newton(request: _Request) -> Iterable[str]:
             "rel newton:targets": f"</{robot}/joints/{name}>",
             "float newton:kp": actuator.position_gain,
             "float newton:kd": actuator.velocity_gain,
-            # `offset` brakes, constEffort drives.
-            "float newton:constEffort": -actuator.offset,
+            # `offset` brakes, constEffort drives. Newton limits the sum of all efforts.
+            "float newton:constEffort": actuator.feedforward - actuator.offset,
         }
         schemas, steps = ["NewtonPDControlAPI"], actuator.steps(request.step_s)
         if math.isfinite(actuator.limit):
@@ -487,7 +491,8 @@ def _ros2_control(request: _Request) -> _Written:
 
 _PASSIVE = frozenset({"armature", "viscous friction", "dry friction"})
 _ACTIVE = _PASSIVE | {"gains", "torque limit"}
-_MOST = _ACTIVE | {"friction offset", "delay", "spring", "parallel spring", "coupled drives"}
+_CONSTANT = frozenset({"friction offset", "feed-forward"})
+_MOST = _ACTIVE | _CONSTANT | {"delay", "spring", "parallel spring", "coupled drives"}
 _IN_TOML = _MOST | {"Stribeck friction", "other terms"}
 """Of a URDF, whose drives are whole in the TOML next to it, for seaid."""
 
@@ -502,7 +507,12 @@ FORMATS: Mapping[FormatName, Format] = {
     "mjlab": Format("mjlab", ".py", _text(_mjlab), _ACTIVE | {"delay"}, in_steps=True),
     "usd": Format("USD for PhysX", ".usda", _text(_usd), _ACTIVE),
     "newton": Format(
-        "Newton", ".usda", _text(_newton), _ACTIVE | {"delay", "friction offset"}, in_steps=True
+        "Newton",
+        ".usda",
+        _text(_newton),
+        _ACTIVE | _CONSTANT | {"delay"},
+        in_steps=True,
+        limits_offsets=True,
     ),
     "bam": Format("BAM", ".json", _text(_bam), _OF_BAM, has_slides=False),
     "drake": Format("Drake", ".urdf", _drake, _OF_DRAKE, has_bodies=True),

@@ -242,6 +242,8 @@ def _residuals(
         (x.velocity_gain_Nms_per_rad / x.position_gain_Nm_per_rad for x in held), default=0.0
     )
     late = time - log.time[0] > min(_TRANSIENT_S + _DECAYS * decay, 0.25 * np.ptp(log.time))
+    if motion.bridged is not None:  # what was interpolated over a gap was not measured
+        late &= ~np.any(motion.bridged[: count * block].reshape(count, block), axis=1)
     size = task.free.shape[1]
     residuals = Residuals(
         residual=means[None, ..., 0],

@@ -453,7 +453,12 @@ def _with_fits(
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
     joints, bodies = result.known.joint_names, result.robot.parameters
     bodies = bodies + result.known.payload_parameters
-    fit = robot_fit(joints, sides.fit, sides.actuators, experiment, bodies, mask, weak=weak)
+    logs = dict[int, int]()
+    if sides.fit.rows is not None:
+        runs = np.unique(sides.fit.rows.run[mask]).astype(int).tolist()
+        logs = {run: number for number, run in enumerate(runs, 1)}
+    shown = joints, sides.fit, sides.actuators, experiment, bodies, mask
+    fit = robot_fit(*shown, weak=weak, logs=logs)
     of_fit = [
         replace(finding, remedy=f"{finding.remedy}{_DIFFERENT}")
         if finding.code == "no-fit"

@@ -182,7 +182,7 @@ def frequency_response(
     def read(records: Sequence[Record]) -> Spectra:
         return spectra_of(records, picked, band, harmonics, periodic=period_s is not None)
 
-    first = fitted(read(records), nominal, drives)
+    first = fitted(read(records), nominal, robot, picked)
     spectra, fit = _with_sticking_motors(read, records, picked, first)
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)

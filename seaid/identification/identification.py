@@ -65,6 +65,7 @@ from seaid.errors import (
     LogError,
     by_severity,
     checked,
+    listed,
 )
 from seaid.estimation import (
     Estimate,
@@ -127,7 +128,7 @@ from seaid.identification.sensitivity import (
     with_known_std,
 )
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
-from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (
     RobotEstimate,
     check_forces,
@@ -145,7 +146,7 @@ if TYPE_CHECKING:
     from seaid.identification.validation import Validation
 
 
-Method = Literal["two-step", "simultaneous"]
+Method = Literal["auto", "two-step", "simultaneous"]
 
 _FAR_M = 1e4
 """Distance of a centre of mass from which a body has no mass but for rounding."""
@@ -196,6 +197,9 @@ class Identification(Result):
         What the logs say of the set-up: gear ratios between encoders, delays of torques.
     nominal : Robot or None
         `known` without the values of the search: the nominal ones of the input robot only.
+    not_shared : str
+        Why the data do not support an estimate of both sides at once; "" where they do, or where
+        the method was chosen.
     """
 
     table_name = "identification_table"
@@ -221,12 +225,18 @@ class Identification(Result):
     exact_constants: Mapping[str, float] = field(default_factory=dict)
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
+    not_shared: str = ""
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
         warnings = counted(len(self.warnings), "warning")
         sizes = f"{drives}, {counted(len(self.load.names), 'base parameter')}"
         return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {warnings}"
+
+    @property
+    def method(self) -> Method:
+        """The method of the estimate: "two-step" or "simultaneous"."""
+        return "simultaneous" if "both" in self.checks else "two-step"
 
     @cached_property
     def drives(self) -> Mapping[str, Estimate]:
@@ -277,7 +287,7 @@ def identify(
     logs: Source | Sequence[Source],
     *,
     torque_joints: str | Sequence[str] | None = None,
-    method: Method = "two-step",
+    method: Method = "auto",
     estimator: EstimatorName = "wls",
     feasible: bool = False,
     cutoff_hz: float | None = None,
@@ -290,7 +300,8 @@ def identify(
 
     Part one estimates friction, stiffness and spring offset of each elastic joint from its motor
     equation (7). Part two computes the load torques from the springs by (4b) and estimates the base
-    parameters from the load side (8), with the uncertainty of the springs propagated.
+    parameters from the load side (8), with the uncertainty of the springs propagated. Where the
+    data support it, both equations are then solved at once.
 
     Of `robot` only ratios, radii, geometry, payloads and known values enter the estimate, and with
     `feasible` its inertial parameters as a prior; nominal values are only starts of a search.
@@ -307,12 +318,15 @@ def identify(
         and "wls" memory does not grow with their length.
     torque_joints : sequence of str, optional
         Joints whose torque is used on the load side. Default: all with a measured torque.
-    method : {"two-step", "simultaneous"}
-        "simultaneous" continues from two steps to (7) and (8) in one regression that shares the
-        springs.
+    method : {"auto", "two-step", "simultaneous"}
+        "two-step" is that of the paper. "simultaneous" continues from it to (7) and (8) in one
+        regression that shares the springs. "auto" takes the latter, which is the more accurate one,
+        if the equations of two steps lack nothing, and if both agree; `Identification.not_shared`
+        says why not.
     estimator : {"wls", "ols", "huber", "tukey", "iv"}
         Least squares weighted per joint or ordinary, robust estimators, or instrumental variables
-        from the fitted model against the bias by noise in the regressor (two-step only).
+        from the fitted model against the bias by noise in the regressor (two-step only). Logs
+        without the joint position of a spring refuse "iv", and the method "simultaneous".
     feasible : bool
         Make `Identification.robot` physically consistent; see `feasible_parameters`.
     cutoff_hz : float, optional
@@ -397,7 +411,7 @@ class _Options:
 
     def check(self) -> None:
         """Raise IdentificationError for options that exclude each other, or wrong values."""
-        if self.estimator == "iv" and self.method != "two-step":
+        if self.estimator == "iv" and self.method == "simultaneous":
             raise IdentificationError(
                 f'estimator="iv" needs method="two-step", found "{self.method}"',
                 'estimator="iv"',
@@ -405,6 +419,19 @@ class _Options:
             )
         check_offset_std(self.encoder_offset_std)
         check_known_std(self.known_std)
+
+    def check_without_encoders(self, joints: Sequence[str]) -> None:
+        """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
+        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
+        refused = 'estimator="iv"' if self.estimator == "iv" else refused
+        if refused:
+            raise IdentificationError(
+                f"{refused} needs the joint position of each spring, and the logs have none of "
+                f"{listed(joints)}: these springs are found by a refinement that simulates the "
+                f"motors, whatever the first estimate is; remove {refused}, or log the joint "
+                "position",
+                refused,
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -468,7 +495,18 @@ class _Problem:
     @cached_property
     def estimate(self) -> RobotEstimate:
         """The estimate by the method of the options, which continues from two steps."""
-        return self._continued(self.robot, self.datasets, self.two_step)
+        solver, offset_std, executor, _ = self.options.of_two_steps
+        if self.options.method != "auto" or self.options.estimator == "iv":
+            return self._continued(self.robot, self.datasets, self.two_step, self.options.method)
+        equations = self.robot, self.datasets, self.model, self.two_step
+        return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
+
+    @property
+    def _lacks(self) -> str:
+        """What the equations of two steps lack, in words, "" for nothing that matters."""
+        keys = [key for side in self.lacking for key in side.doubtful]
+        parts = dict.fromkeys(f"{check.code.name} at {joint}" for check, joint in keys)
+        return f"the equations lack something ({', '.join(parts)})" if parts else ""
 
     @cached_property
     def lacking(self) -> list[SideSelection]:
@@ -490,7 +528,8 @@ class _Problem:
 
     def estimate_of(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
         """Return the estimate with other constants, in the same columns."""
-        return self._continued(robot, datasets, self._in_two_steps(robot, datasets))
+        method: Method = "two-step" if self.estimate.whole is None else "simultaneous"
+        return self._continued(robot, datasets, self._in_two_steps(robot, datasets), method)
 
     def _in_two_steps(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
         options, bias = self.options.of_two_steps, self.bias
@@ -498,13 +537,13 @@ class _Problem:
         return estimate_two_step(robot, datasets, self.model, *options, further=further)
 
     def _continued(
-        self, robot: Robot, datasets: Sequence[Dataset], first: RobotEstimate
+        self, robot: Robot, datasets: Sequence[Dataset], first: RobotEstimate, method: Method
     ) -> RobotEstimate:
         equations = robot, datasets, self.model, first
         solver, offset_std, executor, _ = self.options.of_two_steps
         if self.options.estimator == "iv":
             return estimate_instrumental(*equations, offset_std, executor)
-        if self.options.method == "simultaneous":
+        if method == "simultaneous":
             return estimate_simultaneous(*equations, solver, offset_std, executor)
         return first
 
@@ -609,7 +648,8 @@ def _concluded(problem: _Problem, findings: list[Finding]) -> Identification:
     values, lacking = without_echoes(values, problem.lacking, datasets[0].cutoff_hz)
     findings += consequences(findings, model_findings(lacking, findings))
     if not is_wrong(findings):
-        findings += sensitivity_findings(robot, datasets, model, estimate, options.estimator)
+        steps = problem.two_step
+        findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
     # Only now, since the findings above compare estimates by the noise of the logs alone.
     constants = constants_of(robot, datasets, options.known_std)
     estimate = with_known_std(estimate, constants, problem.estimate_of)
@@ -629,10 +669,13 @@ def _with_fit(
     The springs of `weak` joints look so, and may have backlash.
     """
     robot, run, experiment = problem.robot, problem.run, problem.experiment
-    fit, actuators = problem.estimate.fit, problem.estimate.actuators
+    # Rows of both sides at once have no torque of a spring as a target, of which errors are a part.
+    fit, actuators = problem.two_step.fit, problem.two_step.actuators
     bodies = result.robot.parameters + robot.payload_parameters
     shown = robot.joint_names, fit, actuators, experiment, bodies
-    explains = robot_fit(*shown, locked=run.locked, weak=weak)
+    numbers = chain(*([number] * len(group) for number, group in enumerate(run.moved, 1)))
+    logs = dict(enumerate(numbers))
+    explains = robot_fit(*shown, locked=run.locked, weak=weak, logs=logs)
     predicted = prediction_errors(experiment, problem.model.base, result.load)
     explains = replace(explains, predicted=predicted)
     findings += consequences(findings, fit_findings(explains))
@@ -715,11 +758,13 @@ def _from_motors(
     the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
     check_refinable(robot, joints)
+    options.check_without_encoders(joints)
     fit = partial(
         identify,
         robot,
         torque_joints=options.torque_joints,
-        estimator="wls" if options.estimator == "iv" else options.estimator,
+        method="two-step",  # the simulated angles of the joints come from the springs
+        estimator=options.estimator,
         encoder_offset_std=options.encoder_offset_std,
         known_std=options.known_std,
         executor=options.executor,
@@ -822,6 +867,7 @@ def identification_of(
         processing=processing_of(datasets),
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
         findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
+        not_shared=sides.not_shared,
     )
 
 

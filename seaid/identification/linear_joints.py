@@ -36,7 +36,9 @@ class LinearJoints:
     """Matrices at the joints of n drives, of which those in `elastic` (n,) have a spring.
 
     `inertia`, `friction`, `stiffness`, `damping` (n,) are I, F, k and c; `mass`, `gravity` (n, n)
-    and `drag` (n,) M, G and D. A stiff joint has its rotor in `mass`, and zeros in k, c and I.
+    are M and G. The robot's m joints move by J phi with `motion` (m, n) J, and have the viscous
+    friction `drag` (m,) b, so that D = J^T diag(b) J. A stiff joint has its rotor in `mass`, and
+    zeros in k, c and I.
     """
 
     elastic: BoolArray
@@ -47,6 +49,7 @@ class LinearJoints:
     mass: Array
     gravity: Array
     drag: Array
+    motion: Array
 
     def matrices(self) -> tuple[Array, Array, Array]:
         """Return inertia, damping and stiffness (N, N) of the motors, then the stiff and loads.
@@ -61,9 +64,8 @@ class LinearJoints:
         full = [np.zeros((size, size)) for _ in range(3)]
         springs = (np.zeros(n), self.damping, self.stiffness)
         at_motor = (self.inertia, self.friction, np.zeros(n))
-        for matrix, links, motor, spring in zip(
-            full, (self.mass, np.diag(self.drag), self.gravity), at_motor, springs, strict=True
-        ):
+        at_load = (self.mass, self.motion.T @ (self.drag[:, None] * self.motion), self.gravity)
+        for matrix, links, motor, spring in zip(full, at_load, at_motor, springs, strict=True):
             matrix[np.ix_(load, load)] += links
             matrix[np.arange(n), np.arange(n)] += motor
             for i in e:
@@ -121,35 +123,39 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     """Return a robot with nominal values, linearised at a posture (n,) with other joints held.
 
     Drives that move several joints have their coordinates phi = C q: M and G become C^-T M C^-1.
+    Springs and friction parallel to a drive act at its own joint, and are transformed likewise.
     Missing values are NaN.
     """
     data, model = robot.model.createData(), robot.model
     mass = robot.from_model(mass_matrix(model, data, robot.to_model(posture)), axes=2)
-    C = safely(np.linalg.inv, robot.transmission, what="a transmission")
+    # q = C^-1 phi: the other drives are held, their columns are dropped, not eliminated.
+    motion = safely(np.linalg.inv, robot.transmission, what="a transmission")[:, joints]
+    every = [robot.drives[name] for name in robot.joint_names]
     gravity = _gravity_slope(robot, posture)
-    picked = np.ix_(joints, joints)
-    # The slope of gravity is symmetric, that of a potential, but for rounding. The other joints
-    # are held: their rows and columns are dropped, not eliminated.
-    mass, gravity = ((C.T @ matrix @ C)[picked] for matrix in (mass, 0.5 * (gravity + gravity.T)))
-    drives = [robot.drives[robot.joint_names[index]] for index in joints]
+    # The slope of gravity is symmetric, that of a potential, but for rounding.
+    gravity = 0.5 * (gravity + gravity.T) + np.diag(_values(every, "parallel_stiffness"))
+    mass, gravity = (motion.T @ matrix @ motion for matrix in (mass, gravity))
+    drives = [every[index] for index in joints]
     elastic = np.array([drive.is_elastic for drive in drives])
     ratio = np.array([total_ratio(drive) for drive in drives])
     radius = np.array([drive.load_radius for drive in drives])
-
-    def values(name: str, missing: float) -> Array:
-        return np.array([drive.values.get(name, missing) for drive in drives], dtype=float)
-
-    rotor = values("motor_inertia", np.nan) * ratio**2
+    rotor = _values(drives, "motor_inertia", np.nan) * ratio**2
     return LinearJoints(
         elastic=elastic,
         inertia=np.where(elastic, rotor, 0.0),
-        friction=values("viscous_friction", 0.0) * ratio**2,
-        stiffness=np.where(elastic, values("stiffness", np.nan) * radius**2, 0.0),
-        damping=np.where(elastic, values("spring_damping", 0.0) * radius**2, 0.0),
+        friction=_values(drives, "viscous_friction") * ratio**2,
+        stiffness=np.where(elastic, _values(drives, "stiffness", np.nan) * radius**2, 0.0),
+        damping=np.where(elastic, _values(drives, "spring_damping") * radius**2, 0.0),
         mass=mass + np.diag(np.where(elastic, 0.0, np.nan_to_num(rotor))),
-        gravity=gravity + np.diag(values("parallel_stiffness", 0.0)),
-        drag=values("joint_viscous_friction", 0.0),
+        gravity=gravity,
+        drag=_values(every, "joint_viscous_friction"),
+        motion=motion,
     )
+
+
+def _values(drives: Sequence[Drive], name: str, missing: float = 0.0) -> Array:
+    """Return a value of each drive."""
+    return np.array([drive.values.get(name, missing) for drive in drives], dtype=float)
 
 
 _STEP_RAD = 1e-5
@@ -332,21 +338,24 @@ _RIGID = 0.3
 """Share of the inertia that is the rotor's, where nothing is known."""
 
 
-def fitted(spectra: Spectra, nominal: LinearJoints, drives: Sequence[Drive]) -> Fit:
+def fitted(spectra: Spectra, nominal: LinearJoints, robot: Robot, joints: Sequence[int]) -> Fit:
     """Return the maximum-likelihood fit of the linearised robot to the spectra of all logs.
+
+    `nominal` is that of the `joints` of a robot, by their places.
 
     The motor angles are Y = H (U - F_C S + T) with the spectra of torque and sign of the speed, and
     what the ends of the record leave, a polynomial T of s (Pintelon and Schoukens 2012, section
     6.3.2). The residual is weighted by its own variance, averaged over near lines, so that noise
     and nonlinear distortion count as large as they are.
     """
-    dry = np.array([is_dry(drive) for drive in drives])
+    drives = [robot.drives[name] for name in robot.joint_names]
+    viscous = np.array(["viscous" in drive.joint_friction for drive in drives])
     known = np.isfinite(nominal.inertia)
     parameters = _Parameters(
         start=nominal,
         rotors=nominal.elastic & ~known,
-        drags=np.array(["viscous" in drive.joint_friction for drive in drives]),
-        dry=dry,
+        drags=viscous & np.any(nominal.motion != 0, axis=1),
+        dry=np.array([is_dry(drives[index]) for index in joints]),
     )
     problem = _Problem(spectra, parameters)
     first, further = _starts(spectra, parameters)
@@ -554,7 +563,8 @@ def _joints_of_fraction(
     stiffness[e] = np.diag(inverse @ mass[:, e])
     mass, gravity = (0.5 * (matrix + matrix.T) for matrix in (mass, N0))
     nothing = np.zeros(n)
-    return LinearJoints(elastic, inertia, nothing, stiffness, nothing, mass, gravity, nothing)
+    numbers = inertia, nothing, stiffness, nothing, mass, gravity, nothing
+    return LinearJoints(elastic, *numbers, motion=np.eye(n))
 
 
 def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:

@@ -459,8 +459,10 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     seen = np.isin(layout.simulated, layout.unseen)
     # A joint without an encoder has no measured position: its rows never count. Positions of
     # the others count at standstill too, where only the torques are unknown.
-    still = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
-    return _blocks(run, columns, still, 2 * len(joints)), pull
+    unknown = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
+    if motion.bridged is not None:  # what was interpolated over a gap was not measured
+        unknown |= motion.bridged[:, None]
+    return _blocks(run, columns, unknown, 2 * len(joints)), pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -631,8 +633,11 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
 
 
-def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
-    """Average columns (T, C, 1 + p + s) over blocks, by which white noise stays white."""
+def _blocks(run: Run, columns: Array, unknown: BoolArray, free: int) -> Residuals:
+    """Average columns (T, C, 1 + p + s) over blocks, by which white noise stays white.
+
+    Blocks with a sample that is `unknown` (T, C) do not count.
+    """
     shape = (run.windows, -1, run.block, columns.shape[1])
     means = columns.reshape(*shape, columns.shape[2]).mean(axis=2)
     last = columns.shape[2] - free
@@ -640,7 +645,7 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
         residual=means[..., 0],
         jacobian=means[..., 1:last],
         nuisance=means[..., last:],
-        kept=np.asarray(~still.reshape(shape).any(axis=2)),
+        kept=np.asarray(~unknown.reshape(shape).any(axis=2)),
         time=run.motion.time.reshape(run.windows, -1, run.block).mean(axis=2),
         channels=range(columns.shape[1]),
     )
@@ -685,8 +690,8 @@ def refine(
     Output error (Gautier, Janot and Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
     joints behind springs are simulated from the measured motor angles; their encoders and all
     measured torques are outputs with white noise of estimated variance. Rows in which a motor with
-    dry friction, or one whose width `identify` selected, stands still or turns back are excluded.
-    The covariance includes autocorrelation.
+    dry friction, or one whose width `identify` selected, stands still or turns back are excluded,
+    as are gaps. The covariance includes autocorrelation.
     The torques of joints that are not simulated are compared below the cutoff, as in `identify`.
     Where position commands were logged, the model follows them under its own controllers, and the
     joint positions are the outputs.

@@ -311,8 +311,9 @@ def cutoff_sensitivity(
     if cutoffs_hz is None:
         asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
     cutoffs = sorted({*asked, base.cutoff_hz})
-    # The terms that drives got by themselves stay the same, so that the estimates are comparable.
+    # Terms that drives got by themselves and the method stay, so that estimates are comparable.
     robot = with_closed_terms(robot, base.known)
+    options["method"] = base.method
     names, units = _names(base)
     values, errors = np.full((2, len(cutoffs), len(names)), np.nan)
     refused: dict[float, str] = {}

@@ -167,11 +167,11 @@ def sensitivity_findings(
     sides: RobotEstimate,
     estimator: str,
 ) -> list[Finding]:
-    """Return what another estimator or a wider cutoff contradicts, for two steps of wls or ols.
+    """Return what another estimator or a wider cutoff contradicts in two steps of wls or ols.
 
     Of long logs the first pieces are compared.
     """
-    if sides.whole is not None or estimator not in ("wls", "ols"):
+    if estimator not in ("wls", "ols"):
         return []
     ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
     findings = list(

@@ -502,15 +502,23 @@ def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSp
 
 def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
     """Raise IdentificationError for springs that method="simultaneous" cannot share."""
+    reason = not_shared(robot, springs)
+    if reason:
+        raise IdentificationError(
+            'method="simultaneous" shares springs of unknown stiffness and offset: '
+            f'{reason}; use method="two-step"',
+            'method="simultaneous"',
+            'method="two-step"',
+        )
+
+
+def not_shared(robot: Robot, springs: Iterable[str]) -> str:
+    """Return why (7) and (8) cannot share the springs of some joints, "" if they can."""
     for joint in springs:
         names = set(spring_regressor(robot, joint).names)
         if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
-            raise IdentificationError(
-                'method="simultaneous" shares a spring of unknown stiffness and offset; that of '
-                f'{joint} {_kind(robot, joint)}: use method="two-step"',
-                'method="simultaneous"',
-                'method="two-step"',
-            )
+            return f"the spring of {joint} {_kind(robot, joint)}"
+    return ""
 
 
 def check_instruments(robot: Robot, springs: Iterable[str]) -> None:

@@ -24,8 +24,9 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import JointParameter
-from seaid.errors import IdentificationError
+from seaid.checks import SURE, noise_findings
+from seaid.drives import JointParameter, readable
+from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import (
     Estimate,
     Estimator,
@@ -38,8 +39,8 @@ from seaid.estimation import (
     with_drifts_of,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.drive_estimates import spring_of
-from seaid.identification.simulated_joints import check_simultaneous
+from seaid.identification.drive_estimates import TORQUE_OFFSET, offset_lever, spring_of
+from seaid.identification.simulated_joints import check_simultaneous, not_shared
 from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
 from seaid.regressor import (
@@ -69,13 +70,18 @@ _SPRING = ("stiffness", "spring_offset")
 
 
 def simultaneous_regression(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str]
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Collection[str],
+    offsets: Collection[str] = (),
 ) -> Regression:
     """Return both sides over time: the columns of the elastic drives, then those of the load.
 
     Columns: '<parameter> of <joint>' of every elastic joint in the robot's order, then those of
     `model`. `springs` names the joints of the model whose torque on the load is that of the
-    spring; the others take it from the log.
+    spring; the others take it from the log. The motor torque of the joints `offsets` has an unknown
+    constant error.
 
     `joint` is the index of the equation: i is (8) of joint i; n + i its motor equation (7), or (4b)
     if only the spring's torque was measured. Motor equations exclude the instants near standstill.
@@ -85,6 +91,7 @@ def simultaneous_regression(
     zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
+    actuators |= {joint: _with_torque_offset(robot, actuators[joint], joint) for joint in offsets}
     names = [JointParameter(name, joint) for joint, x in actuators.items() for name in x.names]
     load = replace(
         load,
@@ -97,6 +104,18 @@ def simultaneous_regression(
     motors = [_motor_rows(robot, rows, joint, load) for joint, rows in actuators.items()]
     both = stacked([load, *motors])
     return replace(both, run=np.zeros(len(both.y)))  # rows of one log
+
+
+def _with_torque_offset(robot: Robot, actuator: Regression, joint: str) -> Regression:
+    """Return the motor equation of a joint with the column of an error b_0 of its torque."""
+    # (7) has s = f_0 + b_0 N/r_M in the place of the spring offset f_0, which (8) has alone.
+    column = actuator.H[:, actuator.names.index("spring_offset")] * offset_lever(robot, joint)
+    return replace(
+        actuator,
+        names=(*actuator.names, TORQUE_OFFSET),
+        units=(*actuator.units, "N m"),
+        H=np.column_stack([actuator.H, column]),
+    )
 
 
 def _spring_columns(
@@ -248,6 +267,81 @@ def split_estimate(
     return drives, estimate.part(base, model.expressions), load_side
 
 
+def estimate_supported(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    model: LoadModel,
+    start: RobotEstimate,
+    estimator: Estimator,
+    encoder_offset_std: float,
+    executor: Executor | None,
+    lacking: str,
+) -> RobotEstimate:
+    """Estimate both sides at once where the data support it, else return the two-step estimate.
+
+    Both at once is the more accurate one, and the first to be wrong where (7) or (8) lacks a term:
+    it then biases the spring that both share. It is not used if the equations
+    are `lacking` something, and not if its values are outside the intervals of two steps, whose
+    motor equation alone determines the springs (Hausman 1978). `not_shared` of the result says why.
+    """
+    springs = tuple(start.springs)
+    if not springs:
+        return start
+    reason = lacking or not_shared(robot, springs)
+    if robot.floating_base is not None:
+        reason = "the base floats"
+    if not all(isinstance(dataset, Motion) for dataset in datasets):
+        reason = "a log is read in pieces"
+    if not reason:
+        try:
+            steps = start, estimator, encoder_offset_std, executor
+            both = estimate_simultaneous(robot, datasets, model, *steps)
+        except (IdentificationError, ExcitationError):
+            reason = "no estimate of both sides at once was found"
+        else:
+            reason = _contradiction(start, both) or _noise(start, both)
+            if not reason:
+                return both
+    return replace(start, not_shared=reason)
+
+
+def _contradiction(first: RobotEstimate, both: RobotEstimate) -> str:
+    """Return the parameter for which both sides at once contradict two steps, "" without one."""
+    # Var(theta_2 - theta_s) = Var(theta_2) - Var(theta_s) <= Var(theta_2) if the model is complete,
+    # theta_s then being the efficient estimate (Hausman 1978).
+    differences = {"": _moved(first.load, both.load)}
+    differences |= {joint: _moved(x, both.drives[joint]) for joint, x in first.drives.items()}
+    moved = {(joint, name): z for joint, by_name in differences.items() for name, z in by_name}
+    (joint, name), z = max(moved.items(), key=lambda item: item[1])
+    if z <= SURE:
+        return ""
+    what = readable(JointParameter(name, joint)) if joint else name
+    return f"the load side contradicts the motor equations ({what} by {z:.2g} standard errors)"
+
+
+def _noise(first: RobotEstimate, both: RobotEstimate) -> str:
+    """Return what the residual of both sides at once shows and that of two steps does not."""
+    before = [first.load, *(side.estimate for side in first.actuators.values())]
+    known = {(x.code, x.joint) for estimate in before for x in noise_findings(estimate)}
+    new = [
+        finding
+        for finding in noise_findings(both.load)
+        if finding.severity != "note" and (finding.code, finding.joint) not in known
+    ]
+    where = listed(dict.fromkeys(finding.joint for finding in new if finding.joint))
+    codes = listed(dict.fromkeys(finding.code for finding in new))
+    return f"the residual of both sides at once shows {codes} at {where}" if new else ""
+
+
+def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:
+    """Return by how many standard errors of the first estimate the second differs from it."""
+    return [
+        (name, abs(both.value(name) - value) / error)
+        for name, value, error in zip(first.names, first.values, first.standard_errors, strict=True)
+        if name in both.names and error > 0
+    ]
+
+
 def estimate_simultaneous(
     robot: Robot,
     datasets: Sequence[Dataset],
@@ -270,7 +364,10 @@ def estimate_simultaneous(
         why="without contact forces each equation has the deflections of several springs",
     )
     check_simultaneous(robot, springs)
-    regress: Regress = partial(simultaneous_regression, robot, model=model, springs=springs)
+    offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
+    regress: Regress = partial(
+        simultaneous_regression, robot, model=model, springs=springs, offsets=offsets
+    )
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
     zeros: Array | None = None

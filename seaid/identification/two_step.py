@@ -179,7 +179,8 @@ class RobotEstimate:
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
     were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn. `findings` are about the way to the estimates.
+    motor equation} if they were estimated in turn. `findings` are about the way to the estimates,
+    and `not_shared` is why the data do not support an estimate of both sides at once.
     """
 
     drives: Mapping[str, Estimate]
@@ -192,6 +193,7 @@ class RobotEstimate:
     whole: Estimate | None = None
     actuators: Mapping[str, FittedRows] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    not_shared: str = ""
 
 
 def estimate_two_step(

@@ -7,10 +7,13 @@ from .base_log import loaded as loaded
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
-from .column_meaning import meaning_of as meaning_of
 from .commands import commanded_part as commanded_part
 from .commands import relative_supply as relative_supply
 from .commands import with_commanded_torque as with_commanded_torque
+from .describe import Description as Description
+from .describe import describe_log as describe_log
+from .describe import logs_of_files as logs_of_files
+from .describe.names import meaning_of as meaning_of
 from .description import LogDescription as LogDescription
 from .description import as_toml as as_toml
 from .description import changed_source as changed_source
@@ -31,9 +34,6 @@ from .filtering import spline_derivatives as spline_derivatives
 from .filtering import standstill as standstill
 from .filtering import still_share as still_share
 from .filtering import still_speed as still_speed
-from .infer_columns import Description as Description
-from .infer_columns import describe_log as describe_log
-from .infer_columns import logs_of_files as logs_of_files
 from .log import OF_CONTROLLERS as OF_CONTROLLERS
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, frozen
+from seaid._files import toml_key
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
 from seaid.log.filtering import low_pass, spline_derivatives
@@ -242,13 +243,15 @@ def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
     """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
     assert robot.floating_base is not None
     arrays: dict[str, Any] = {"contacts": {}, "wrenches": {}}
-    picked = with_guided(picked, robot)
+    logged = {name: x for name, x in picked.items() if not np.all(np.isnan(x))}
+    picked = with_guided(logged, robot)
     for name, names in CHANNELS.items():
         if first := next((column for column in names if column in picked), ""):
             arrays[name] = _stacked(names, picked, f"the log has {first} and")
     for link in robot.floating_base.contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
+            _check_flags(link, picked[contact])
             arrays["contacts"][link] = picked[contact][:, None]
         if width := sum(column in picked for column in wrench):
             names = wrench[: 3 if width <= 3 else 6]
@@ -268,8 +271,25 @@ def _samples(name: str, values: Any, width: int | None) -> Array:
     samples = frozen(name, array[:, None] if array.ndim == 1 else array, (None, width), LogError)
     if not np.all(np.isfinite(samples)):
         row = int(np.argmax(~np.all(np.isfinite(samples), axis=1)))
-        raise LogError(f"base: {name} is not finite in sample {row}")
+        raise LogError(
+            f"base: {name} is not finite in sample {row}: drop the sample, or repair the log with "
+            "repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
+        )
     return samples
+
+
+def _check_flags(link: str, values: Array) -> None:
+    """Raise LogError for a contact that is no flag, as forces and codes are none."""
+    row = int(np.nanargmax(np.abs(values - 0.5)))
+    if abs(values[row] - 0.5) > 1.0:  # 0 and 1 are 0.5 from the middle; 2 and -1 are no overshoot
+        raise LogError(
+            f"the contact of '{link}' must be 0 in the air and 1 on the ground, found "
+            f"{values[row]:.4g} in sample {row}: give a force or a code its limit in the "
+            f"description of the log, [contacts.{toml_key(link)}] contact = {{ columns = "
+            f'"...", above = ... }}, as seaid.describe_log infers it',
+            "seaid.describe_log",
+        )
 
 
 _LENGTH = 0.05

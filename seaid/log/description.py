@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from itertools import chain
 from pathlib import Path
@@ -17,7 +18,6 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
-from seaid.log.base_columns import BASE_QUANTITIES, CONTACT_QUANTITIES, VectorSource, vector_source
 from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.log.repair import Repairs
@@ -83,6 +83,29 @@ class Servo:
 
 
 Side = Literal["motor", "joint"]
+Frame = Literal["base", "world"]
+Order = Literal["wxyz", "xyzw"]
+
+BASE_QUANTITIES = {
+    **dict.fromkeys(("position", "velocity", "angular_velocity", "acceleration"), 3),
+    **{"specific_force": 3, "orientation": 4, "angle": 1},
+}
+"""{quantity of the base: its number of columns}."""
+
+CONTACT_QUANTITIES = {"contact": 1, "force": 3, "moment": 3}
+"""{quantity of a contact: its number of columns}."""
+
+FRAMES: dict[str, Frame] = {
+    "velocity": "world",
+    "angular_velocity": "base",
+    "acceleration": "world",
+}
+"""Frames of vectors that may be in either, where a description does not say which."""
+
+_PLANAR = ("position", "velocity", "angular_velocity", "specific_force")
+"""Vectors of which a planar base needs a part only."""
+
+_SLICE = re.compile(r"(.*)\[(\d+):(\d+)\]")
 
 
 @dataclass(frozen=True)
@@ -130,6 +153,56 @@ class Source:
         """Return the columns that the source uses, except that of its clock."""
         columns = [column for column in (self.column, self.times) if isinstance(column, str)]
         return columns + (self.servo.columns() if self.servo else [])
+
+
+@dataclass(frozen=True)
+class VectorSource:
+    """The source of a vector of the base or of a contact: scale times the columns.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    frame : {"base", "world"} or None
+        Of a velocity, an angular velocity or an acceleration (without gravity); None: velocity and
+        acceleration in the world, angular velocity in the base.
+    order : {"wxyz", "xyzw"} or None
+        Of the columns of an orientation, None: wxyz.
+    scale : float
+        Factor to SI units.
+    above : float or None
+        Value of a contact, such as a force, above which it touches the ground; None: 0.5.
+    unknown : float or None
+        Value in the columns of a contact that is no measurement, such as a code for "unknown".
+    delay_s : float
+        As of `Source`.
+    time : Clock or None
+        Clock of the columns, if they have their own.
+    """
+
+    columns: tuple[str, ...]
+    frame: Frame | None = None
+    order: Order | None = None
+    scale: float = 1.0
+    above: float | None = None
+    unknown: float | None = None
+    delay_s: float = 0.0
+    time: Clock | None = None
+
+    def plain(self) -> Any:
+        """Return the source as TOML has it, without default values and its clock."""
+        table = {**_plain(self), "columns": _in_short(self.columns)}
+        table.pop("time", None)
+        return table["columns"] if len(table) == 1 else table
+
+
+def _in_short(columns: Sequence[str]) -> Any:
+    """Return columns as a slice of an array if they are one, a name if there is only one."""
+    parts = [*filter(None, (re.fullmatch(r"(.*)\[(\d+)\]", column) for column in columns))]
+    if len(columns) > 1 and len(parts) == len(columns):
+        first, stems = int(parts[0][2]), {part[1] for part in parts}
+        if len(stems) == 1 and [int(part[2]) - first for part in parts] == [*range(len(parts))]:
+            return f"{stems.pop()}[{first}:{first + len(parts)}]"
+    return columns[0] if len(columns) == 1 else list(columns)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -268,7 +341,7 @@ def changed_source(
     """Return the TOML of a source whose values become factor * value + offset, `delay_s` earlier.
 
     What the source has already is multiplied or added, so that the text replaces it. Its values
-    wrap around every `wraps`, which is given in the unit of the column.
+    wrap around every `wraps`, in SI units; the text has it in the unit of the column.
     """
     table: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
     if factor < 0:
@@ -282,8 +355,21 @@ def changed_source(
     if delay_s:
         table["delay_s"] = _rounded(table.get("delay_s", 0.0) + delay_s)
     if wraps is not None:
-        table["wraps"] = _rounded(wraps / table.get("scale", 1.0))
+        table["wraps"] = _rounded(wraps / (table.get("scale", 1.0) * _unit_size(table)))
     return as_toml(table)
+
+
+def _unit_size(table: Mapping[str, Any]) -> float:
+    """Return the unit of the column of a source in SI units, without the ratio of a gear."""
+    if "counts_per_turn" in table:
+        return 2 * math.pi / float(table["counts_per_turn"])
+    if "counts_per_m" in table:
+        return 1 / float(table["counts_per_m"])
+    sizes = {unit: size for units in UNIT_FACTORS.values() for unit, size in units.items()}
+    # A torque from a current has the unit of the current, and N m per A.
+    return float(
+        sizes.get(str(table.get("unit")), 1.0) * table.get("torque_constant_Nm_per_A", 1.0)
+    )
 
 
 def _rounded(value: float) -> float | int:
@@ -402,10 +488,49 @@ def _vector_table(where: str, table: Any, widths: Mapping[str, int]) -> dict[str
     _check_keys(where, table, ["time", *widths])
     clock = _clock(f"{where} time", table.get("time"))
     return {
-        name: vector_source(f"{where} {name}", name, value, clock)
-        for name, value in table.items()
-        if name != "time"
+        name: _vector(f"{where} {name}", name, table[name], clock, width)
+        for name, width in widths.items()
+        if name in table
     }
+
+
+def _vector(where: str, quantity: str, value: Any, clock: Clock | None, width: int) -> VectorSource:
+    if isinstance(value, VectorSource):
+        return value
+    table = value if isinstance(value, Mapping) else {"columns": value}
+    _check_table(where, VectorSource, table, not_in_it="time")
+    columns = _expanded(where, table["columns"])
+    # How many of them a planar base needs is known with the robot: `channels` checks that.
+    if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
+        raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
+    for key, quantities in _ONLY_OF.items():
+        if key in table and quantity not in quantities:
+            raise LogError(f"{where}: {key} is not for {quantity}, found {shown(table[key])}")
+    return VectorSource(**{**table, "columns": columns, "time": clock})
+
+
+_ONLY_OF: dict[str, Collection[str]] = {
+    **{"frame": FRAMES, "order": ("orientation",), "above": ("contact",), "unknown": ("contact",)}
+}
+"""{key of a vector: the quantities that have it}."""
+
+
+def _expanded(where: str, value: Any) -> tuple[str, ...]:
+    """Return the names of columns: 'q[3:7]' stands for four, and a number for itself."""
+    columns: list[str] = []
+    for entry in value if isinstance(value, list | tuple) else [value]:
+        if type(entry) is not int and not (isinstance(entry, str) and entry):
+            raise LogError(f"{where}: columns must be names of columns, found {shown(entry)}")
+        if part := _SLICE.fullmatch(str(entry)):
+            places = range(int(part[2]), min(int(part[3]), _MOST_PLACES))
+            columns += [f"{part[1]}[{place}]" for place in places]
+        else:
+            columns.append(str(entry))
+    return tuple(columns)
+
+
+_MOST_PLACES = 10_000
+"""Most columns of an array."""
 
 
 def _files(where: str, value: Any) -> tuple[str, ...]:
@@ -470,7 +595,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
         kind = quantity.removesuffix("_command")
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = kind == "torque" and unit in UNIT_FACTORS["A"]
-    units, sides = sorted(_UNITS[kind]), get_args(Side)
+    units = sorted(_UNITS[kind])
     faults = {
         "needs column (or, for a voltage, servo instead)": (
             (source.column is None) == (source.servo is None)
@@ -485,11 +610,13 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
             is_current != (source.torque_constant_Nm_per_A is not None)
         ),
         f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
+        "wraps is a constant period: times must be a number, not a column": (
+            source.wraps is not None and isinstance(source.times, str)
+        ),
         "only positions and torques have a side of the gear": (
             source.side is not None
             and (quantity.endswith("_command") or kind not in ("position", "torque"))
         ),
-        unknown_name("side", source.side, sides): source.side not in (None, *sides),
     }
     for fault, is_there in faults.items():
         if is_there:
@@ -525,7 +652,10 @@ _VALUES = {
     "float": "a finite number",
     "int": "a finite number",
 }
-"""What the fields of `Source`, `Servo` and `Clock` may be, by their annotation without None."""
+"""What the fields of sources and clocks may be, by their annotation without None."""
+
+_WORDS = {"Side": get_args(Side), "Frame": get_args(Frame), "Order": get_args(Order)}
+"""The words that a field may be, by its annotation."""
 
 
 def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
@@ -539,16 +669,22 @@ def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
         raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
 
 
-def _check_table(where: str, kind: type, table: Any) -> None:
+def _check_table(where: str, kind: type, table: Any, not_in_it: str = "") -> None:
     """Check the keys and the values of a table by the fields of its dataclass."""
-    _check_keys(where, table, [entry.name for entry in fields(kind)])
-    for entry in fields(kind):
+    entries = [entry for entry in fields(kind) if entry.name != not_in_it]
+    _check_keys(where, table, [entry.name for entry in entries])
+    for entry in entries:
         annotation = str(entry.type).removesuffix(" | None")
         if entry.name not in table:
             if entry.default is MISSING:
                 raise LogError(f"{where}: key '{entry.name}' is missing")
-        elif annotation in _VALUES and (table[entry.name] is not None or annotation == entry.type):
+        elif table[entry.name] is None and annotation != entry.type:
+            continue
+        elif annotation in _VALUES:
             _check_value(f"{where}: {entry.name}", entry.name, table[entry.name], annotation)
+        elif table[entry.name] not in _WORDS.get(annotation, [table[entry.name]]):
+            allowed = _WORDS[annotation]
+            raise LogError(f"{where}: {unknown_name(entry.name, table[entry.name], allowed)}")
 
 
 def _check_value(where: str, key: str, value: Any, annotation: str) -> None:

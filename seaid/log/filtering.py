@@ -442,16 +442,23 @@ def _edge(frequency: Array, power: Array, share: float) -> float:
 def _noise_of_steps(samples: Array, rate_hz: float) -> tuple[float, float]:
     """Return density and variance of quantisation noise, 0 if samples are not whole steps apart.
 
-    The variance step^2 / 12 (Bennett 1948) lies below half of the number of steps passed per
-    second, because the error changes with each step: density = step^2 / 12 / (steps_hz / 2).
+    The error is a sawtooth of variance step^2 / 12 (Bennett 1948). Its harmonic k has the power
+    step^2 / (2 pi^2 k^2), at k times the steps passed per second, r. With the density f of r over
+    the log the noise at low frequencies is sum_k step^2 / (2 pi^2 k^3) f(0), of normal speeds
+    zeta(3) step^2 / (pi^3 mean(r)), and not less than the whole variance over half of the rate, to
+    which harmonics above it are folded.
     """
+    from scipy.special import zeta
+
     moves = np.abs(np.diff(samples))
     moves = moves[moves > 1e-9 * np.ptp(samples)]
     step = float(np.min(moves))
     if np.mean(np.abs(moves / step - np.round(moves / step)) < 1e-3) < _ON_GRID:
         return 0.0, 0.0
-    steps_hz = min(float(np.sum(moves)) / step * rate_hz / len(samples), rate_hz)
-    return step**2 / 6 / steps_hz, step**2 / 12
+    steps_hz = float(np.sum(moves)) / step * rate_hz / len(samples)
+    # f(0) = 2 / (pi mean(r)), for |v| of a normal speed v.
+    density = max(float(zeta(3)) / (np.pi**3 * steps_hz), 1 / (6 * rate_hz))
+    return step**2 * density, step**2 / 12
 
 
 STANDSTILL = 0.01

@@ -43,10 +43,14 @@ UNIT_FACTORS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "degC": {"degC": 1.0},
     "rad_per_s": {
-        **{"rad/s": 1.0, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
+        **{"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
         **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
     },
     "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "m_per_s2": {
+        **{"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3},
+        **{"g": 9.80665, "mg": 9.80665e-3},
+    },
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
@@ -132,18 +136,22 @@ def wanted_columns(
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
             hint = (
-                "; custom columns need columns= or description= (seaid.describe_log infers one), "
+                f"; custom columns need {_DESCRIBED}, "
                 'and the time is named in the description of the log as time = "..."'
             )
             text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
-            raise LogError(text, "description=")
+            raise LogError(text, _DESCRIBED)
     if len(wanted) == 1:
         raise LogError(
-            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"custom columns with columns=), found: {listed(table.names)}"
-            f"{near_names(allowed[1:], (), table.names)}"
+            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (custom "
+            f"columns need {_DESCRIBED}), found: {listed(table.names)}"
+            f"{near_names(allowed[1:], (), table.names)}",
+            _DESCRIBED,
         )
     return wanted
+
+
+_DESCRIBED = "columns= or description= (seaid.describe_log infers one)"
 
 
 _SHORT = {"joint_position": "position", "position_command": "command"}
@@ -388,7 +396,11 @@ def _check_time(time: Array) -> None:
         raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise LogError(f"time_s has a value that is not finite in sample {row}")
+        raise LogError(
+            f"time_s has a value that is not finite in sample {row}: drop the sample, or repair "
+            "the log with repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
+        )
     if np.max(np.abs(time)) > _LATEST_S:
         raise LogError(
             f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to "

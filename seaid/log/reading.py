@@ -17,10 +17,10 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.base_columns import in_own_frames
-from seaid.log.custom_columns import both_sides, channels_of, completed
+from seaid.log.base_log import CHANNELS, continuous
+from seaid.log.channels import both_sides, channels_of, completed, in_own_frames
+from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
-from seaid.log.infer_columns import Description
 from seaid.log.log import (
     WRITTEN,
     Column,
@@ -158,6 +158,10 @@ def _by_names(
         return log_of(path, data, wanted, robot, table.names)
     picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
     time = picked.pop("time_s")
+    names = CHANNELS["orientation"]
+    if set(names) <= set(picked):  # before an interpolation, which between p and -p passes 0
+        quaternions = continuous(np.column_stack([picked[name] for name in names]))
+        picked |= dict(zip(names, quaternions.T, strict=True))
     channels = [Channel(name, time, values) for name, values in picked.items()]
     log = _repaired(path, channels, repair, robot, table.names, None)
     return replace(log, description=description_of(wanted, robot))

@@ -257,13 +257,14 @@ def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
     """Yield how to lock the joints that stand still in all logs, if others move."""
     positions = np.concatenate([log.joint_position for log in logs])
     motors = np.concatenate([log.motor_position for log in logs])
-    places = {}
-    for index, joint in enumerate(robot.joint_names):
-        if _is_still(positions[:, index]) and _is_still(motors[:, index]):
-            places[joint] = float(np.nanmean(positions[:, index]))
-    if 0 < len(places) < robot.n and all(map(np.isfinite, places.values())):
-        option = ",".join(f"{joint}={place:.4g}" for joint, place in places.items())
-        yield f"{listed(places)}: no motion in any log; lock what stands still: --locked {option}"
+    still = [j for j in range(robot.n) if _is_still(positions[:, j]) and _is_still(motors[:, j])]
+    logged = np.isfinite(positions[:, still])
+    # Without a position it is not known where to lock a joint.
+    if 0 < len(still) < robot.n and np.all(np.any(logged, axis=0)):
+        places = np.mean(positions[:, still], axis=0, where=logged)
+        at = {robot.joint_names[j]: place for j, place in zip(still, places.tolist(), strict=True)}
+        option = ",".join(f"{joint}={place:.4g}" for joint, place in at.items())
+        yield f"{listed(at)}: no motion in any log; lock what stands still: --locked {option}"
 
 
 def _is_still(position: Array) -> bool:
@@ -399,12 +400,18 @@ def _read_guessed(
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
         about = [doubt for doubt in guess.unsure if "no torque, current or voltage" in doubt]
-        about.append("joints that stand still, or that no column has, are locked with locked=")
+        logged = guess.description.joints
+        if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
+            about.append("joints that stand still, or that no column has, are locked with locked=")
         raise LogError("; ".join([str(problem), *about]), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
     if ordered is guess:
         return guess, log
     return ordered, read_log(files, robot, description=ordered.description)
+
+
+_FEWEST = 2
+"""Columns that each joint needs: a position, and a torque or what stands for it."""
 
 
 def _has_own_names(files: Sequence[Path]) -> bool:
@@ -904,7 +911,7 @@ _KNOWN_STD = (
 
 _OPTIONS = """\
 [identify]
-method = "two-step"  # or "simultaneous": both sides of the springs in one regression
+method = "auto"  # "simultaneous" where the data support it, else "two-step"
 estimator = "wls"    # or "ols", "huber", "tukey", "iv"
 feasible = true      # physically consistent bodies
 {known_std}

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from seaid._arrays import FrozenMapping
-from seaid._files import PROJECT_FILE, read_toml
+from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
 from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, shown, unknown_name
 from seaid.estimation import EstimatorName
@@ -98,7 +98,7 @@ def log_at(path: Path) -> ProjectLog:
 class Options:
     """How a project is identified: the options of `seaid.identify`, and whether to refine."""
 
-    method: Method = "two-step"
+    method: Method = "auto"
     estimator: EstimatorName = "wls"
     feasible: bool = True
     torque_joints: tuple[str, ...] | None = None
@@ -438,7 +438,7 @@ def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
 def _options(table: _Table) -> Options:
     table.check(Options.__dataclass_fields__)
     return Options(
-        method=table.choice("method", get_args(Method)) or "two-step",
+        method=table.choice("method", get_args(Method)) or "auto",
         estimator=table.choice("estimator", get_args(EstimatorName)) or "wls",
         feasible=table.flag("feasible", True),
         torque_joints=table.texts("torque_joints"),
@@ -451,17 +451,26 @@ def _options(table: _Table) -> Options:
 
 
 def check_logs(project: Project) -> None:
-    """Raise SeaidError unless there is a log to identify from and none is used twice."""
+    """Raise SeaidError unless a log identifies, all logs exist, and no sample is used twice."""
     if not project.logs_for("identify"):
         raise SeaidError(
             f"'{project.file}' has no log to identify from: add [[log]] with file = \"run.csv\""
         )
-    for log in project.logs_for("validate"):
-        for fitted in project.logs_for("identify"):
-            if log.files == fitted.files and _overlap(log.between_s, fitted.between_s):
+    for log in project.logs:
+        for path in log.files:  # before a long identification whose validation would fail
+            if not path.exists():
+                raise SeaidError(f"'{project.file}': there is no log '{path}': correct its name")
+    for fitted in project.logs_for("identify"):
+        for log in project.logs:
+            if log is not fitted and _shares_samples(log, fitted):
+                again = (
+                    "to identify and to validate: validate on another log"
+                    if log.use == "validate"
+                    else "twice, which would count its samples twice: name each log once"
+                )
                 raise SeaidError(
-                    f"'{project.file}': the log '{log.name}' is used to identify and to validate: "
-                    "validate on another log, or give both a part, as between_s = [0, 20]"
+                    f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
+                    "as between_s = [0, 20]"
                 )
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
@@ -469,6 +478,12 @@ def check_logs(project: Project) -> None:
             f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
             f"validation; conditions are {listed(project.conditions)}"
         )
+
+
+def _shares_samples(first: ProjectLog, second: ProjectLog) -> bool:
+    """Return whether two logs have a file in common, by any of its names, and a part of it."""
+    files, others = ({real_path(path) for path in log.files} for log in (first, second))
+    return bool(files & others) and _overlap(first.between_s, second.between_s)
 
 
 def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | None) -> bool:

@@ -284,13 +284,17 @@ def _unseen_results(
 ) -> dict[str, Test]:
     """Return {log: result} of the logs that validate; adds a note for each that gives none."""
     results, robot = {}, project.robot(condition)
-    for source in project.logs_for("validate"):
-        if source.condition in (condition, ""):
-            log = source.read(robot)
-            try:
-                results[source.name] = result_of(log)
-            except SeaidError as problem:
-                notes.append(f"{source.name} was not {done}: {problem}")
+    sources = [x for x in project.logs_for("validate") if x.condition in (condition, "")]
+    names = [source.name for source in sources]
+    for source in sources:
+        # Folders distinguish logs of one name.
+        whole = os.path.relpath(source.path, project.file.parent)
+        name = source.name if names.count(source.name) == 1 else whole
+        log = source.read(robot)
+        try:
+            results[name] = result_of(log)
+        except SeaidError as problem:
+            notes.append(f"{name} was not {done}: {problem}")
     return results
 
 

@@ -4,7 +4,6 @@ from .comparison import comparison_of as comparison_of
 from .comparison import comparison_of_parameters as comparison_of_parameters
 from .figures import save_frequency_figure as save_frequency_figure
 from .figures import save_sensitivity_figure as save_sensitivity_figure
-from .figures import sensitivity_table as sensitivity_table
 from .html import write_calibration as write_calibration
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report
@@ -23,6 +22,7 @@ from .text import log_table as log_table
 from .text import measure_lines as measure_lines
 from .text import replay_table as replay_table
 from .text import robot_table as robot_table
+from .text import sensitivity_table as sensitivity_table
 from .text import sensors_table as sensors_table
 from .text import setup_table as setup_table
 from .text import short_text as short_text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan, sqrt
 from pathlib import Path
@@ -180,24 +180,36 @@ def comparison_of(
     >>> for one in seaid.report.comparison_of(cold, warm).differences:
     ...     print(one.text, one.first, one.second, one.significance)
     """
-    groups: dict[str, GroupTest] = {}
-    differences: list[Difference] = []
-    for group, old, new in _pairs(first, second):
-        groups[group or "load"] = _group_test(old, new)
-        differences += _differences(group, old, new)
-    if not differences:
-        raise IdentificationError(
-            f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
-            "identifications of one robot, with the same known bodies"
-        )
-    return Comparison(
-        names=names,
-        differences=_with_significance(differences),
-        only=_only(_keys(first), _keys(second)),
-        groups=groups,
+    old, new = _estimates(first), _estimates(second)
+    message = (
+        f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
+        "identifications of one robot, with the same known bodies"
+    )
+    return replace(
+        _compared(old, new, names, message),
+        groups={joint or "load": _group_test(*both) for joint, *both in _pairs(old, new)},
         dependence=_dependence(first, second),
         measures=_measures(first, second),
     )
+
+
+_Estimates = Mapping[str, Estimate]
+"""{joint: estimate of its drive}, and that of the load by the name ""."""
+
+
+def _estimates(identification: Identification) -> _Estimates:
+    return {**identification.drives, "": identification.load}
+
+
+def _compared(old: _Estimates, new: _Estimates, names: tuple[str, str], message: str) -> Comparison:
+    """Return the differences of the parameters that both have; raise the message without any."""
+    pairs = _pairs(old, new)
+    differences = [x for joint, *both in pairs for x in _differences(joint, *both)]
+    if not differences:
+        raise IdentificationError(message)
+    count = len(differences)
+    marked = [replace(x, is_significant=x.p_value * count < _LEVEL) for x in differences]
+    return Comparison(names, tuple(marked), (_only(old, new), _only(new, old)), {}, "unknown")
 
 
 def measures_of(result: Identification, robot: Robot | None = None) -> ExcitationMeasures | None:
@@ -231,57 +243,45 @@ def comparison_of_parameters(
 
     So there is no test of a drive or of the base parameters as a whole.
     """
-    old, new = (_parameters(Path(path)) for path in (first, second))
-    differences = [
-        _difference(joint, name, value, new[joint, name])
-        for (joint, name), value in old.items()
-        if (joint, name) in new
-    ]
-    if not differences:
-        raise IdentificationError(
-            f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
-        )
-    return Comparison(names, _with_significance(differences), _only(old, new), {}, "unknown")
+    message = f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
+    old, new = (_estimates_of_file(Path(path)) for path in (first, second))
+    return _compared(old, new, names, message)
 
 
-_Value = dict[str, Any]
-
-
-def _parameters(path: Path) -> dict[tuple[str, str], _Value]:
-    """Return {(joint, parameter): value} of a file; the joint of a base parameter is ""."""
+def _estimates_of_file(path: Path) -> _Estimates:
+    """Return the estimates of a file, whose parameters are taken as uncorrelated."""
     from seaid.export import parameters_content
 
     content = parameters_content(path)
     try:
-        both = [(joint, *x) for joint, table in content["drives"].items() for x in table.items()]
-        both += [("", x["expression"], x) for x in content["load"]]
-        return {
-            (joint, name): {
-                "unit": str(x["unit"]),
-                "value": _or_nan(x["value"]),
-                "standard_error": _or_nan(x["standard_error"]),
-                "interval_95": [_or_nan(end) for end in x["interval_95"]],
-            }
-            for joint, name, x in both
-        }
+        drives = {joint: _estimate_of(table) for joint, table in content["drives"].items()}
+        return {**drives, "": _estimate_of({x["expression"]: x for x in content["load"]})}
     except (AttributeError, KeyError, TypeError, ValueError):
         raise IdentificationError(
             f"'{path}': its drives or base parameters are not as seaid identify writes them"
         ) from None
 
 
+def _estimate_of(parameters: Mapping[str, Mapping[str, Any]]) -> Estimate:
+    """Return the estimate of {name: value, standard_error, interval_95 and unit}."""
+    every = parameters.values()
+    values, errors = (
+        np.array([_or_nan(x[key]) for x in every]) for key in ("value", "standard_error")
+    )
+    intervals = [[_or_nan(end) for end in x["interval_95"]] for x in every]
+    return Estimate(
+        names=tuple(parameters),
+        values=values,
+        covariance=np.diag(errors**2),
+        units=tuple(str(x["unit"]) for x in every),
+        residual_std=nan,
+        condition_number=nan,
+        degrees_of_freedom=np.array(list(map(_freedom_of, intervals, errors.tolist()))),
+    )
+
+
 def _or_nan(value: Any) -> float:
     return nan if value is None else float(value)
-
-
-def _difference(joint: str, name: str, old: _Value, new: _Value) -> Difference:
-    values, errors = ([x[key] for x in (old, new)] for key in ("value", "standard_error"))
-    freedoms = [
-        _freedom_of(x["interval_95"], error) for x, error in zip((old, new), errors, strict=True)
-    ]
-    first, second = values
-    p_value = _p_value(second - first, errors, freedoms)
-    return Difference(name, joint, old["unit"], first, second, errors[0], errors[1], p_value)
 
 
 def _freedom_of(interval: Sequence[float], error: float) -> float:
@@ -296,21 +296,13 @@ _NORMAL = 1e6
 """Degrees of freedom from which Student's t is taken as the normal distribution."""
 
 
-def _estimates(identification: Identification) -> dict[str, Estimate]:
-    """Return {joint: estimate of its drive}, and that of the load by the name ""."""
-    return {**identification.drives, "": identification.load}
-
-
-def _pairs(
-    first: Identification, second: Identification
-) -> Iterator[tuple[str, Estimate, Estimate]]:
+def _pairs(first: _Estimates, second: _Estimates) -> Iterator[tuple[str, Estimate, Estimate]]:
     """Yield (joint, its drive in both), then ("", the load), of the parameters that both have."""
-    in_second = _estimates(second)
-    for joint, estimate in _estimates(first).items():
-        names = in_second[joint].names if joint in in_second else ()
+    for joint, estimate in first.items():
+        names = second[joint].names if joint in second else ()
         shared = [name for name in estimate.names if name in names]
         if shared:
-            yield joint, _part(estimate, shared), _part(in_second[joint], shared)
+            yield joint, _part(estimate, shared), _part(second[joint], shared)
 
 
 def _part(estimate: Estimate, names: Sequence[str]) -> Estimate:
@@ -323,19 +315,14 @@ def _text(joint: str, name: str) -> str:
     return readable(JointParameter(name, joint)) if joint else name
 
 
-def _keys(identification: Identification) -> list[tuple[str, str]]:
-    """Return (joint, parameter) of all drives, then ("", parameter) of the load."""
-    estimates = _estimates(identification).items()
-    return [(joint, name) for joint, estimate in estimates for name in estimate.names]
-
-
-def _only(
-    first: Collection[tuple[str, str]], second: Collection[tuple[str, str]]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the texts of the parameters that only the first, and only the second, has."""
-    return (
-        tuple(_text(*key) for key in first if key not in second),
-        tuple(_text(*key) for key in second if key not in first),
+def _only(first: _Estimates, second: _Estimates) -> tuple[str, ...]:
+    """Return the texts of the parameters that only the first has."""
+    in_second = {joint: {*estimate.names} for joint, estimate in second.items()}
+    return tuple(
+        _text(joint, name)
+        for joint, estimate in first.items()
+        for name in estimate.names
+        if name not in in_second.get(joint, ())
     )
 
 
@@ -369,11 +356,6 @@ def _p_value(change: float, errors: Sequence[float], freedoms: Sequence[float]) 
     spread = sum((s**2 / variance) ** 2 / nu for s, nu in zip(errors, freedoms, strict=True))
     # Both are normal if spread is zero, which 1e12 degrees of freedom are to double precision.
     return float(2 * stdtr(1 / spread if spread else 1e12, -abs(change) / sqrt(variance)))
-
-
-def _with_significance(differences: Sequence[Difference]) -> tuple[Difference, ...]:
-    count = len(differences)
-    return tuple(replace(d, is_significant=d.p_value * count < _LEVEL) for d in differences)
 
 
 def _group_test(old: Estimate, new: Estimate) -> GroupTest:

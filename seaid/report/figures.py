@@ -1,22 +1,360 @@
-"""The sensitivity to the cutoff, as a table and as a figure."""
+"""Figures of each actuator: friction over velocity, spring torque over deflection, responses.
+
+A sample of the friction is what the motor equation (7) leaves when inertia and spring are taken
+away as identified; a sample of the spring force is what remains without inertia and friction. All
+are below the cutoff, without standstill. A page has them as SVG; the sensitivity to the cutoff and
+the frequency response are PNG files too.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid._files import write_whole
+from seaid.drives import (
+    PARAMETERS,
+    PARAMETERS_OF,
+    Drive,
+    friction_curve,
+    parameter_named,
+    spring_curve,
+    states,
+)
 from seaid.errors import SeaidError
-from seaid.report.text import Text, cut, joined, number, table
+from seaid.log import Motion, in_band, standstill
+from seaid.regressor import actuator_columns, drive_columns, load_torques, signals
+from seaid.report.formats import cut
+from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from seaid.identification import CutoffSensitivity, FrequencyResponse
+    from seaid.identification import CutoffSensitivity, FrequencyResponse, Identification
+    from seaid.robot import Robot
+
+_MOST_SAMPLES, _ROOM = 420, 40_000
+"""Samples of a figure, and of all figures of the page."""
+
+_CURVE = 161
+_SIGN_WIDTH = 1e-6
+"""Speed, over the fastest, within which a drawn curve changes its sign."""
+
+_FRICTION = {name for terms in PARAMETERS_OF["friction"].values() for name in terms}
+_SPRING = {name for terms in PARAMETERS_OF["spring"].values() for name in terms}
+_SPRING |= {"spring_offset"}
+_SHAPES = {name for name, parameter in PARAMETERS.items() if parameter.starts}
+"""Parameters whose columns are slopes, no parts of a torque."""
+
+
+@dataclass(frozen=True)
+class ActuatorFigures:
+    """The figures of a joint; None for what its drive does not have or its log does not show."""
+
+    joint: str
+    kind: str
+    friction: Any | None
+    spring: Any | None
+
+
+@dataclass(frozen=True)
+class ResponseFigures:
+    """Size and phase of the response of a joint to its own motor torque, over frequency.
+
+    `coherence` is the range of the share of power that the linear response explains.
+    """
+
+    joint: str
+    coherence: str
+    size: Any
+    phase: Any
+
+
+def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFigures]:
+    """Return the figures of every joint with friction or a spring, none for long logs."""
+    motions = fitted_motions(result)
+    most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * result.robot.n, 1)))
+    sides = [_sides(result, motion) for motion in motions]
+    figures = []
+    for index, (joint, drive) in enumerate(result.known.drives.items()):
+        parts = [
+            _samples(motion, index, of_motion[joint])
+            for motion, of_motion in zip(motions, sides, strict=True)
+            if joint in of_motion
+        ]
+        samples = np.concatenate([np.zeros((4, 0)), *parts], axis=1)
+        if not samples.size:
+            continue
+        samples = samples[:, np.unique(np.linspace(0, samples.shape[1] - 1, most).astype(int))]
+        drives = {"nominal": nominal.drives[joint], "identified": _identified(result, joint)}
+        friction = _friction_figure(joint, samples, drives)
+        spring = _spring_figure(joint, samples, drives)
+        kind = "series elastic" if drive.is_elastic else "stiff"
+        if friction is not None or spring is not None:
+            figures.append(ActuatorFigures(joint, kind, friction, spring))
+    return figures
+
+
+def _sides(result: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the sides of `_elastic_side` by joint."""
+    sides = _stiff_sides(result, motion)
+    for joint in result.known.elastic_joints:
+        elastic = _elastic_side(result, motion, joint)
+        if elastic is not None:
+            sides[joint] = elastic
+    return sides
+
+
+def _identified(identification: Identification, joint: str) -> Drive:
+    """Return the drive with the values of its equations, as they were identified."""
+    drive = identification.known.drives[joint]
+    estimate = identification.drive_side.get(joint)
+    if estimate is None:
+        return drive
+    values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    valid = {
+        name: max(value, 0.0) if parameter_named(name).is_positive else value
+        for name, value in values.items()
+        if name in drive.parameter_names and (value > 0 or name != "stiffness")
+    }
+    return drive.with_values(valid)
+
+
+def _samples(motion: Motion, index: int, sides: tuple[Array, Array, Array]) -> Array:
+    """Return the samples (4, P) of a joint in a motion: its motor's speed, and the sides."""
+    lost = round(motion.transient_s * motion.rate_hz)
+    inside = np.zeros(len(motion.time), dtype=bool)
+    inside[lost : len(inside) - lost] = True
+    if motion.bridged is not None:
+        inside &= ~motion.bridged
+    kept = inside & ~standstill(motion, index)
+    return np.array([in_band(motion, motion.motor_velocity[:, index]), *sides])[:, kept]
+
+
+def _elastic_side(
+    identification: Identification, motion: Motion, joint: str
+) -> tuple[Array, Array, Array] | None:
+    """Return friction at the motor, deflection from the spring's zero, and spring force (T,)."""
+    estimate, drive = identification.drive_side[joint], identification.known.drives[joint]
+    regressor, zeta, R = actuator_columns(identification.known, motion, joint)
+    if not set(regressor.names) <= set(estimate.names):
+        return None
+    values = np.array([estimate.value(name) for name in regressor.names])
+    offset = estimate.value("torque_offset") if "torque_offset" in estimate.names else 0.0
+    # (7): zeta = R theta + residual, so that friction is the residual plus its own columns: samples
+    # scatter about the identified curve by the residual only.
+    parts = R * values
+    is_motor = bool(regressor.signals & {"tau_M", "i_M", "u_M"})
+    residual = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
+    torques = {
+        kind: residual
+        + np.sum(parts[:, [name in names - _SHAPES for name in regressor.names]], axis=1)
+        for kind, names in (("friction", _FRICTION), ("spring", _SPRING))
+    }
+    # (7) has the spring as r_M/N F_s, a torque at the motor; a sensor behind the spring has F_s.
+    lever = drive.ratio / drive.motor_radius if is_motor else 1.0
+    by_name = signals(identification.known, motion, identification.known.index(joint))
+    turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
+    stretch = turned - drive.load_radius * by_name["theta_L"]
+    friction = in_band(motion, torques["friction"]) if is_motor else np.full_like(residual, np.nan)
+    zero = _spring_zero(drive, dict(zip(estimate.names, estimate.values.tolist(), strict=True)))
+    return friction, in_band(motion, stretch) - zero, lever * in_band(motion, torques["spring"])
+
+
+def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
+    """Return the measured deflection at which the spring is relaxed, by its encoder offsets."""
+    if drive.is_nonlinear_spring:
+        return values.get("deflection_zero", 0.0)
+    if "preload" in drive.spring or not values.get("stiffness"):
+        return 0.0
+    # k d + f_0 = 0
+    return -values.get("spring_offset", 0.0) / values["stiffness"]
+
+
+def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the sides of `_elastic_side` by stiff joint: the friction at its motor, and nothing.
+
+    It is that of the fit with what the load side (8) leaves of the torque: of a robot on the ground
+    the contact forces are eliminated from that, and so a part of the friction.
+    """
+    model, theta = result.model, result.load_side.values[: len(result.model.names)]
+    rows = {
+        joint: [
+            place
+            for place, (of, name, _) in enumerate(model.drives)
+            if of == joint and name in _FRICTION and not result.known.drives[joint].is_elastic
+        ]
+        for joint in model.torque_joints
+    }
+    if not any(rows.values()):
+        return {}
+    torque, payload, made = load_torques(
+        result.known, motion, model, result.springs, theta[:, None]
+    )
+    # The rows of the joints are the last ones, behind those of a floating base.
+    residual = (torque - payload - made[:, :, 0])[:, -len(rows) :]
+    columns, values = drive_columns(result.known, motion, model), theta[len(model.expressions) :]
+    sides = {}
+    for row, (joint, places) in enumerate(rows.items()):
+        if places:
+            friction = residual[:, row] + columns[:, row][:, places] @ values[places]
+            # (8) is at the joint: over N is at the motor.
+            friction = in_band(motion, friction) / result.known.drives[joint].ratio
+            nothing = np.full_like(friction, np.nan)
+            sides[joint] = (friction, nothing, nothing)
+    return sides
+
+
+def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
+    """Return the friction without load over the speed of the motor."""
+    speeds, friction, _, _ = samples
+    if not (drives["identified"].friction and np.any(np.isfinite(friction))):
+        return None
+    fastest = float(np.max(np.abs(speeds)))
+    speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
+
+    def curve(drive: Drive) -> Array:
+        law, width = friction_curve(joint, drive.without_harmonics()), _SIGN_WIDTH * fastest
+        return law.torque(speed, np.zeros_like(speed), sign_width=width)[0]
+
+    return _with_curves(
+        [Layer(speeds, friction, "sample")],
+        speed,
+        curve,
+        drives,
+        (Axis("motor speed", "rad/s"), Axis("friction torque", "N m")),
+        f"Friction of {joint} over the speed of its motor",
+    )
+
+
+def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
+    """Return the force of a spring over its deflection."""
+    speeds, _, deflection, force = samples
+    if not np.any(np.isfinite(force)):
+        return None
+    # Two directions of the motor, because hysteresis of spring and gear separates them.
+    ways = {"sample up": speeds > 0, "sample down": ~(speeds > 0)}
+    x = np.linspace(float(np.min(deflection)), float(np.max(deflection)), _CURVE)
+    if "dahl" in drives["identified"].spring:
+        x = np.concatenate([x, x[::-1]])  # around the loop
+    unit, length = drives["identified"].spring_units
+    return _with_curves(
+        [Layer(deflection[way], force[way], name) for name, way in ways.items()],
+        x,
+        lambda drive: _spring_force(drive, x),
+        drives,
+        (Axis("deflection", length), Axis(f"spring {'force' if unit == 'N' else 'torque'}", unit)),
+        f"Spring of {joint}: torque over deflection",
+    )
+
+
+def _spring_force(drive: Drive, x: Array) -> Array:
+    """Return the force (P,) of a relaxed spring's deflections x.
+
+    Hysteresis is that of the second time along x. Raises SeaidError if a value is missing.
+    """
+    plain = drive.without_harmonics()
+    if "deflection_zero" in plain.values:
+        plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
+    force = spring_curve(plain).force(x)
+    if "dahl" in plain.spring:
+        # The state of Dahl's model depends on the past: the first round leads to the loop.
+        z = states(np.tile(x, 2), plain.values["hysteresis_deflection"])[0][len(x) :]
+        force = force + plain.values["hysteresis_force"] * z
+    return force
+
+
+def _with_curves(
+    samples: Sequence[Layer],
+    x: Array,
+    curve: Callable[[Drive], Array],
+    drives: Mapping[str, Drive],
+    axes: tuple[Axis, Axis],
+    title: str,
+) -> Any:
+    """Return samples with the curve over x of each drive that has all values, by name."""
+    layers = [*samples]
+    for name, drive in drives.items():
+        with suppress(SeaidError):
+            layers.append(Layer(x, curve(drive), name, "line"))
+    # Samples and the identified curve are shown whole; the nominal one may leave the chart.
+    seen = np.concatenate([layer.y for layer in layers if layer.name != "nominal"])
+    low, high = float(np.nanmin(seen)), float(np.nanmax(seen))
+    room = 0.08 * (high - low) or 1.0
+    return chart(layers, axes[0], replace(axes[1], low=low - room, high=high + room), title=title)
+
+
+def response_figures(response: FrequencyResponse) -> list[ResponseFigures]:
+    """Return the measured response of every joint with its deviations, and that of the models.
+
+    Vertical lines are the resonance and the antiresonance of an elastic joint.
+    """
+    figures = []
+    for place, joint in enumerate(response.joints):
+        size, phase = _response_charts(response, place)
+        explained = response.coherence[:, place]
+        coherence = f"coherence {np.nanmin(explained):.2f} to {np.nanmax(explained):.2f}"
+        text = f"the frequency response of {joint}"
+        svg = chart(*size, title=f"Size of {text}"), chart(*phase, title=f"Phase of {text}")
+        figures.append(ResponseFigures(joint, coherence, *svg))
+    return figures
+
+
+_Chart = tuple[list[Layer], Axis, Axis]
+
+
+def _response_charts(response: FrequencyResponse, place: int) -> tuple[_Chart, _Chart]:
+    """Return size and phase of the response of one joint: layers and both axes."""
+    hz, joint = response.frequency_hz, response.joints[place]
+    measured = response.response[:, place, place]
+    models = [(response.model, "identified"), (response.identified, "computed")]
+    curves = [(model[:, place, place], name) for model, name in models if model is not None]
+    stds = [(response.noise_std, "threshold"), (response.total_std, "nominal")]
+    deviations = [(std[:, place, place], name) for std, name in stds]
+    sizes = np.concatenate([np.abs(measured), *(curve for curve, _ in deviations)])
+    # A deviation of zero (of noise-free data) has no place on a logarithmic axis.
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-6 * np.max(np.abs(measured)))]
+    low, high = 0.7 * float(np.min(sizes)), 1.4 * float(np.max(np.abs(measured)))
+    marks = [
+        (response.drives[joint].value(name), style)
+        for name, style in (("resonance", "sample up"), ("antiresonance", "sample down"))
+        if joint in response.drives
+    ]
+    size = [
+        *_marked(marks, low, high),
+        *(Layer(hz, curve, name, "line") for curve, name in deviations),
+        Layer(hz, np.abs(measured), "sample"),
+        *(Layer(hz, np.abs(curve), name, "line") for curve, name in curves),
+    ]
+    phase = [
+        *_marked(marks, -360.0, 360.0),
+        Layer(hz, _degrees(measured), "sample"),
+        *(Layer(hz, _degrees(curve), name, "line") for curve, name in curves),
+    ]
+    across = Axis("frequency", "Hz", float(hz[0]) / 1.05, float(hz[-1]) * 1.05, is_log=True)
+    up = Axis("motor angle / torque", "rad/(N m)", low, high, is_log=True)
+    return (size, across, up), (phase, across, Axis("phase", "°", -225.0, 45.0))
+
+
+def _marked(marks: Sequence[tuple[float, str]], low: float, high: float) -> Iterator[Layer]:
+    for hz, name in marks:
+        yield Layer(np.array([hz, hz]), np.array([low, high]), name, "line")
+
+
+def _degrees(response: Array) -> Array:
+    """Return the phase (F,) from -225 to 135 degrees, interrupted where it jumps."""
+    # A motor angle lags its torque by up to 180 degrees: the cut of the phase is at -225, so that
+    # noise about -180 does not jump.
+    phase = (np.degrees(np.angle(response)) + 225.0) % 360.0 - 225.0
+    return np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -31,30 +369,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     write_whole(path, content.getvalue())
 
 
-_COLUMNS, _LONGEST = 4, 40
-_LEVEL = 1.96
-
-
-def sensitivity_table(result: CutoffSensitivity) -> Text:
-    """Return each estimate by cutoff (selected one in brackets), and its largest change."""
-    marked = [
-        f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
-        for place, cutoff in enumerate(result.cutoffs_hz)
-    ]
-    rows = [
-        [
-            cut(name, _LONGEST),
-            *(number(value) for value in result.values[:, place]),
-            f"{result.standard_errors[result.proposed, place]:.2g}",
-            f"{result.moves[place]:.1f} s.e.",
-            result.units[place],
-        ]
-        for place, name in enumerate(result.names)
-    ]
-    header = ["parameter", *marked, "std. error", "change", "unit"]
-    title = "Estimates over the cutoff; change: largest between half and twice the selected one"
-    refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
-    return joined([table(title, header, rows), *refused])
+_COLUMNS, _LEVEL = 4, 1.96
 
 
 def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
@@ -87,11 +402,23 @@ def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None
         axis.set_xticks(result.cutoffs_hz[kept], [f"{c:.2g}" for c in result.cutoffs_hz[kept]])
         axis.minorticks_off()
         axis.tick_params(labelsize="x-small")
-        axis.set_title(f"{cut(name, _LONGEST)} [{result.units[place]}]", fontsize="x-small")
+        axis.set_title(f"{cut(name, 40)} [{result.units[place]}]", fontsize="x-small")
     for axis in axes[len(result.names) :]:
         axis.set_axis_off()
     figure.supxlabel("cutoff [Hz]", fontsize="small")
     save_figure(figure, path)
+
+
+_DRAWN: dict[str, tuple[str, dict[str, Any]]] = {
+    "sample": ("measured", {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}),
+    "threshold": ("deviation by noise", {"color": "0.6", "linewidth": 0.9, "linestyle": ":"}),
+    "nominal": ("deviation in total", {"color": "0.6", "linewidth": 0.9, "linestyle": "-."}),
+    "identified": ("fit", {"color": "black", "linewidth": 1.1}),
+    "computed": ("identification", {"color": "C1", "linewidth": 1.1, "linestyle": "--"}),
+    "sample up": ("resonance", {"color": "tab:red", "linewidth": 0.8, "linestyle": "--"}),
+    "sample down": ("antiresonance", {"color": "tab:blue", "linewidth": 0.8, "linestyle": "--"}),
+}
+"""{name of a layer: its label and its style in a PNG}; a page has the style in report.css."""
 
 
 def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
@@ -103,45 +430,23 @@ def save_frequency_figure(found: FrequencyResponse, path: str | Path) -> None:
     figure.suptitle("Motor angle per motor torque, measured and computed", fontsize=11)
     axes = figure.subplots(2, count, sharex=True, squeeze=False)
     for place, joint in enumerate(found.joints):
-        upper, lower = axes[:, place]
-        _draw_response(upper, lower, found, place)
-        if joint in found.drives:
-            for name, color in (("resonance", "tab:red"), ("antiresonance", "tab:blue")):
-                at = found.drives[joint].value(name)
-                if found.frequency_hz[0] <= at <= found.frequency_hz[-1]:
-                    upper.axvline(at, color=color, lw=0.8, linestyle="--", label=name)
-        upper.set_title(joint, fontsize=9, loc="left")
-        lower.set_xlabel("frequency [Hz]")
-        for axis in (upper, lower):
-            axis.grid(color="0.9")
+        for axis, drawn in zip(axes[:, place], _response_charts(found, place), strict=True):
+            _draw(axis, *drawn)
+        axes[0, place].set_title(joint, fontsize=9, loc="left")
+        axes[1, place].set_xlabel("frequency [Hz]")
     axes[0, 0].set_ylabel("rad/(N m)")
     axes[1, 0].set_ylabel("phase [°]")
-    handles = {
-        label: handle
-        for axis in axes[0]
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
+    handles = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
     figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4, fontsize=8)
     save_figure(figure, path)
 
 
-def _draw_response(upper: Axes, lower: Axes, response: FrequencyResponse, place: int) -> None:
-    """Draw the size and the phase of one response, with its noise and its models."""
-    hz, measured = response.frequency_hz, response.response[:, place, place]
-    dots = {"color": "0.45", "marker": "o", "markersize": 3, "linestyle": "none"}
-    upper.loglog(hz, np.abs(measured), **dots, label="measured")
-    lower.semilogx(hz, np.degrees(np.angle(measured)), **dots)
-    for name, style, std in (
-        ("deviation by noise", ":", response.noise_std),
-        ("deviation in total", "-.", response.total_std),
-    ):
-        if np.any(np.isfinite(std)):
-            upper.loglog(hz, std[:, place, place], style, color="0.6", lw=0.9, label=name)
-    for name, color, style, model in (
-        ("fit", "black", "-", response.model),
-        ("identification", "C1", "--", response.identified),
-    ):
-        if model is not None:
-            curve = model[:, place, place]
-            upper.loglog(hz, np.abs(curve), style, color=color, lw=1.1, label=name)
-            lower.semilogx(hz, np.degrees(np.angle(curve)), style, color=color, lw=1.1)
+def _draw(axis: Axes, layers: Sequence[Layer], across: Axis, up: Axis) -> None:
+    """Draw the layers of a chart of a page with Matplotlib."""
+    for layer in layers:
+        label, style = _DRAWN[layer.name]
+        if np.any(np.isfinite(layer.y)):
+            axis.plot(layer.x, layer.y, label=label, **style)
+    axis.set(xscale="log", xlim=(across.low, across.high), ylim=(up.low, up.high))
+    axis.set_yscale("log" if up.is_log else "linear")
+    axis.grid(color="0.9")

@@ -22,8 +22,10 @@ from seaid.identification import (
     Validation,
     compared,
 )
+from seaid.report import formats, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
-from seaid.report.html_actuators import actuator_figures, response_figures
+from seaid.report.figures import actuator_figures, response_figures
+from seaid.report.formats import Column, is_partial, probability, share, short, table_of, words
 from seaid.report.html_charts import (
     Axis,
     Layer,
@@ -35,39 +37,9 @@ from seaid.report.html_charts import (
     singular_chart,
     singular_values,
 )
-from seaid.report.html_experiment import (
-    excitation_table,
-    known_table,
-    log_facts,
-    measure_facts,
-    settings_facts,
-    setup_rows,
-    versions,
-)
 from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
-from seaid.report.html_tables import (
-    base_table,
-    bodies_table,
-    calibration_table,
-    condition_table,
-    contact_table,
-    difference_table,
-    drive_table,
-    error_rows,
-    error_table,
-    probability,
-    replay_error_table,
-    residual_table,
-    response_table,
-    share,
-    short,
-    table_of,
-    term_table,
-    whole_body_table,
-)
 from seaid.report.html_traces import Run, axis_time, traces_of
 from seaid.report.html_verdict import (
-    BeforeAfter,
     Nominal,
     Notice,
     before_and_after,
@@ -75,9 +47,8 @@ from seaid.report.html_verdict import (
     nominal_values,
     notices_of,
     page_verdict,
-    with_nominal_values,
 )
-from seaid.report.text import group_name, is_partial
+from seaid.report.text import group_name
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison
 
@@ -212,9 +183,9 @@ def write_comparison(
             "The robot: which drives differ",
         ),
         tests=tests,
-        table=difference_table(result),
+        table=tables.difference_table(result),
         numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
-        motions=measure_facts(names, result.measures),
+        motions=html_experiment.measure_facts(names, result.measures),
     )
     write_whole(path, page)
 
@@ -276,7 +247,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
             Axis("load less law", statics.load_unit),
             title=f"What the law of {name} leaves over the load",
         ),
-        table=calibration_table(found),
+        table=tables.calibration_table(found),
     )
     write_whole(path, page)
 
@@ -387,18 +358,18 @@ def _parameters(
 ) -> dict[str, Any]:
     """Return the template values of the estimates."""
     return {
-        "drives": drive_table(result, robot),
+        "drives": tables.drive_table(result, robot),
         "actuators": actuator_figures(result, robot),
-        "base": base_table(result, nominal),
-        "links": bodies_table(result, robot),
-        "whole": whole_body_table(result),
+        "base": tables.load_table(result.load, nominal.bodies),
+        "links": tables.bodies_table(result, robot),
+        "whole": tables.whole_body_table(result),
         "bodies": bodies_picture(
             posture, robot.parameters, result.robot.parameters, "Ellipsoids of inertia of the links"
         ),
         "feasible": result.feasible,
-        "terms": term_table(result),
-        "residuals": residual_table(result),
-        "conditions": condition_table(result),
+        "terms": tables.term_table(result),
+        "residuals": tables.residual_table(result),
+        "conditions": tables.condition_table(result),
         "singular": _singular(result),
         "correlations": _correlations(result),
     }
@@ -408,15 +379,15 @@ def _experiment(identification: Identification, facts: list[tuple[str, str]]) ->
     """Return the template values of data, settings and experiment."""
     return {
         "cutoff": f"{identification.cutoff_hz:.3g}",
-        "logs": log_facts(identification),
-        "used": settings_facts(identification),
-        "known": known_table(identification),
-        "setup": setup_rows(identification),
-        "excitation": excitation_table(identification),
-        "measures": measure_facts(("",), (measures_of(identification),)),
+        "logs": html_experiment.log_facts(identification),
+        "used": html_experiment.settings_facts(identification),
+        "known": html_experiment.known_table(identification),
+        "setup": html_experiment.setup_rows(identification),
+        "excitation": html_experiment.excitation_table(identification),
+        "measures": html_experiment.measure_facts(("",), (measures_of(identification),)),
         "command": [text for name, text in facts if name.lower() == "command"],
         "facts": [fact for fact in facts if fact[0].lower() != "command"],
-        "versions": versions(),
+        "versions": html_experiment.versions(),
     }
 
 
@@ -429,7 +400,8 @@ def _motions(
     notes: Sequence[str],
 ) -> dict[str, Any]:
     """Return the template values of the first screen and of the motions."""
-    errors = error_rows(identification, runs)
+    errors = tables.error_rows(runs, identification.robot)
+    errors += [row for run in runs for row in tables.base_rows(run)]
     traces = traces_of(identification, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
     notices = notices_of(identification, runs, replays, notes)
@@ -440,12 +412,12 @@ def _motions(
         "picture": robot_picture(
             posture, labels, "The robot: how well the torque of each joint is explained"
         ),
-        "bars": _bars(identification, pictured, nominal),
+        "bars": _bars(pictured, nominal),
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
-        "errors": error_table(errors),
+        "errors": tables.error_table(errors),
         "contacts": [
-            contact_table(run.name, run.result.contacts)
+            tables.contact_table(run.name, run.result.contacts)
             for run in runs
             if run.result.contacts is not None
         ],
@@ -462,7 +434,7 @@ def _responses(frequency: FrequencyResponse | None) -> dict[str, Any]:
     """Return the template values of a frequency response."""
     if frequency is None:
         return {"frequency": None, "responses": [], "springs": None}
-    figures, springs = response_figures(frequency), response_table(frequency)
+    figures, springs = response_figures(frequency), tables.response_table(frequency)
     return {"frequency": frequency, "responses": figures, "springs": springs}
 
 
@@ -492,7 +464,7 @@ def _replay(identification: Identification, result: ReplayComparison) -> dict[st
 
     return {
         "length": f"{float(result.time[-1] - result.time[0]):.3g}",
-        "table": replay_error_table(result),
+        "table": tables.replay_error_table(result),
         "pictures": [picture(int(index)) for index in np.argsort(-after)],
     }
 
@@ -502,51 +474,52 @@ def _labels(
 ) -> dict[str, Label]:
     """Return how well each joint is explained: on the load side, else on the actuator side."""
     flagged = {joint for n in notices if n.severity != "note" for joint in n.joints}
-    errors, rests = np.full(result.robot.n, np.nan), np.zeros(result.robot.n, dtype=bool)
-    for run in pictured:
-        load, actuator = run.result.load, run.result.actuator
-        errors = np.where(
-            np.isfinite(load.relative_error), load.relative_error, actuator.relative_error
-        )
-        rests = (load.counted_share == 0) | (actuator.counted_share == 0)
+    # Rows of the load side come last, and replace those of the actuator side.
+    errors = {row.joint: row.relative_error for row in tables.error_rows(pictured, result.robot)}
+    at_rest = {
+        joint
+        for run in pictured
+        for fit in (run.result.actuator, run.result.load)
+        for joint, counted in zip(run.result.joints, fit.counted_share, strict=True)
+        if counted == 0
+    }
     return {
         joint: Label(
             joint,
-            f"{share(error)} error" if np.isfinite(error) else _NO_ERROR[is_at_rest],
-            explained_as(error),
+            f"{share(errors[joint])} error" if joint in errors else _NO_ERROR[joint in at_rest],
+            explained_as(errors.get(joint, np.nan)),
             joint in flagged,
         )
-        for joint, error, is_at_rest in zip(
-            result.robot.joint_names, errors.tolist(), rests.tolist(), strict=True
-        )
+        for joint in result.robot.joint_names
     }
 
 
 _NO_ERROR = {False: "no torque", True: "stands still"}
 
 
-def _bars(result: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
+def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     """Return the errors before and after: bars of each side, as parts of the largest shown."""
-    rows = [row for run in pictured for row in _before_and_after(result, nominal, run.result)]
-    known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
+    rows = [row for run in pictured for row in before_and_after(nominal, run)]
+    known = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
-    bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.after)]
+    bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.relative_error)]
     has_rests = any(bar["counted"] for bar in bars)
     return {"sides": list(_sides(bars)), "full": share(full), "has_rests": has_rests}
 
 
-def _bar(row: BeforeAfter, full: float) -> dict[str, Any]:
+def _bar(row: tables.ErrorRow, full: float) -> dict[str, Any]:
     """Return the bars of a torque, which are whole at an error `full`."""
+    before, after = row.before, row.relative_error
     return {
         "joint": row.joint,
         "side": row.side,
-        "after": share(row.after),
-        "before": share(row.before) if np.isfinite(row.before) else "",
+        "after": share(after),
+        "before": share(before) if np.isfinite(before) else "",
         "reason": row.reason,
-        "counted": share(row.counted) if is_partial(row.counted) else "",
-        "colour": explained_as(row.after),
-        "after_length": round(100 * min(row.after / full, 1.0), 2),
-        "before_length": round(100 * min(np.nan_to_num(row.before, posinf=1.0) / full, 1.0), 2),
+        "counted": share(row.counted_share) if is_partial(row.counted_share) else "",
+        "colour": explained_as(after),
+        "after_length": round(100 * min(after / full, 1.0), 2),
+        "before_length": round(100 * min(np.nan_to_num(before, posinf=1.0) / full, 1.0), 2),
     }
 
 
@@ -562,16 +535,6 @@ def _sides(bars: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
                 "few": of_side[:_FEW_BARS],
                 "more": of_side[_FEW_BARS:],
             }
-
-
-def _before_and_after(
-    identification: Identification, nominal: Nominal, result: Validation
-) -> list[BeforeAfter]:
-    """Return the errors of the nominal and of the identified values on one motion."""
-    # The same equations and motions with other values, so that both errors are of the same samples.
-    nominal_result = with_nominal_values(identification, nominal)
-    before = compared(nominal_result, *result.motions) if result.motions else None
-    return before_and_after(nominal, before, result)
 
 
 def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:
@@ -597,7 +560,6 @@ def _singular(identification: Identification) -> dict[str, Any] | None:
 
 def _correlations(identification: Identification) -> dict[str, Any]:
     shown = correlation_map(identification)
-    strongest = [(first, second, short(value, 2)) for first, second, value in shown.strongest]
     return {
         "map": shown,
         "cells": cells_of(shown),
@@ -605,9 +567,8 @@ def _correlations(identification: Identification) -> dict[str, Any]:
             "correlations",
             "The strongest correlations: such parameters are better identifiable in combination "
             "than individually.",
-            ("Parameter", "With", "Correlation"),
-            strongest,
-            2,
+            (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS)),
+            shown.strongest,
         ),
         "data": _as_json({"names": shown.names, "data": packed_correlations(shown)}),
     }

@@ -26,8 +26,8 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
+from seaid.report.formats import is_partial, power_of_ten, powers_of_ten
 from seaid.report.html_traces import SIDES, axis_time, torque_units
-from seaid.report.text import is_partial
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -40,8 +40,6 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 10.0, 10.0, 44.0
 _TICKS = 5
 _FEW_POWERS = 3
 """Powers of ten of an axis below which it has ticks at 2 and 5 of each too."""
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +93,6 @@ def chart(
     return Markup("".join(parts))
 
 
-def powers_of_ten(text: str) -> str:
-    """Return a number such as 1.2e-05 as 1.2·10⁻⁵, other numbers with a proper minus."""
-    mantissa, _, exponent = text.replace("−", "-").partition("e")
-    raised = f"·10{str(int(exponent)).translate(_SUPERSCRIPTS)}" if exponent else ""
-    return mantissa.replace("-", "−") + raised
-
-
 @dataclass(frozen=True)
 class _Scale:
     """A map from values to places along an axis, `start` to `stop` in units of the SVG."""
@@ -120,7 +111,7 @@ class _Scale:
 
     @property
     def label(self) -> str:
-        power = f"10{str(self.power).translate(_SUPERSCRIPTS)}" if self.power else ""
+        power = power_of_ten(self.power) if self.power else ""
         unit = " ".join(part for part in (power, self.axis.unit) if part)
         return f"{self.axis.label} [{unit}]" if unit else self.axis.label
 
@@ -155,8 +146,7 @@ def _log_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
         values = [value for value in every if low <= value <= high]
         return values, [powers_of_ten(f"{value:g}") for value in values]
     powers = powers[:: max(1, math.ceil(len(powers) / 7))]
-    texts = [f"10{str(power).translate(_SUPERSCRIPTS)}" for power in powers]
-    return [10.0**power for power in powers], texts
+    return [10.0**power for power in powers], [power_of_ten(power) for power in powers]
 
 
 def _round_step(least: float) -> float:

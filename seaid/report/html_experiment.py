@@ -14,17 +14,21 @@ import numpy as np
 from seaid.checks import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable, total_ratio
 from seaid.log import has_holes, row_samples
-from seaid.report.html_tables import (
+from seaid.report import formats
+from seaid.report.formats import (
     NONE,
     Cell,
+    Column,
+    Measured,
     Table,
-    readable_unit,
-    rounded,
+    figures,
     seconds,
     short,
     table_of,
+    words,
 )
-from seaid.report.text import exact_text
+from seaid.report.tables import measured
+from seaid.report.text import exact_text, method_text
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
@@ -78,13 +82,13 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
     yield "Rows per joint", f"{len(row_samples(motion))} after decimation to the cutoff"
     yield "Positions", _positions(robot, motion)
-    for field, words in _SENSORS.items():
+    for field, name in _SENSORS.items():
         values = getattr(motion, field)
         if values is not None:
             logged = np.all(np.isfinite(values), axis=0)
             seen = [j for j, is_logged in zip(robot.joint_names, logged, strict=True) if is_logged]
             if seen:
-                yield words.capitalize(), _listed(seen, robot)
+                yield name.capitalize(), _listed(seen, robot)
 
 
 def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
@@ -135,8 +139,7 @@ def settings_facts(result: Identification) -> list[tuple[str, str]]:
     ]
     facts += [("Constants", text) for text in exact_text(result)]
     if robot.elastic_joints:
-        method = "simultaneous" if "both" in result.checks else "two-step: springs, then the load"
-        facts.insert(2, ("Method", method))
+        facts.insert(2, ("Method", method_text(result)))
     if result.model.absorbed:
         names = [readable(JointParameter(name, joint)) for joint, name, _ in result.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))
@@ -162,7 +165,7 @@ def known_table(identification: Identification) -> Table:
         identified = ", ".join(name.replace("_", " ") for name in names)
         rows.append((joint, _known_text(drive), identified or "nothing"))
     caption = "Known and identified parameters of each drive."
-    return table_of("known", caption, ("Joint", "Known", "Identified"), rows, 3)
+    return table_of("known", caption, words("joint", "known", "identified"), rows)
 
 
 def _known_text(drive: Drive) -> str:
@@ -210,12 +213,12 @@ def excitation_table(result: Identification) -> Table | None:
                 _cell(effort, float(robot.effort_limits[index]), torque),
             ]
         )
-    heads = ("Joint", "Position", "Largest speed", "Largest acceleration", "Largest torque")
+    heads = ("position", "largest speed", "largest acceleration", "largest torque")
     caption = (
         "Motions used for identification; bars are parts of the limits of the robot file. The "
         "torque is that of the motor, reflected to the joint."
     )
-    return table_of("excitation", caption, heads, rows)
+    return table_of("excitation", caption, (*words("joint"), *figures(*heads)), rows)
 
 
 def measure_facts(
@@ -276,18 +279,25 @@ def setup_rows(identification: Identification) -> Table:
         "Found about sensors and gears, with 95 % intervals, and as given. A delay below "
         f"{1e3 * LEAST_DELAY_S:g} ms may be friction that the model lacks."
     )
-    heads = ("Joint", "Quantity", "Found", "95 % interval", "As given", "Unit", "How")
-    return table_of("set-up", caption, heads, rows, 2, ("Unit", "How"))
+    columns = (
+        *(*words("joint", "quantity"), Column("found", formats.VALUE)),
+        *(Column("95 % interval", formats.INTERVAL), *figures("as given")),
+        *(Column("unit", formats.UNIT), *words("how")),
+    )
+    return table_of("set-up", caption, columns, rows)
 
 
-_Row = tuple[str, ...]
+_Row = tuple[str | Measured, ...]
 
 
-def _texts(value: float, error: float, reach: float | None = None) -> tuple[str, str]:
-    """Return a value and its 95 % interval as text; `reach` is half of it if not of a normal."""
-    reach = _NORMAL_95 * error if reach is None else reach
-    text = rounded(value, error, value - reach, value + reach)
-    return text.value, f"{text.lower} … {text.upper}" if np.isfinite(error) else NONE
+def _row(joint: str, quantity: str, found: Measured, given: str, how: str) -> _Row:
+    return joint, quantity, found, found if np.isfinite(found.error) else NONE, given, found, how
+
+
+def _normal(value: float, error: float, unit: str) -> Measured:
+    """Return a value with the 95 % interval of a normal distribution."""
+    reach = _NORMAL_95 * error
+    return Measured(value, error, value - reach, value + reach, unit)
 
 
 _NORMAL_95 = 1.96
@@ -303,14 +313,9 @@ def _ratio_row(identification: Identification, joint: str) -> Iterator[_Row]:
         known = f"{known} ± {short(drive.std['gear_ratio'], 2)}"
     unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
     how = "encoders and motor equation" if drive.is_elastic else "slope between both encoders"
-    yield (
-        joint,
-        "gear ratio",
-        *_texts(setup.gear_ratio, setup.gear_ratio_error),
-        known,
-        unit,
-        how + _gap(setup.gear_ratio - drive.ratio, setup.gear_ratio_error),
-    )
+    gap = _gap(setup.gear_ratio - drive.ratio, setup.gear_ratio_error)
+    found = _normal(setup.gear_ratio, setup.gear_ratio_error, unit)
+    yield _row(joint, "gear ratio", found, known, how + gap)
 
 
 def _gap(difference: float, error: float, least: float = 0.0) -> str:
@@ -330,15 +335,11 @@ def _delay_rows(identification: Identification, joint: str) -> Iterator[_Row]:
     setup = identification.setup.get(joint)
     if setup is not None and np.isfinite(setup.delay_s) and setup.delay_error_s < _LARGEST_DELAY_S:
         corrected = corrections.pop("motor_torque", 0.0)
-        yield (
-            joint,
-            "delay of motor torque",
-            # setup.delay_s remains after the correction by the description: the delay is the sum.
-            *_texts(1e3 * (corrected + setup.delay_s), 1e3 * setup.delay_error_s),
-            short(1e3 * corrected),
-            "ms",
-            "torque against the motion" + _gap(setup.delay_s, setup.delay_error_s, LEAST_DELAY_S),
-        )
+        # setup.delay_s remains after the correction by the description: the delay is the sum.
+        delay = _normal(1e3 * (corrected + setup.delay_s), 1e3 * setup.delay_error_s, "ms")
+        gap = _gap(setup.delay_s, setup.delay_error_s, LEAST_DELAY_S)
+        given = short(1e3 * corrected)
+        yield _row(joint, "delay of motor torque", delay, given, "torque against the motion" + gap)
     for quantity, delay_s in corrections.items():
         name = f"delay of {quantity.replace('_', ' ')}"
         yield joint, name, NONE, NONE, short(1e3 * delay_s), "ms", "corrected as described"
@@ -361,28 +362,25 @@ def _offset_rows(identification: Identification, joint: str) -> Iterator[_Row]:
             # d_0 = -f/k, var(d_0) = g^T C g with g its slopes (the delta method).
             slope = np.array([-1 / k, f / k**2])  # of -f / k
             error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
-            unit, how = drive.spring_units[1], "force of the spring at deflection zero"
             lower, upper = estimate.interval()[both[0]]
             # The 95 % quantile of the estimate, normal or Student's t, from its own interval.
             reach = error * (upper - lower) / (2 * estimate.standard_errors[both[0]])
-            yield joint, "offset of the deflection", *_texts(-f / k, error, reach), NONE, unit, how
-    yield from _estimated(joint, estimate, "deflection_zero", "motor equation")
+            offset = Measured(-f / k, error, -f / k - reach, -f / k + reach, drive.spring_units[1])
+            how = "force of the spring at deflection zero"
+            yield _row(joint, "offset of the deflection", offset, NONE, how)
+    yield from _estimated(joint, estimate, {"deflection_zero"}, "motor equation")
 
 
 def _gear_rows(identification: Identification, joint: str) -> Iterator[_Row]:
     """Yield what the deflection sensor says of the gear."""
     if gear := identification.gears.get(joint):
-        for name in gear.names:
-            yield from _estimated(joint, gear, name, "deflection sensor")
+        yield from _estimated(joint, gear, {*gear.names}, "deflection sensor")
 
 
-def _estimated(joint: str, estimate: Estimate, name: str, how: str) -> Iterator[_Row]:
-    if name in estimate.names:
-        place = estimate.names.index(name)
-        value, error = estimate.value(name), estimate.standard_error(name)
-        unit, (lower, upper) = readable_unit(estimate.units[place]), estimate.interval()[place]
-        texts = _texts(value, error, (upper - lower) / 2)
-        yield joint, name.replace("_", " "), *texts, NONE, unit, how
+def _estimated(joint: str, estimate: Estimate, names: set[str], how: str) -> Iterator[_Row]:
+    for name, found in measured(estimate):
+        if name in names:
+            yield _row(joint, name.replace("_", " "), found, NONE, how)
 
 
 def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull
 
 from seaid._arrays import Array, safely
 from seaid.robot import THIN, is_physical, pseudo_inertia
@@ -261,31 +262,13 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Labe
     rim = 0.62 * _circle(axis, 48)
     # Both faces of the cylinder; in parallel projection its outline is their common convex hull.
     near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
-    body = _hull(np.concatenate([near, far]))
+    both = np.concatenate([near, far])
+    body = both[ConvexHull(both).vertices]
     dot = view.places((center + 0.75 * size * axis)[None])[0]
     return (
         f'{head}<path class="side" d="{_path(body)}Z"/><path class="face" d="{_path(near)}Z"/>'
         f'<circle class="axle" cx="{dot[0]:.1f}" cy="{dot[1]:.1f}" r="2.2"/></g>'
     )
-
-
-def _hull(points: Array) -> Array:
-    """Return the convex hull of points (., 2), by the chains of Andrew."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
-
-    def chain(points: Array) -> list[Array]:
-        kept: list[Array] = []
-        for point in points:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 0:
-                kept.pop()
-            kept.append(point)
-        return kept[:-1]
-
-    return np.array([*chain(ordered), *chain(ordered[::-1])])
-
-
-def _turn(a: Array, b: Array, c: Array) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _labelled(

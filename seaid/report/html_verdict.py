@@ -16,27 +16,19 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
 from seaid.checks import POOR
-from seaid.drives import PARAMETERS_OF
+from seaid.drives import PARAMETERS_OF, readable
 from seaid.errors import SEVERITIES, Severity
-from seaid.identification import verdict_with
+from seaid.identification import compared, verdict_with
 from seaid.log import row_samples
-from seaid.report.html_tables import (
-    CORRELATED,
-    error_rows,
-    seconds,
-    share,
-    short,
-    side_name,
-    term_name,
-)
+from seaid.report.formats import seconds, share, short
+from seaid.report.tables import ErrorRow, error_rows, place_name, side_name, term_name
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.errors import Finding
     from seaid.estimation import Estimate
-    from seaid.identification import Fit, Identification, Validation
-    from seaid.report.html_tables import ErrorRow
+    from seaid.identification import Fit, Identification
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
@@ -48,6 +40,9 @@ _BADLY_PREDICTED = 0.2
 _WELL_PREDICTED = 0.05
 """Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
 on the measured robots of docs/results.md."""
+
+_CORRELATED = 0.9
+"""Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
 NOT_VALIDATED = (
     "Not validated on an unseen motion: how well the model fits its own motion says little about "
@@ -95,8 +90,8 @@ def _numbers(
     result: Identification, runs: Sequence[Run], replays: Sequence[ReplayComparison]
 ) -> Iterator[tuple[str, str, str]]:
     """Yield the numbers of the verdict, each with its name and a note."""
-    unseen = error_rows(result, [run for run in runs if run.is_unseen])
-    yield _prediction(unseen or error_rows(result, runs), bool(unseen))
+    unseen = error_rows([run for run in runs if run.is_unseen], result.robot)
+    yield _prediction(unseen or error_rows(runs, result.robot), bool(unseen))
     kinds = (("Drive parameters", result.drives.values()), ("Base parameters", [result.load]))
     for name, estimates in kinds:
         errors = _relative_errors(estimates)
@@ -205,7 +200,7 @@ def _validation_notices(identification: Identification, runs: Sequence[Run]) -> 
 def _badly_predicted(identification: Identification, run: Run) -> Iterator[Notice]:
     """Yield the notice of torques with a large error, of joints without a warning of their own."""
     warned = {finding.joint for finding in run.result.warnings}
-    rows = [row for row in error_rows(identification, [run]) if row.joint not in warned]
+    rows = [row for row in error_rows([run], identification.robot) if row.joint not in warned]
     bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
     if bad:
         torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
@@ -233,25 +228,22 @@ def _inconsistent_bodies(identification: Identification) -> Iterator[str]:
 
 def _poorly_determined(identification: Identification) -> Iterator[str]:
     for side, checks in identification.checks.items():
-        where = f"{side_name(side)}{'' if side in ('load', 'both') else f' of {side}'}"
         for text in checks.poorly_determined:
-            yield _sentence(f"{where}: {text}")
+            yield _sentence(f"{place_name(side)}: {text}")
 
 
 def _unsupported_terms(identification: Identification) -> Iterator[str]:
     for side, checks in identification.checks.items():
         for term in checks.terms:
             if term.bic <= 0:
-                yield (
-                    f"{_capital(term_name(side, term))}: not supported by the data (BIC "
-                    f"{short(term.bic)}); remove the term."
-                )
+                name = _capital(readable(term_name(side, term.terms[0])))
+                yield f"{name}: not supported by the data (BIC {short(term.bic)}); remove the term."
 
 
 def _autocorrelated(identification: Identification) -> Iterator[str]:
     for side, checks in identification.checks.items():
         for joint, white in checks.whiteness.items():
-            if white.first > CORRELATED:
+            if white.first > _CORRELATED:
                 yield (
                     f"The residual of {joint} ({side_name(side)}) is autocorrelated "
                     f"({white.first:.3g} at lag 1): the model lacks a term there, or a sensor has "
@@ -317,45 +309,51 @@ NO_BODIES = "the robot file has no inertial values"
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """The values of the robot files in the places of the estimates, zero where there are none.
+    """The `result` with the values of the robot files in place of the estimates, zero without one.
 
-    `drives` {joint: values} is in the order of `Identification.drive_side`, `load` in that of
-    `load_side`; `missing` {(side, joint): reason} names what keeps a joint from being predicted,
-    `zero` {(side, joint): reason} what counts as zero.
+    `bodies` are the base parameters among them, None without inertial values; `absent`
+    {(side, joint): names} are the parameters without a value.
     """
 
-    drives: dict[str, Array]
-    load: Array
-    missing: dict[tuple[str, str], str]
-    zero: dict[tuple[str, str], str]
-    has_bodies: bool
+    result: Identification
+    bodies: Array | None
+    absent: dict[tuple[str, str], list[str]]
+
+    def lack(self, side: str, joint: str) -> tuple[str, bool]:
+        """Return what a torque is without, and whether it can be predicted nevertheless."""
+        if side == "load" and self.bodies is None:
+            return NO_BODIES, False
+        names = self.absent.get((side, joint), [])
+        listed = ", ".join(name.replace("_", " ") for name in names)
+        if _NEEDED & set(names):
+            return f"no nominal {listed}", False
+        return f"without {listed}" if names else "", True
 
 
 def nominal_values(result: Identification, robot: Robot) -> Nominal:
     """Return the values of a robot's files for the parameters that were identified."""
     model = result.model
     drives = {
-        joint: np.nan_to_num(_drive_values(estimate, robot.drives[joint]))
+        joint: replace(estimate, values=np.nan_to_num(_drive_values(estimate, robot.drives[joint])))
         for joint, estimate in result.drive_side.items()
     }
     places = (*model.drives, *model.absorbed)
     values = np.array([robot.drives[of].values.get(name, 0.0) for of, name, _ in places])
-    absent = _absent(result, robot)
-    missing = {
-        key: f"no nominal {_listed_names(names)}"
-        for key, names in absent.items()
-        if _NEEDED & set(names)
-    }
-    has_bodies = not np.any(np.isnan(robot.parameters))
-    if not has_bodies:
-        missing |= {("load", joint): NO_BODIES for joint in robot.joint_names}
     count = len(model.drives)
     load = np.concatenate([result.base.project(np.nan_to_num(robot.parameters)), values[:count]])
     # theta_b = K pi + A x: absorbed drive parameters x are part of combinations and of drives.
     load = load + model.absorption @ values[count:]
     load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
-    zero = {key: f"without {_listed_names(names)}" for key, names in absent.items()}
-    return Nominal(drives, load, missing, zero, has_bodies)
+    has_bodies = not np.any(np.isnan(robot.parameters))
+    return Nominal(
+        replace(
+            result,
+            drive_side=FrozenMapping(drives),
+            load_side=replace(result.load_side, values=load),
+        ),
+        load[: len(result.load.names)] if has_bodies else None,
+        _absent(result, robot),
+    )
 
 
 def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[str]]:
@@ -375,10 +373,6 @@ def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[
     return absent
 
 
-def _listed_names(names: Sequence[str]) -> str:
-    return ", ".join(name.replace("_", " ") for name in names)
-
-
 def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     """Return the nominal values (p,) of a drive, its encoder zeros as identified."""
     fitted: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
@@ -391,45 +385,19 @@ def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     return np.array([values.get(name, np.nan) for name in estimate.names])
 
 
-def with_nominal_values(identification: Identification, nominal: Nominal) -> Identification:
-    """Return the identification with the nominal values as estimates."""
-    drives = {
-        joint: replace(estimate, values=nominal.drives[joint])
-        for joint, estimate in identification.drive_side.items()
-    }
-    load = replace(identification.load_side, values=nominal.load)
-    return replace(identification, drive_side=FrozenMapping(drives), load_side=load)
-
-
-@dataclass(frozen=True)
-class BeforeAfter:
-    """Relative errors of the torque of a joint; `reason` why `before` is NaN, or what it lacks.
-
-    `counted` is the share of the samples that count.
-    """
-
-    joint: str
-    side: str
-    before: float
-    after: float
-    reason: str
-    counted: float
-
-
-def before_and_after(
-    nominal: Nominal, before: Validation | None, result: Validation
-) -> list[BeforeAfter]:
-    """Return the errors of a validation by side and joint; `before` is that of nominal values."""
-    unkept = "the motion of this validation is not kept"
+def before_and_after(nominal: Nominal, run: Run) -> list[ErrorRow]:
+    """Return the errors of a run by side and joint, before with the nominal values."""
+    motions = run.result.motions
+    # The same equations and motions with other values, so that both errors are of the same samples.
+    before = compared(nominal.result, *motions) if motions else None
     rows = []
-    for side in ("load", "actuator"):
-        fit: Fit = getattr(result, side)
-        after, counted = fit.relative_error, fit.counted_share.tolist()
-        for index in np.flatnonzero(np.isfinite(after)).tolist():
-            joint = result.joints[index]
-            reason = nominal.missing.get((side, joint), "" if before else unkept)
-            error = np.nan if reason else getattr(before, side).relative_error[index]
-            note = reason or nominal.zero.get((side, joint), "")
-            row = BeforeAfter(joint, side, float(error), float(after[index]), note, counted[index])
-            rows.append(row)
+    for row in error_rows([run], nominal.result.robot):
+        reason, is_predicted = nominal.lack(row.side, row.joint)
+        if is_predicted and before is None:
+            reason = "the motion of this validation is not kept"
+        if is_predicted and before is not None:
+            fit: Fit = getattr(before, row.side)
+            error = float(fit.relative_error[before.joints.index(row.joint)])
+            row = replace(row, before=error)
+        rows.append(replace(row, reason=reason))
     return rows

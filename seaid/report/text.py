@@ -16,17 +16,31 @@ from seaid._progress import counted, field_texts
 from seaid.drives import JointParameter
 from seaid.errors import listed
 from seaid.log import has_holes
-from seaid.robot import BASE_ROWS
+from seaid.report import formats, tables
+from seaid.report.formats import (
+    Column,
+    Measured,
+    Table,
+    cut,
+    figures,
+    number,
+    numbers,
+    percent,
+    shares,
+    table_of,
+    words,
+)
+from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
     from seaid.checks import TermComparison
     from seaid.errors import Finding
-    from seaid.estimation import Estimate, TermTest
+    from seaid.estimation import Estimate
     from seaid.excitation import Excitation, ExcitationMeasures
     from seaid.identification import (
         Conditions,
+        CutoffSensitivity,
         FeasibleParameters,
-        Fit,
         FrequencyResponse,
         Identification,
         SetupCheck,
@@ -82,9 +96,9 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
     """Return an aligned table, the first column left-aligned, the others right-aligned."""
     from rich import box
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Drawing
 
-    drawn = Table(box=box.SIMPLE_HEAD)
+    drawn = Drawing(box=box.SIMPLE_HEAD)
     for position, name in enumerate(header):
         drawn.add_column(name, justify="right" if position else "left", no_wrap=True)
     for row in rows:
@@ -95,6 +109,16 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
     return Text("\n".join(lines), _html(title, header, rows))
 
 
+def table_text(made: Table, title: str) -> Text:
+    """Return a table of a result as text."""
+    return table(title, *made.texts)
+
+
+def _listed(title: str, columns: Sequence[Column], rows: Iterable[Sequence[Any]]) -> Text:
+    """Return a table that no page has."""
+    return table_text(table_of("", "", columns, rows), title)
+
+
 def fields_table(data: Any) -> Text:
     """Return the fields of an object that differ from their defaults."""
     return table(repr(data), ["field", "value"], [[*row] for row in field_texts(data)])
@@ -102,37 +126,29 @@ def fields_table(data: Any) -> Text:
 
 def robot_table(robot: Robot) -> Text:
     """Return joints, drives and bodies of a robot."""
-    rows = [
-        [
-            joint,
-            "prismatic" if is_prismatic else "revolute",
+    kinds = [
+        (
+            *(joint, is_prismatic),
             f"{'series elastic' if drive.is_elastic else 'stiff'}, ratio {number(drive.ratio)}",
-            body,
-            number(mass),
-        ]
-        for joint, is_prismatic, drive, body, mass in zip(
-            robot.joint_names,
-            robot.is_prismatic,
-            robot.drives.values(),
-            robot.body_names[: robot.n],
-            robot.parameters[::10][: robot.n],
-            strict=True,
+        )
+        for joint, is_prismatic, drive in zip(
+            robot.joint_names, robot.is_prismatic, robot.drives.values(), strict=True
         )
     ]
-    rows += [
-        [j.name, "prismatic" if j.is_prismatic else "revolute", _mimic_text(j), body, number(m)]
-        for j, body, m in zip(
-            robot.dependent_joints,
-            robot.body_names[robot.n :],
-            robot.parameters[::10][robot.n :],
-            strict=False,
+    kinds += [
+        (joint.name, joint.is_prismatic, _mimic_text(joint)) for joint in robot.dependent_joints
+    ]
+    rows = [
+        (name, "prismatic" if slides else "revolute", drive, body, mass)
+        for (name, slides, drive), body, mass in zip(
+            kinds, robot.body_names, robot.parameters[::10], strict=False
         )
     ]
     if robot.floating_base is not None:
-        base = robot.floating_base.link
         kind = "free" if robot.floating_base.normal is None else "planar"
-        rows.append(["", kind, "", base, number(robot.parameters[-10])])
-    return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
+        rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
+    columns = (*words("joint", "type", "drive", "body"), *numbers("mass [kg]"))
+    return _listed(repr(robot), columns, rows)
 
 
 def _mimic_text(joint: DependentJoint) -> str:
@@ -142,44 +158,31 @@ def _mimic_text(joint: DependentJoint) -> str:
 
 def log_table(log: Log) -> Text:
     """Return the range of each sensor of a log."""
-    rows = [
-        [name, number(values.min()), number(values.max()), number(values.std())]
-        for name, values in log.columns().items()
-    ]
-    return table(repr(log), ["sensor", "least", "largest", "std. deviation"], rows)
+    rows = [(name, x.min(), x.max(), x.std()) for name, x in log.columns().items()]
+    return _listed(
+        repr(log), (*words("sensor"), *numbers("least", "largest", "std. deviation")), rows
+    )
 
 
 def estimate_table(estimate: Estimate) -> Text:
     """Return the parameters of an estimate with standard errors."""
-    rows = [
-        [cut(name), number(value), number(error), percent(error / (abs(value) or np.nan)), unit]
-        for name, value, error, unit in entries(estimate)
-    ]
-    header = ["parameter", "estimated", "std. error", "rel.", "unit"]
-    return table(counted(len(rows), "parameter"), header, rows)
+    made = tables.load_table(estimate, head="parameter")
+    return table_text(made, counted(len(made.rows), "parameter"))
 
 
 def frequency_table(found: FrequencyResponse) -> Text:
     """Return resonances, damping and springs of elastic joints, and the noise of the response."""
-    rows = [
-        [f"{name.replace('_', ' ')} of {joint}", number(value), number(error), unit]
-        for joint, estimate in found.drives.items()
-        for name, value, error, unit in entries(estimate)
-    ]
-    header = ["parameter", "estimated", "std. error", "unit"]
     # (F, n, n) -> (F, n): each joint's angle over its own motor torque.
     size = np.abs(np.einsum("fii->fi", found.response))
     parts = [np.einsum("fii->fi", std) / size for std in (found.noise_std, found.total_std)]
-    quality = [
-        [joint, *(percent(float(np.median(part[:, place]))) for part in parts)]
-        for place, joint in enumerate(found.joints)
-    ]
+    quality = zip(found.joints, *(np.median(part, axis=0) for part in parts), strict=True)
     text = "Response of each motor: standard deviation, median over frequencies"
+    columns = (*words("joint"), *shares("by noise", "with nonlinear distortion"))
     return joined(
         [
             repr(found),
-            table("Springs", header, rows),
-            table(text, ["joint", "by noise", "with nonlinear distortion"], quality),
+            table_text(tables.response_table(found), "Springs"),
+            _listed(text, columns, quality),
             *warning_lines(found.warnings),
         ]
     )
@@ -202,10 +205,9 @@ def cross_check_text(check: CrossCheck) -> Text:
 
 def excitation_table(plan: Excitation) -> Text:
     """Return the criterion of a planned motion and the expected standard errors."""
-    errors = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
-    rows = [[cut(name), number(error), unit] for name, error, unit in errors]
-    header = ["parameter", "expected std. error", "unit"]
-    return joined([repr(plan), *condition_lines(plan), table("Parameters", header, rows)])
+    rows = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
+    columns = (Column("parameter", formats.GROUPING), Column("expected std. error"), *words("unit"))
+    return joined([repr(plan), *condition_lines(plan), _listed("Parameters", columns, rows)])
 
 
 def condition_lines(plan: Excitation) -> list[str]:
@@ -221,23 +223,9 @@ def condition_lines(plan: Excitation) -> list[str]:
     ]
 
 
-def drive_table(
-    title: str,
-    identification: Identification,
-    known: Robot | None = None,
-    compared: tuple[str, str] = ("true", "off by"),
-) -> Text:
+def drive_table(title: str, identification: Identification, known: Robot | None = None) -> Text:
     """Return Table 1 of the paper: drive parameters with standard errors, and known values."""
-    header = ["joint", "parameter", "estimated", "std. error", "rel."]
-    rows = []
-    for joint, estimate in identification.drives.items():
-        values = {} if known is None else known.drives[joint].own_values
-        for name, value, error, unit in entries(estimate):
-            exact = values.get(name, np.nan)
-            off = [number(exact), percent(value / exact - 1 if exact else np.nan)]
-            numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
-            rows.append([joint, name, *numbers, *([] if known is None else off), unit])
-    return table(title, [*header, *([] if known is None else compared), "unit"], rows)
+    return table_text(tables.drive_table(identification, known), title)
 
 
 def load_table(title: str, identification: Identification, truth: Robot | None = None) -> Text:
@@ -245,16 +233,8 @@ def load_table(title: str, identification: Identification, truth: Robot | None =
 
     Long groupings are shortened; `parameters.json` has them in full.
     """
-    header = ["base parameter", "estimated", "std. error", "rel."]
-    true = np.full(len(identification.load.values), np.nan)
-    if truth is not None:
-        true = identification.base.project(truth.parameters)
-    rows = []
-    for exact, (name, value, error, unit) in zip(true, entries(identification.load), strict=True):
-        off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
-        numbers = [number(value), number(error), percent(error / (abs(value) or np.nan))]
-        rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
-    return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
+    true = None if truth is None else identification.base.project(truth.parameters)
+    return table_text(tables.load_table(identification.load, true), title)
 
 
 def identification_table(found: Identification) -> Text:
@@ -267,13 +247,9 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
 
     With `details` base parameters, processing and checks follow.
     """
-    values = {joint: drive.own_values for joint, drive in nominal.drives.items()}
-    compares = any({*estimate.names} & {*values[joint]} for joint, estimate in found.drives.items())
     parts = _verdict_lines(found)
     if found.drives:
-        parts.append(
-            drive_table("Drives", found, nominal if compares else None, ("nominal", "change"))
-        )
+        parts.append(drive_table("Drives", found, nominal))
     parts += [*_fit_tables(found), *_whole_body_table(found)]
     return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
 
@@ -282,6 +258,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
     return [
         _sources_text(identification),
         *_processing_text(identification),
+        *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
         *(_whole_body_table(identification) if drives else []),
@@ -293,19 +270,9 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
 
 def _whole_body_table(identification: Identification) -> list[Text]:
     """Return the table of the mass and the centre of mass of a robot with a floating base."""
-    from seaid.identification import whole_body
-
-    rows = [
-        [
-            quantity.name,
-            number(quantity.value) if quantity.is_determined else "not determined",
-            number(quantity.standard_error) if quantity.is_determined else "",
-            quantity.unit,
-        ]
-        for quantity in whole_body(identification)
-    ]
+    made = tables.whole_body_table(identification)
     title = "Whole robot, in the frame of its base at the mean posture"
-    return [table(title, ["", "identified", "std. error", "unit"], rows)] if rows else []
+    return [table_text(made, title)] if made.rows else []
 
 
 def _sources_text(identification: Identification) -> str:
@@ -375,23 +342,14 @@ def _gain_lines(robot: Robot) -> list[str]:
 
 def _fit_tables(identification: Identification) -> list[Text]:
     """Return the table of the unexplained torques, if there is one."""
-    header = [
-        "joint",
-        "own logs",
-        "excluded blocks",
-        "motor equation",
-        "identified bodies",
-        "robot file",
-    ]
     rows = [
-        [
-            joint,
-            *(percent(x) for x in (fit.own, fit.blocks, fit.motor, fit.identified, fit.nominal)),
-        ]
+        (joint, fit.own, fit.blocks, fit.motor, fit.identified, fit.nominal)
         for joint, fit in identification.joint_fits.items()
     ]
+    heads = ("own logs", "excluded blocks", "motor equation", "identified bodies", "robot file")
     title = "Unexplained torque, of that without its mean (rms)"
-    return [table(title, header, rows), *_residual_text(identification)] if rows else []
+    made = _listed(title, (*words("joint"), *shares(*heads)), rows)
+    return [made, *_residual_text(identification)] if rows else []
 
 
 def _residual_text(result: Identification) -> list[Text]:
@@ -406,19 +364,15 @@ def _residual_text(result: Identification) -> list[Text]:
 
 def setup_table(found: SetupCheck) -> Text:
     """Return the numbers of a check of the set-up, and its warnings."""
-    header = ["joint", "swing", "encoder slope", "error by file", "by any bodies", "motor equation"]
     rows = [
-        [
-            joint,
-            number(setup.swing),
-            number(setup.encoder_slope),
-            *(percent(error) for error in (setup.nominal, setup.bodies, setup.motor)),
-        ]
+        (joint, setup.swing, setup.encoder_slope, setup.nominal, setup.bodies, setup.motor)
         for joint, setup in found.joints.items()
     ]
-    tables = [table("Torques that the set-up as given leaves unexplained", header, rows)]
+    errors = shares("error by file", "by any bodies", "motor equation")
+    columns = (*words("joint"), *numbers("swing", "encoder slope"), *errors)
+    made = _listed("Torques that the set-up as given leaves unexplained", columns, rows)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
-    return joined([*(tables if rows else []), *warning_lines(found.warnings), *nothing])
+    return joined([*([made] if rows else []), *warning_lines(found.warnings), *nothing])
 
 
 def _processing_text(identification: Identification) -> list[str]:
@@ -427,6 +381,18 @@ def _processing_text(identification: Identification) -> list[str]:
     kind = "stretches" if has_holes(identification.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""
     return [f"processing{more}: {processing}" for processing in identification.processing[:1]]
+
+
+_METHODS = {
+    "simultaneous": "simultaneous: both sides of the springs at once",
+    "two-step": "two-step: the springs, then the load",
+}
+
+
+def method_text(identification: Identification) -> str:
+    """Return the method of an identification, with the reason for two steps if there is one."""
+    reason = identification.not_shared
+    return _METHODS[identification.method] + (f", since {reason}" if reason else "")
 
 
 def exact_text(identification: Identification) -> list[str]:
@@ -441,38 +407,16 @@ def checks_table(identification: Identification) -> Text:
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
     residual even of a complete model; the standard errors account for that.
     """
-    terms: list[list[str]] = []
-    residuals: list[list[str]] = []
-    conditions: list[str] = []
-    poorly: list[str] = []
-    for side, checks in identification.checks.items():
-        drive_names = f" of {side}", "actuator", f"the actuator side of {side}"
-        suffix, column, name = _SIDES.get(side, drive_names)
-        terms += [[term.terms[0] + suffix, *_term_numbers(term)] for term in checks.terms]
-        residuals += [
-            [joint, column, number(white.first), number(white.durbin_watson)]
-            for joint, white in checks.whiteness.items()
-        ]
-        conditions.append(
-            f"condition number of {name} (columns of unit norm): {checks.condition_number:.3g}"
-        )
-        poorly += [f"! {text}" for text in checks.poorly_determined]
-    header = ["term", "residual without", "F", "BIC", "supported"]
-    parts: list[str]
-    parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
-    if residuals:
-        header = ["residual", "side", "autocorrelation", "Durbin-Watson"]
-        parts.append(table("Residuals: autocorrelation at lag 1", header, residuals))
-    return joined([*parts, *conditions, *poorly])
-
-
-_SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
-"""How a term, a residual and a condition number name a side of several joints."""
-
-
-def _term_numbers(term: TermTest) -> list[str]:
-    supported = "yes" if term.bic > 0 else "no"
-    return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), supported]
+    titles = {
+        "Terms of the drives: support by the data": tables.term_table,
+        "Residuals: autocorrelation at lag 1": tables.residual_table,
+        "Regressions: condition numbers of columns of unit norm": tables.condition_table,
+    }
+    made = {title: of(identification) for title, of in titles.items()}
+    poorly = [
+        f"! {x}" for checks in identification.checks.values() for x in checks.poorly_determined
+    ]
+    return joined([*(table_text(x, title) for title, x in made.items() if x.rows), *poorly])
 
 
 def feasible_text(found: FeasibleParameters) -> Text:
@@ -492,113 +436,38 @@ def _feasible_text(feasible: FeasibleParameters) -> list[str]:
 
 
 def validation_table(result: Validation) -> Text:
-    """Return relative errors by joint and side: below the cutoff, and unfiltered.
+    """Return relative errors by side and joint: below the cutoff, and unfiltered.
 
     If samples at standstill do not count, also the share of those that do, and the error of all.
     """
-    sides = (result.actuator, result.load)
-    title = "Unseen motion: relative error below the cutoff; unfiltered"
-    columns = {"raw": "raw_relative_error"}
-    if any(map(is_partial, np.concatenate([fit.counted_share for fit in sides]).tolist())):
-        title = (
-            "Unseen motion: relative error below the cutoff; share of the samples counted, those "
-            "away from standstill; error at all samples; unfiltered"
-        )
-        columns = {"counted": "counted_share", "all": "relative_error_with_standstill", **columns}
-    kinds, empty = ["relative_error", *columns.values()], ["-"] * len(columns)
-    header = ["joint", "motor torque", *columns, "load torque", *columns]
-    rows = _error_rows(result.joints, sides, kinds)
-    whole = [percent(fit.whole_relative_error) for fit in sides]
-    rows += [["all joints", whole[0], *empty, whole[1], *empty]] * (len(rows) > 1)
-    if result.base is not None:
-        rows += _error_rows(BASE_ROWS, [result.base], kinds, "-", *empty)
-    is_empty = all(np.all(np.isnan(fit.measured)) for fit in sides)
-    nothing = Text("Unseen motion: no joint has a torque that could be compared")
-    tables = [nothing if is_empty else table(title, header, rows), *_contact_tables(result)]
-    return joined([*tables, *warning_lines(result.warnings)])
-
-
-def _error_rows(
-    names: Sequence[str], sides: Sequence[Fit], kinds: Sequence[str], *start: str
-) -> list[list[str]]:
-    """Return a row for each name: its `start`, and its errors of these kinds on each side."""
-    columns = [getattr(fit, kind) for fit in sides for kind in kinds]
-    return [
-        [name, *start, *(percent(column[place]) for column in columns)]
-        for place, name in enumerate(names)
-    ]
-
-
-def is_partial(share: float) -> bool:
-    """Return whether a share is visibly less than all."""
-    return bool(np.isfinite(share)) and percent(share) != percent(1.0)
-
-
-def _contact_tables(result: Validation) -> list[Text]:
-    """Return the table of the contact forces of a robot with a floating base."""
-    forces = result.contacts
-    if forces is None:
-        return []
-    header = ["contact", "parameters", "measured", "error", "", "normal", "least", "std. error"]
-    names = ("rms_force", "rms_error", "mean_normal", "least_normal", "standard_error")
-    rows = []
-    for place, link in enumerate(forces.links):
-        rms, error, *normal = (number(getattr(forces, name)[place]) for name in names)
-        relative = percent(forces.relative_error[place])
-        used = f"{forces.friction_used[place]:.2f}"
-        rows.append([link, forces.basis[place], rms, error, relative, *normal, used])
-    title = "Contact forces [N]: measured (rms) and error; predicted normal force; friction used"
-    sums = (forces.vertical, forces.measured_vertical, forces.weight)
-    texts = ("sum of the predicted normal forces {} N", "of the measured ones {} N", "weight {} N")
-    known = [text.format(number(x)) for text, x in zip(texts, sums, strict=True) if np.isfinite(x)]
-    return [table(title, [*header, "friction"], rows), Text(", ".join(known))]
+    run = Run("", result, False)
+    joints = tables.error_rows([run])
+    made = [tables.error_table([*joints, *tables.whole_rows(run)])]
+    title = "Unseen motion: relative error below the cutoff"
+    nothing = "Unseen motion: no joint has a torque that could be compared"
+    contacts = [] if result.contacts is None else [tables.contact_table("motion", result.contacts)]
+    return joined(
+        [
+            *([] if joints else [nothing]),
+            *(table_text(x, title) for x in made if x.rows),
+            *(table_text(x, x.caption) for x in contacts),
+            *warning_lines(result.warnings),
+        ]
+    )
 
 
 def replay_table(result: ReplayComparison) -> Text:
     """Return the errors of the replays by two models by joint, and those over the noise."""
-    header = ["joint", "mean abs before", "after", "rms before", "after", "after/noise", "unit"]
-    errors = (*result.mean_absolute_errors, *result.rms_errors)
-    rows = [
-        [
-            joint,
-            *(f"{1e3 * error[index]:.3g}" for error in errors),
-            f"{errors[3][index] / result.noise[index]:.2g}" if result.noise[index] > 0 else "-",
-            "mm" if result.is_prismatic[index] else "mrad",
-        ]
-        for index, joint in enumerate(result.joints)
-    ]
-    means = result.mean_errors
-    if len(result.joints) > len(means):
-        for unit, mean in means.items():
-            start, end = ("all joints", "") if len(means) == 1 else (_ALL[unit], unit)
-            rows.append([start, *(f"{1e3 * error:.3g}" for error in mean), "", end])
     length = float(result.time[-1] - result.time[0])
     title = f"Replay of {length:.4g} s by nominal (before) and identified (after) model"
-    return joined([table(title, header, rows), *warning_lines(result.warnings)])
-
-
-_ALL = {"mrad": "all revolute joints", "mm": "all prismatic joints"}
+    errors = table_text(tables.replay_error_table(result), title)
+    return joined([errors, *warning_lines(result.warnings)])
 
 
 def comparison_table(result: Comparison) -> Text:
     """Return the parameters of two identifications side by side, with their differences."""
     first, second = result.names
-    header = ["parameter", first, second, "change", "", "std. error", "change/s.e.", "p", "unit"]
-    rows = [
-        [
-            cut(difference.text),
-            f"{number(difference.first)} +- {difference.first_error:.2g}",
-            f"{number(difference.second)} +- {difference.second_error:.2g}",
-            number(difference.change),
-            percent(difference.relative_change),
-            f"{difference.error:.2g}",
-            f"{difference.significance:+.1f}{' *' if difference.is_significant else ''}",
-            f"{difference.p_value:.2g}",
-            difference.unit,
-        ]
-        for difference in result.differences
-    ]
-    title = f"{first} and {second}: value +- standard error; * differs significantly"
+    title = f"{first} and {second}: value +- standard error"
     tests = [
         f"{group_name(group)} as a whole: chi-square "
         f"{number(test.chi_square)} for {counted(test.freedom, 'parameter')}, p {test.p_value:.2g}"
@@ -610,7 +479,7 @@ def comparison_table(result: Comparison) -> Text:
         if parameters
     ]
     rest = [*only, *measure_lines(result.names, result.measures or ()), result.sentence]
-    return joined([table(title, header, rows), *tests, *rest])
+    return joined([table_text(tables.difference_table(result), title), *tests, *rest])
 
 
 def measure_text(measures: ExcitationMeasures) -> str:
@@ -635,34 +504,35 @@ def measure_lines(names: Sequence[str], every: Sequence[ExcitationMeasures]) -> 
     return lines
 
 
-def number(value: float) -> str:
-    """Return a number with four digits, a dash for NaN."""
-    return f"{value:.4g}" if np.isfinite(value) else "-"
+_LONGEST = 40
+"""Letters of the name of a parameter in a table with a column for each cutoff."""
 
 
-def percent(value: float) -> str:
-    """Return a ratio in percent with two digits, a dash for NaN."""
-    if not np.isfinite(value):
-        return "-"
-    if abs(value) >= 1e4:
-        return f"{100 * value:.0e} %"
-    return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
-
-
-def entries(estimate: Estimate | StaticCalibration) -> list[tuple[str, float, float, str]]:
-    """Return (name, value, standard error, unit) of each parameter."""
-    values, errors = estimate.values.tolist(), estimate.standard_errors.tolist()
-    return list(zip(estimate.names, values, errors, estimate.units, strict=True))
+def sensitivity_table(result: CutoffSensitivity) -> Text:
+    """Return each estimate by cutoff (selected one in brackets), and its largest change."""
+    marked = [
+        f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
+        for place, cutoff in enumerate(result.cutoffs_hz)
+    ]
+    selected = result.standard_errors[result.proposed]
+    rows = [
+        (cut(name, _LONGEST), *values, error, f"{move:.1f} s.e.", unit)
+        for name, values, error, move, unit in zip(
+            result.names, result.values.T, selected, result.moves, result.units, strict=True
+        )
+    ]
+    columns = (
+        *(*words("parameter"), *numbers(*marked), Column("std. error", formats.TWO_DIGITS)),
+        *(*figures("change"), Column("unit", formats.UNIT)),
+    )
+    title = "Estimates over the cutoff; change: largest between half and twice the selected one"
+    refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
+    return joined([_listed(title, columns, rows), *refused])
 
 
 def group_name(group: str) -> str:
     """Return the name of the parameters of a drive, or of the base parameters."""
     return "base parameters" if group == "load" else f"drive of {group}"
-
-
-def cut(text: str, longest: int = 56) -> str:
-    """Return a text, cut to a number of letters."""
-    return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 
 _WIDTH = 100
@@ -727,44 +597,43 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
 
 def conditions_table(together: Conditions) -> Text:
     """Return the specific parameters, whether they differ by the BIC, and the shared ones."""
-    rows = []
-    for name, test in together.differences.items():
-        values = [_value_text(result, name) for result in together.identifications.values()]
-        differ = "yes" if test.bic > 0 else "no"
-        rows.append([name, *values, number(test.F), number(test.bic), differ])
-    count = len(together.identifications)
-    size = "(value +- standard error)"
-    first = next(iter(together.identifications.values()))
-    named = [JointParameter(x, joint) for joint, drive in first.drives.items() for x in drive.names]
-    shared = [x for x in (*named, *first.load.names) if x not in together.differences]
-    common = table(
-        f"{count} conditions: shared parameters {size}",
-        ["parameter", "all conditions"],
-        [[name, _value_text(first, name)] for name in shared],
-    )
+    named = together.identifications
+    first = next(iter(named.values()))
+    rows = [
+        (
+            name,
+            *(_condition_value(result, name) for result in named.values()),
+            *(test.F, test.bic, "yes" if test.bic > 0 else "no"),
+        )
+        for name, test in together.differences.items()
+    ]
+    every = [JointParameter(x, joint) for joint, drive in first.drives.items() for x in drive.names]
+    shared = [
+        (name, _condition_value(first, name))
+        for name in (*every, *first.load.names)
+        if name not in together.differences
+    ]
+    title = f"{len(named)} conditions: {{}} parameters (value +- standard error)"
+    parameter = Column("parameter", formats.GROUPING)
+    value = Column("all conditions", formats.VALUE_AND_ERROR)
+    common = _listed(title.format("shared"), (parameter, value), shared)
     if not rows:
         return common
-    title = f"{count} conditions: condition-specific parameters {size}"
-    header = ["parameter", *together.identifications, "F", "BIC", "differ"]
-    return joined([table(title, header, rows), "", common])
+    values = (Column(name, formats.VALUE_AND_ERROR) for name in named)
+    columns = (parameter, *values, *numbers("F", "BIC"), *figures("differ"))
+    return joined([_listed(title.format("condition-specific"), columns, rows), "", common])
 
 
-def _value_text(identification: Identification, name: str) -> str:
+def _condition_value(identification: Identification, name: str) -> Measured:
     estimate, key = identification.load_side, name
     if name not in estimate.names and isinstance(name, JointParameter):
         estimate, key = identification.drives[name.joint], name.parameter
-    return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
+    return Measured(estimate.value(key), estimate.standard_error(key))
 
 
 def statics_table(found: StaticCalibration) -> Text:
     """Return the parameters of a calibration from statics, with rms, linearity and hysteresis."""
-    rows = [
-        [name, number(value), number(error), f"{number(low)} to {number(high)}", unit]
-        for (name, value, error, unit), (low, high) in zip(
-            entries(found), found.intervals.tolist(), strict=True
-        )
-    ]
-    header = ["parameter", "estimated", "std. error", "95 % interval", "unit"]
+    made = table_text(tables.calibration_table(found), f"Calibration from statics, {found.law} law")
     lines = [
         f"rms {found.rms:.3g} {found.statics.load_unit} over "
         f"{counted(len(found.statics.load), 'load')}, nonlinearity {percent(found.linearity)}"
@@ -774,34 +643,31 @@ def statics_table(found: StaticCalibration) -> Text:
     else:
         lines[0] += " of the range of the load; no hysteresis without loads up and down"
     lines += [f"! {finding}" for finding in found.warnings]
-    return joined([table(f"Calibration from statics, {found.law} law", header, rows), *lines])
+    return joined([made, *lines])
 
 
 def terms_table(selection: TermSelection) -> Text:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
-    header = ["joint: term", "step", "F", "BIC", "excluded blocks", "better", "supported"]
+    columns = (
+        *(*words("joint: term"), *figures("step"), *numbers("F", "BIC")),
+        *figures("excluded blocks", "better", "supported"),
+    )
     rows = [_term_row(term) for term in selection.comparisons]
     notes = [f"! {_label(term)}: {term.reason}" for term in selection.comparisons if term.reason]
     title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
-    return joined([table(title, header, rows), *notes, *_recommendation(selection)])
+    return joined([_listed(title, columns, rows), *notes, *_recommendation(selection)])
 
 
-def _term_row(candidate: TermComparison) -> list[str]:
-    if candidate.comparison is None:
-        return [_label(candidate), str(candidate.step + 1), *["-"] * 4, "not tested"]
-    gain = candidate.comparison
-    excluded = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
-    supported = "selected" if candidate.selected else "yes" if gain.is_supported else "no"
-    blocks = f"{gain.better} of {gain.blocks}"
-    return [
-        _label(candidate),
-        str(candidate.step + 1),
-        number(gain.F),
-        number(gain.bic),
-        excluded,
-        blocks,
-        supported,
-    ]
+def _term_row(candidate: TermComparison) -> tuple[Any, ...]:
+    gain, start = candidate.comparison, (_label(candidate), str(candidate.step + 1))
+    if gain is None:
+        return (*start, *["-"] * 4, "not tested")
+    return (
+        *(*start, gain.F, gain.bic),
+        f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}",
+        f"{gain.better} of {gain.blocks}",
+        "selected" if candidate.selected else "yes" if gain.is_supported else "no",
+    )
 
 
 def _label(candidate: TermComparison) -> str:

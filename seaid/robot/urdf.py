@@ -514,7 +514,10 @@ def _followed(path: Path, name: str, mimics: Mapping[str, Mimic]) -> Mimic:
     leader, multiplier, offset, passed = name, 1.0, 0.0, list[str]()
     while leader in mimics:
         if leader in passed:
-            raise RobotError(f"URDF '{path}': mimic joints follow each other: {listed(passed)}")
+            raise RobotError(
+                f"URDF '{path}': mimic joints follow each other: {listed(passed)}: remove the "
+                "<mimic> of one"
+            )
         passed.append(leader)
         mimic = mimics[leader]
         # q = m q1 + c and q1 = m1 q2 + c1 give q = (m m1) q2 + (m c1 + c)
@@ -611,11 +614,17 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
                     f"URDF '{path}': joint '{joint.name}' names link '{link}', which is not there"
                 )
         if joint.child in parents:
-            raise RobotError(f"URDF '{path}': link '{joint.child}' has two parent joints")
+            raise RobotError(
+                f"URDF '{path}': link '{joint.child}' has two parent joints, and a URDF is a tree: "
+                "keep one of them, which opens a closed chain"
+            )
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        names = shortened(roots, 500) if roots else "none"
+        remedy = "join all but one to another link, by a joint of type fixed if it does not move"
+        names = (
+            f"{shortened(roots, 500)}; {remedy}" if roots else "none; remove a joint of its loop"
+        )
         raise RobotError(f"URDF '{path}' is not one tree: links without parent: {names}")
     _check_reachable(path, roots[0], links, parents)
     return roots[0]
@@ -629,7 +638,9 @@ def _check_reachable(
         way: dict[str, None] = {}
         while link not in reached:
             if link in way:
-                raise RobotError(f"URDF '{path}' is not a tree: loop through link '{link}'")
+                raise RobotError(
+                    f"URDF '{path}' is not a tree: loop through link '{link}': remove a joint of it"
+                )
             way[link] = None
             link = parents[link]
         reached.update(way)

@@ -78,17 +78,12 @@ class Picture:
         Raises RobotError for positions [rad or m] of another shape or not finite.
         """
         robot, model = self.robot, self.robot.model
-        q = robot.expand(finite("joint positions", q, (robot.n,), RobotError))
-        bodies, body_of = [pin.SE3.Identity()] * (len(q) + 1), [0]
-        for joint, index in enumerate(robot.model_order, 1):  # parents come before children
-            body_of.append(index + 1)
-            # X_joint = X_parent X_placement exp(axis q)
-            placement = bodies[body_of[model.parents[joint]]] * model.jointPlacements[joint]
-            axis, value = self.axes[index], float(q[index])
-            turn = np.eye(3) if robot.all_prismatic[index] else pin.exp3(value * axis)
-            shift = value * axis if robot.all_prismatic[index] else np.zeros(3)
-            bodies[index + 1] = placement * pin.SE3(turn, shift)
-        return bodies
+        q = finite("joint positions", q, (robot.n,), RobotError)
+        data = model.createData()
+        pin.forwardKinematics(model, data, robot.to_model(q))
+        # Joint 0 of the model is the base. Each placement is copied, since it belongs to the data.
+        places = [0, *(1 + np.argsort(robot.model_order))]
+        return [pin.SE3(data.oMi[int(place)]) for place in places]
 
     def outline(self, postures: Array) -> Array:
         """Return points (., 3) [m] that enclose the visible parts in postures (P, n)."""

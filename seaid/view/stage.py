@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array
 from seaid.view.picture import NEUTRAL, Picture
 from seaid.view.shapes import Color
 
@@ -77,10 +77,14 @@ def put_on_stage(server: Any, picture: Picture) -> Stage:
 def place(frames: Sequence[Any], placements: Sequence[pin.SE3]) -> None:
     """Move the frames of bodies to their placements."""
     for frame, placement in zip(frames, placements, strict=True):
-        # Eigen has the scalar last, viser first.
-        x, y, z, w = pin.Quaternion(placement.rotation).normalized().coeffs()
         frame.position = tuple(placement.translation)
-        frame.wxyz = (w, x, y, z)
+        frame.wxyz = _wxyz(pin.Quaternion(placement.rotation))
+
+
+def _wxyz(turn: pin.Quaternion) -> tuple[float, float, float, float]:
+    """Return a rotation as viser has it: the scalar first, which Eigen has last."""
+    x, y, z, w = turn.normalized().coeffs().tolist()
+    return w, x, y, z
 
 
 def paint(joints: Sequence[Any], colors: Sequence[Color]) -> None:
@@ -129,7 +133,7 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
         section_color=(205, 210, 215),
         fade_distance=12 * radius,
         position=tuple(floor),
-        wxyz=(turn.w, turn.x, turn.y, turn.z),
+        wxyz=_wxyz(turn),
     )
 
 
@@ -199,10 +203,16 @@ def _lines(server: Any, picture: Picture, root: str, color: Color) -> tuple[Any,
 
 def _drum(server: Any, picture: Picture, index: int) -> Any:
     """Add a cylinder about the axis of a joint."""
-    axis, (radius, half_length) = picture.axes[index], _drum_size(picture, index)
-    vertices, faces = _cylinder(radius, half_length, axis)
-    return server.scene.add_mesh_simple(
-        f"/robot/{index + 1}/joint", vertices, faces, color=NEUTRAL, flat_shading=True
+    radius, half_length = _drum_size(picture, index)
+    # The cylinder of viser stands along z.
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), picture.axes[index])
+    return server.scene.add_cylinder(
+        f"/robot/{index + 1}/joint",
+        radius,
+        2.0 * half_length,
+        NEUTRAL,
+        radial_segments=40,
+        wxyz=_wxyz(turn),
     )
 
 
@@ -219,14 +229,6 @@ def _drum_size(picture: Picture, index: int) -> tuple[float, float]:
             near = np.abs(along[distance < 3.0 * radius])
             half_length = max(half_length, float(np.max(near, initial=0.0)) + 0.3 * radius)
     return radius, min(half_length, 4.0 * radius)
-
-
-def _cylinder(radius: float, half_length: float, axis: Array) -> tuple[Array, IndexArray]:
-    import trimesh
-
-    ends = [-half_length * axis, half_length * axis]
-    mesh = trimesh.creation.cylinder(radius, segment=ends, sections=40)
-    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
 
 
 def _names(server: Any, picture: Picture) -> tuple[Any, ...]:
@@ -275,7 +277,6 @@ def _ellipsoids(server: Any, picture: Picture, which: str, color: Color) -> tupl
             lines = np.swapaxes(e.center + ends, 0, 1)
             nodes.append(server.scene.add_line_segments(name, lines, WRONG, thickness=radius / 2))
             continue
-        x, y, z, w = pin.Quaternion(e.rotation).normalized().coeffs()
         nodes += [
             server.scene.add_icosphere(
                 name,
@@ -285,7 +286,7 @@ def _ellipsoids(server: Any, picture: Picture, which: str, color: Color) -> tupl
                 subdivisions=2 if which == "nominal" else 4,
                 wireframe=which == "nominal",
                 opacity=0.35 if which == "nominal" else 0.6,
-                wxyz=(w, x, y, z),
+                wxyz=_wxyz(pin.Quaternion(e.rotation)),
                 position=tuple(e.center),
                 cast_shadow=False,
             ),

@@ -154,6 +154,17 @@ def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path
     opened.page.screenshot(path=PICTURES / "light.png", full_page=True)
 
 
+def test_no_mark_follows_a_gap_and_one_line_is_between_links_and_first_section(
+    opened: Opened,
+) -> None:
+    """A key keeps its distance from the next one, and so do the marks behind it."""
+    behind = """() => [...document.querySelectorAll("#actuators .whole")].map(
+        (key) => key.nextSibling.textContent[0])"""
+    assert set(opened.find(behind)) == {" "}
+    border = "getComputedStyle(document.querySelector('main > section')).borderTopWidth"
+    assert opened.find(border) == "0px"
+
+
 def test_click_on_a_name_in_the_legend_hides_its_trace_and_shows_it_again(opened: Opened) -> None:
     computed = opened.page.locator("#torque .u-series", has_text="computed")
     before = opened.ink("torque", "computed")

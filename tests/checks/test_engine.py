@@ -14,12 +14,14 @@ from seaid.checks.engine import (
     ModelComparison,
     Selection,
     compare_models,
+    equation_of,
     forward_selection,
     linear_candidate,
     time_blocks,
 )
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import term_test
+from seaid.estimation.fitting import ESTIMATORS, fit
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 
@@ -42,6 +44,18 @@ def rows(
         excluded=0,
         propagated=np.empty((count, 0)),
     )
+
+
+def test_an_equation_without_rows_takes_its_weight_with_it() -> None:
+    """The weights of the others once moved up by one place."""
+    data = rows((1.0, -2.0, 0.0, 0.0), count=600)
+    joint = np.arange(600.0) % 3
+    data = replace(data, joint=joint, y=data.y * np.array([1.0, 5.0, 25.0])[joint.astype(int)])
+    fitted = fit(data, ESTIMATORS["wls"])
+    without = replace(fitted, rows=data.at(joint != 1))
+    expected = equation_of(fitted).weight[joint != 1]
+    assert len(np.unique(expected)) == 2
+    np.testing.assert_array_equal(equation_of(without).weight, expected)
 
 
 def first(data: Regression, count: int) -> Regression:

@@ -29,8 +29,7 @@ from seaid.checks.feet import (
 from seaid.errors import Finding, LogError, SeaidError
 from seaid.identification import with_leg_order
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
-from seaid.log.base_columns import VectorSource
-from seaid.log.description import Source
+from seaid.log.description import Source, VectorSource
 from seaid.regressor import contact_map, load_model_of, load_regression, radius_rows
 from tests.identification.test_floating_base import go2
 

@@ -167,3 +167,21 @@ def _arrays(value: Any) -> list[np.ndarray]:
     if isinstance(value, list | tuple):
         return [array for part in value for array in _arrays(part)]
     return [] if isinstance(value, str) else [np.asarray(value)]
+
+
+@pytest.mark.parametrize("case", ["leg", "arm"])
+def test_a_rotor_of_unknown_inertia_does_not_look_like_bodies(case: str) -> None:
+    """Its inertia is that of the motor equation (7): the misfits are those of a known one."""
+    robot, log = CASES[case][0](), CASES[case][1]()
+    unknown = robot.with_drives(
+        {
+            joint: replace(robot.drives[joint], motor_inertia_kg_m2=None)
+            for joint in robot.elastic_joints
+        }
+    )
+    known, estimated = experiment(robot, log), experiment(unknown, log)
+    for joint in robot.elastic_joints:
+        j = robot.index(joint)
+        for misfit in ("nominal", "free", "of_motors"):
+            true = getattr(known, misfit)[j]
+            assert getattr(estimated, misfit)[j] == pytest.approx(true, rel=0.1, abs=0.002)

@@ -167,6 +167,52 @@ def test_a_contact_is_named_with_its_time() -> None:
     assert "exclude_s = [[" in contact.remedy
 
 
+@pytest.mark.slow  # an identification of the leg from two logs and its checks
+def test_a_contact_is_named_with_its_log() -> None:
+    """Windows of all logs once counted as those of one, and the remedy named none of them."""
+    clean, log = leg_log(), leg_log(seed=2)
+    torque = log.motor_torque.copy()
+    touched = (log.time > 2.0) & (log.time < 2.6)
+    torque[touched, 0] += 0.5 * np.ptp(torque[:, 0])
+    found = seaid.identify(leg(), [clean, replace(log, motor_torque=torque)])
+    (contact,) = [one for one in found.warnings if one.code == "contact"]
+    assert " s of log 2 the torques of hip_yaw" in contact.message
+    assert contact.remedy.startswith("in the description of log 2:\nexclude_s = [[")
+
+
+def test_contacts_of_several_logs_have_their_own_times() -> None:
+    """Of both together less than half of the windows are between the first and the last one."""
+    rng, instants, starts_s = np.random.default_rng(0), 800, (4.0, 30.0)
+    time = np.tile(0.05 * np.arange(instants), 2)
+    run = np.repeat([0.0, 1.0], instants)
+    H = rng.normal(size=(len(time), 2))
+    after = time - np.array(starts_s)[run.astype(int)]
+    y = H @ np.ones(2) + 0.1 * rng.normal(size=len(time)) + 3.0 * ((after > 0) & (after < 2.0))
+    rows = Regression(
+        names=("a", "b"),
+        units=("", ""),
+        H=H,
+        y=y,
+        joint=np.zeros(len(y)),
+        time=time,
+        run=run,
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+    )
+    fit = FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
+    whole = RobotFit(("knee",), fit, logs={0: 1, 1: 2})
+    assert [contact.run for contact in whole.contacts] == [0, 1]
+    for contact, start_s in zip(whole.contacts, starts_s, strict=True):
+        assert contact.start_s <= start_s < start_s + 2.0 <= contact.end_s
+        assert contact.end_s - contact.start_s < 3.0
+        assert set(rows.run[contact.touches(rows)]) == {contact.run}
+    remedies = [one.remedy for one in fit_findings(whole) if one.code == "contact"]
+    assert [remedy.splitlines()[0] for remedy in remedies] == [
+        "in the description of log 1:",
+        "in the description of log 2:",
+    ]
+
+
 @pytest.mark.slow  # an identification of the leg and its checks
 def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
     log = leg_log()

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
-from typing import get_args
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 from typer.testing import CliRunner
 
 import seaid
+from seaid.cli import excite, simulate
 from seaid.cli.commands import COMMANDS, app, command_of
-from seaid.cli.completion import BY_JOINT, CHOICES, FILES, LOGS, SENSORS, completer_of
-from seaid.cli.excite import LimitOptions
-from seaid.cli.simulate import NoiseOptions
+from seaid.cli.kinds import LOGS, SENSORS
+from seaid.cli.options import IdentifyOptions, RobotOptions
+from seaid.errors import Severity
 from seaid.estimation import EstimatorName
 from seaid.excitation import BasisName, CriterionName
+from seaid.excitation.multisine import Spectrum
 from seaid.identification import Method
+from seaid.identification.static_calibration import Law
 from seaid.log.readers.opening import READERS
 from seaid.regressor import Sensor
+from seaid.robot import BaseKind
 
 ROOT = Path(__file__).parents[2]
 LEG = str(ROOT / "models" / "tulip_leg.urdf")
@@ -41,13 +47,15 @@ def offered(line: str, folder: Path, shell: str = "bash") -> list[str]:
 @pytest.mark.parametrize(
     ("line", "found"),
     [
-        ("seaid gear", ["gear-ratio"]),
+        ("seaid freq", ["frequency"]),
         (f"seaid identify {LEG} --estimator ", ["ols", "wls", "huber", "tukey", "iv"]),
         (f"seaid identify {LEG} --estimator h", ["huber"]),
         (f"seaid identify {LEG} --method s", ["simultaneous"]),
         (f"seaid identify {LEG} --fail-on d", ["doubtful"]),
         (f"seaid excite {LEG} --basis ", ["bspline", "polynomial", "fourier", "multisine"]),
         (f"seaid excite {LEG} --criterion d", ["d_optimality"]),
+        (f"seaid export {LEG} --format m", ["mjcf", "mjlab"]),
+        (f"seaid excite {LEG} --spectrum v", ["velocity"]),
         (f"seaid inspect {LEG} --joints ", JOINTS),
         (f"seaid inspect {LEG} --joints hip_yaw,hip_r", ["hip_yaw,hip_roll"]),
         (f"seaid inspect {LEG} --joints knee_pitch,k", []),
@@ -84,19 +92,69 @@ def test_other_shells_are_offered_the_same(tmp_path: Path, shell: str) -> None:
     assert "knee" not in found
 
 
+def choices_of(function: Any) -> dict[str, tuple[str, ...]]:
+    """Return {parameter: its values} of those that have few."""
+    hints = get_type_hints(function)
+    literals = {name: [hint, *get_args(hint)] for name, hint in hints.items()}
+    return {
+        name: get_args(hint)
+        for name, parts in literals.items()
+        for hint in parts
+        if get_origin(hint) is Literal
+    }
+
+
+LIBRARY: dict[str, Any] = {
+    "estimator": EstimatorName,
+    "method": Method,
+    "basis": BasisName,
+    "spectrum": Spectrum,
+    "criterion": CriterionName,
+    "base": BaseKind,
+    "law": Law,
+    "fail_on": Severity,
+}
+
+
 def test_choices_are_those_of_the_library() -> None:
-    assert CHOICES["estimator"] == get_args(EstimatorName)
-    assert CHOICES["method"] == get_args(Method)
-    assert CHOICES["basis"] == get_args(BasisName)
-    assert CHOICES["criterion"] == get_args(CriterionName)
+    functions = [getattr(import_module(f"seaid.cli.{name}"), name) for name in COMMANDS]
+    groups = {hint for one in functions for hint in get_type_hints(one).values()}
+    found = [choices_of(one) for one in (*functions, *filter(is_dataclass, groups))]
+    for choices in found:
+        for name in {*choices} & {*LIBRARY}:
+            assert {*choices[name]} == {*get_args(LIBRARY[name])}, name
+    assert {*LIBRARY} <= {name for choices in found for name in choices}
     assert {*SENSORS} == {*get_args(Sensor)}
     assert {*READERS} <= {*LOGS}
-    by_joint = [one.name for group in (LimitOptions, NoiseOptions) for one in fields(group)]
-    assert {*BY_JOINT} == {*by_joint, "position_gain", "velocity_gain"}
-    assert {one.name for one in fields(seaid.Limits)} <= {*BY_JOINT}
 
 
-TO_WRITE = ("output", "figure", "joint_trajectory", "folder")
+def default_of(function: Any, name: str) -> Any:
+    return signature(function).parameters[name].default
+
+
+@pytest.mark.parametrize(
+    ("command", "function", "names"),
+    [
+        (IdentifyOptions, seaid.identify, ("method", "estimator", "encoder_offset_std")),
+        (RobotOptions, seaid.load_robot, ("gravity", "base", "independent_mimics")),
+        (excite.MotionOptions, seaid.design_excitation, ("basis",)),
+        (
+            excite.SearchOptions,
+            seaid.design_excitation,
+            ("criterion", "starts", "iterations", "seed"),
+        ),
+        (excite.MultisineOptions, seaid.excitation.Multisine, ("spectrum", "period_s", "posture")),
+        (excite.StanceOptions, seaid.excitation.Stance, ("friction", "sole_m", "least_load")),
+        (excite.LimitOptions, seaid.Limits, tuple(one.name for one in fields(seaid.Limits))),
+        (simulate.simulate, seaid.simulate, ("rate_hz", "seed")),
+    ],
+)
+def test_defaults_are_those_of_the_library(command: Any, function: Any, names: Any) -> None:
+    for name in names:
+        assert default_of(command, name) == default_of(function, name), name
+
+
+TO_WRITE = ("output", "figure", "joint_trajectory", "randomization", "folder")
 
 
 def test_every_file_of_a_command_is_completed() -> None:
@@ -105,8 +163,7 @@ def test_every_file_of_a_command_is_completed() -> None:
         for one in command_of(name).params:
             kind = one.type_descriptor.annotation
             if kind in (Path, list[Path]) and one.name not in TO_WRITE:
-                assert one.name in FILES, (name, one.name)
-    assert completer_of("output") is None
+                assert one._custom_shell_complete is not None, (name, one.name)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.cli.defaults import contact_text
-from seaid.cli.options import contacts_of
+from seaid.cli.kinds import contact_text, contacts_of
 from tests.cli.test_cli import done, refused, run
 from tests.identification.test_floating_base import STANDING, swayed
 
@@ -43,6 +42,22 @@ def test_inspect_shows_what_stances_determine() -> None:
     assert "together" in text.splitlines()[-2]
     assert " 94 " in text.splitlines()[-2]
     assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
+
+
+@pytest.mark.parametrize(
+    ("robot", "option", "value"),
+    [
+        (GO2, "--sensors", "motor_position,motor_torque"),
+        (GO2, "--plan", "plan.json"),
+        (("go2",), "--stance", "air"),
+    ],
+)
+def test_inspect_refuses_what_is_not_for_the_base(
+    robot: tuple[str, ...], option: str, value: str
+) -> None:
+    said = run("inspect", *robot, option, value)
+    assert said.code == 2
+    assert f"leave {option} out" in said.err
 
 
 @pytest.mark.slow  # simulates and identifies a quadruped

@@ -30,30 +30,30 @@ KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", 
 
 ARGUMENTS = {
     "inspect": "arm.urdf --drives arm.toml",
-    "crosscheck": "arm.urdf",
+    "inspect --exact": "arm.urdf",
     "excite": "arm.urdf --duration 2 --starts 1 --iterations 3",
     "simulate": "arm.urdf short_plan.json --drives arm.toml",
     "describe": "run.csv",
     "check": "arm.urdf run.csv --drives arm.toml",
+    "check --delays": "arm.urdf run.csv --drives arm.toml",
+    "check --gear-ratios": "arm.urdf run.csv --drives arm.toml",
+    "check --terms": "arm.urdf run.csv --drives arm.toml --of elbow",
+    "calibrate": "weights.csv",
     "identify": "arm.urdf run.csv --drives arm.toml",
+    "identify --refine": "arm.urdf run.csv --drives arm.toml",
+    "identify --condition a=run.csv": "arm.urdf --drives arm.toml --condition b=other.csv",
+    "frequency": "arm.urdf run.csv --drives arm.toml --band 0.3,5",
     "validate": "arm.urdf other.csv --from run.csv --drives arm.toml",
+    "validate --cross": "arm.urdf run.csv other.csv --drives arm.toml",
     "replay": "arm.urdf other.csv --from run.csv --drives arm.toml",
-    "terms": "arm.urdf run.csv --drives arm.toml --of elbow",
+    "compare": "run.npz other.npz",
     "report": "arm.urdf --from run.csv --drives arm.toml",
     "export": "arm.urdf --from run.csv --drives arm.toml",
-    "frequency": "arm.urdf run.csv --drives arm.toml --band 0.3,5",
-    "refine": "arm.urdf run.csv --drives arm.toml",
-    "delays": "arm.urdf run.csv --drives arm.toml",
-    "gear-ratio": "arm.urdf run.csv --drives arm.toml",
-    "cross-validate": "arm.urdf run.csv other.csv --drives arm.toml",
-    "conditions": "arm.urdf --drives arm.toml --condition a=run.csv --condition b=other.csv",
-    "compare": "run.npz other.npz",
-    "codegen": "arm.urdf",
-    "calibrate": "weights.csv",
+    "export --format python": "arm.urdf",
 }
-"""A line for each command, without its output."""
+"""A line for each command and for what it does on request, without its output."""
 
-SLOW = ("frequency", "refine", "replay")
+SLOW = ("frequency", "identify --refine", "replay")
 """Commands that fit or simulate for more than a second."""
 
 OF_PROJECTS = ("init", "run")
@@ -68,24 +68,27 @@ READ: dict[str, Callable[[str], object]] = {
     "html": str.split,
     "py": ast.parse,
 }
-SUFFIX |= {"describe": "toml", "terms": "toml", "export": "urdf", "validate": "json"}
+SUFFIX |= {"describe": "toml", "check --terms": "toml", "export": "urdf", "validate": "json"}
 SUFFIX |= {
-    "refine": "json",
-    "delays": "csv",
-    "conditions": "json",
-    "codegen": "py",
+    "identify --refine": "json",
+    "check --delays": "csv",
+    "identify --condition a=run.csv": "json",
+    "export --format python": "py",
     "compare": "html",
     "calibrate": "html",
     "replay": "html",
 }
+VERDICTS = ("identify", "identify --refine", "validate", "report", "export", "replay")
+"""Lines whose result is judged."""
 
 
 def test_every_command_but_the_view_is_tried_here() -> None:
-    assert {*ARGUMENTS} == {*COMMANDS} - {"view", *OF_PROJECTS}
+    tried = {line.split()[0] for line in ARGUMENTS}
+    assert tried == {*COMMANDS} - {"view", *OF_PROJECTS}
     outputs = {
-        name for name in ARGUMENTS if any("--output" in one.opts for one in command_of(name).params)
+        name for name in tried if any("--output" in one.opts for one in command_of(name).params)
     }
-    assert outputs == {*SUFFIX}
+    assert outputs == {line.split()[0] for line in SUFFIX}
 
 
 @pytest.mark.parametrize(
@@ -98,18 +101,17 @@ def test_json_of_a_command_and_its_result_on_stdout(
     """With --json stdout has the JSON, with `-o -` what the file has; else nothing is written."""
     monkeypatch.chdir(arm)
     before = {*arm.iterdir()}
-    line, suffix = ARGUMENTS[command].split(), SUFFIX.get(command)
+    line, suffix = [*command.split(), *ARGUMENTS[command].split()], SUFFIX.get(command)
     file = tmp_path / f"out.{suffix}"
-    content = json.loads(done(command, *line, *(("-o", file) if suffix else ()), "--json").out)
+    content = json.loads(done(*line, *(("-o", file) if suffix else ()), "--json").out)
     assert [*content] == KEYS
-    assert content["format"] == f"seaid {command} 1"
-    assert content["command"] == command
+    assert content["format"] == f"seaid {line[0]} 1"
+    assert content["command"] == line[0]
     assert content["robot"] == (None if command in ("describe", "calibrate") else "small_arm")
     assert content["error"] is None
     assert isinstance(content["result"], dict)
     assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
-    has_verdict = command in ("identify", "validate", "report", "export", "refine", "replay")
-    assert (content["verdict"] is not None) == has_verdict
+    assert (content["verdict"] is not None) == (command in VERDICTS)
     if suffix:
         check_stdout(command, line, file)
     assert {*arm.iterdir()} == before
@@ -117,13 +119,13 @@ def test_json_of_a_command_and_its_result_on_stdout(
 
 def check_stdout(command: str, line: list[str], file: Path) -> None:
     """Check that `-o -` writes the result to stdout and the text to stderr."""
-    printed = done(command, *line, "-o", "-")
+    printed = done(*line, "-o", "-")
     if command != "report":
         written = [re.sub(r"\d\d:\d\d UTC", "", x) for x in (printed.out, file.read_text())]
         assert written[0].rstrip("\n") == written[1].rstrip("\n")
     READ[SUFFIX[command]](printed.out)
     assert "Results: " not in printed.out + printed.err
-    said = run(command, *line, "-o", "-", "--json")
+    said = run(*line, "-o", "-", "--json")
     assert said.code == 2
     assert "stdout has the JSON: name a file" in said.err
 
@@ -178,8 +180,8 @@ def test_a_failed_comparison_prints_one_json(arm: Path, monkeypatch: pytest.Monk
 
     apart = seaid.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
     monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
-    said = run("crosscheck", arm / "arm.urdf", "--json")
-    assert json.loads(said.out)["result"]["agree"] is False
+    said = run("inspect", arm / "arm.urdf", "--exact", "--json")
+    assert json.loads(said.out)["result"]["exact"]["agree"] is False
     assert said.code == 1
 
 

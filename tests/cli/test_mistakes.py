@@ -33,36 +33,38 @@ MISTAKES = {
     "check arm.urdf run.csv --description arm.toml": "--description: 'arm.toml' has drives: give",
     "check arm.urdf run.csv ./run.csv": "'run.csv' is given twice, which would count its samples",
     "validate arm.urdf other.csv --from run.csv --from run.csv": "'run.csv' is given twice",
-    "conditions arm.urdf --condition a=run.csv --condition b=run.csv": "'run.csv' is given twice",
+    "identify arm.urdf --condition a=run.csv --condition b=run.csv": "'run.csv' is given twice",
     "validate arm.urdf run.csv --from run.csv": "'run.csv' is used for the identification",
     "report arm.urdf --from run.csv --validate run.csv": "is used for the identification",
     "simulate arm.urdf run.csv": "trajectory 'run.csv' is not JSON",
     "export arm.urdf --parameters run_plan.json -o {}/a.urdf": "no file of identified parameters",
     "inspect empty.urdf": "URDF 'empty.urdf'",
     "check arm.urdf empty.csv": "'empty.csv' is empty; a log starts with a line of column names",
+    "check arm.urdf weights.csv": "custom columns need --description (seaid describe infers one)",
     "inspect arm.urdf --drives bad.toml": "drives 'bad.toml' is not valid TOML",
     # names that are not there
     "inspect arm.urdf --joints Elbow": "--joints: 'small_arm': no joint is named 'Elbow'; did you",
     "check arm.urdf run.csv --torque-joints elbo": "--torque-joints: no joint is named 'elbo'; did",
-    "terms arm.urdf run.csv --of elbo -o {}/a.toml": "--of: no joint is named 'elbo'; did you mean",
+    "check arm.urdf run.csv --terms --of elbo -o {}/a.toml": "--of: no joint is named 'elbo'; did",
     "excite arm.urdf --velocity elbo=1 -o {}/p.json": "--velocity limit: no joint is named 'elbo'",
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
     "check arm.urdf run.csv --known-body uper": "--known-body: no body is named 'uper'; did you",
     "inspect arm.urdf --sensors eye": "no sensor is named 'eye'",
-    "conditions arm.urdf --condition a=run.csv --condition b=other.csv --specific viscus": (
+    "identify arm.urdf --condition a=run.csv --condition b=other.csv --specific viscus": (
         "--specific: no parameter is named 'viscus'; did you mean 'viscous_friction'?"
     ),
     "identify arm.urdf run.csv --known-std torqe=0.1 -o {}/a.json": (
         "--known-std: no constant is named 'torqe'; did you mean 'torque'?"
     ),
+    "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
     "identify arm.urdf run.csv --method twostep": "--method: no method is named 'twostep'; did you",
     # values out of range
     "inspect arm.urdf --payload lower:-1": "payload on 'lower' must have a mass of more than zero",
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
-    "cross-validate arm.urdf run.csv": "record more, or raise --cutoff-hz",
-    "cross-validate arm.urdf run.csv --parts 1 --cutoff-hz 9": "--parts must be a whole number of",
-    "delays arm.urdf run.csv --largest-s 1": "--largest-s must be above 0 and below a tenth of",
+    "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
+    "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
+    "check arm.urdf run.csv --delays --largest-s 1": "--largest-s must be above 0 and below a",
     "identify arm.urdf run.csv --encoder-offset-std -1 -o {}/a.json": "--encoder-offset-std must",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (
         '--estimator "iv" needs --method "two-step"'
@@ -99,6 +101,14 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("command", ["inspect", "check"])
+def test_a_name_that_is_too_long_for_a_file_is_refused(command: str) -> None:
+    name = 300 * "a"
+    for path in (name, f"{name}.urdf"):
+        logs = ["run.csv"] if command == "check" else []
+        assert "File name too long" in refused(command, path, *logs)
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -106,12 +116,11 @@ def test_a_mistake_is_said_in_one_line_with_its_remedy(
         ("inspect arm.urdf --drive arm.toml", "No such option: --drive"),
         ("inspect arm.urdf --payload lower=1", "is not link:mass:x,y,z, as foot:2.0:0.15,0,0"),
         ("inspect arm.urdf --gravity 9.81", "'9.81' is not x,y,z, as 0,0,-9.81"),
-        ("identify arm.urdf run.csv --fail-on bad", "'bad' is none of wrong, doubtful, note"),
         ("identify arm.urdf run.csv --known-std 3%", "a list as torque=0.03,payload=0.01"),
         ("identify arm.urdf run.csv --cutoff-hz six", "Invalid value for '--cutoff-hz'"),
         ("excite arm.urdf --velocity fast", "a list as knee=2,hip=1"),
         ("simulate arm.urdf run_plan.json -o a.mat", "'a.mat' must end in .csv or .npz"),
-        ("conditions arm.urdf --condition run.csv", "'run.csv' is not NAME=LOG, as warm=run.csv"),
+        ("identify arm.urdf --condition run.csv", "'run.csv' is not NAME=VALUE, as warm=run.csv"),
         ("compare a.json", "Invalid value for RUN: it is missing: name it"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -36,19 +37,22 @@ def test_refine_is_that_of_the_library_and_starts_from_a_run_too(
     arm: Path, runs: tuple[Path, Path], tmp_path: Path
 ) -> None:
     log, file = log_of(arm), tmp_path / "refined.json"
-    said = done("refine", *robot_and_drives(arm), arm / "run.csv", "-o", file)
+    said = done("identify", *robot_and_drives(arm), arm / "run.csv", "--refine", "-o", file)
     refined = seaid.refine(seaid.identify(robot_of(arm), log), log)
     assert json.loads(file.read_text())["drives"] == refined.to_dict()["drives"]
     assert "\nDrives\n" in said.out
     assert said.out.splitlines()[-1] == f"Results: {file}"
-    done("refine", arm / "run.csv", "--run", runs[0], "-o", tmp_path / "again.npz")
-    again = seaid.load_run(tmp_path / "again.npz").identification.to_dict()["drives"]
+    done("identify", arm / "run.csv", "--refine", "--run", runs[0], "-o", tmp_path / "again.npz")
+    saved = seaid.load_run(tmp_path / "again.npz")
+    used = {"iterations": 20, "run": str(runs[0]), "logs": (str(arm / "run.csv"),)}
+    assert used.items() <= saved.provenance["options"].items()
+    again = saved.identification.to_dict()["drives"]
     for joint, values in json.loads(file.read_text())["drives"].items():
         for name, one in values.items():
             assert again[joint][name]["value"] == pytest.approx(one["value"], rel=1e-9)
-    iterations = ("--iterations", "0", "-o", tmp_path / "no.json")
+    iterations = ("--refine", "--iterations", "0", "-o", tmp_path / "no.json")
     assert "did not converge" in refused(
-        "refine", *robot_and_drives(arm), arm / "run.csv", *iterations
+        "identify", *robot_and_drives(arm), arm / "run.csv", *iterations
     )
 
 
@@ -58,7 +62,14 @@ def test_delays_are_those_of_the_library_and_are_corrected(arm: Path, tmp_path: 
     late[5:, 0] = late[:-5, 0]  # the motor encoder of the shoulder is 5 ms late
     seaid.write_log(replace(log, motor_position=late), tmp_path / "late.csv")
     output = tmp_path / "corrected.csv"
-    line = ("delays", *robot_and_drives(arm), tmp_path / "late.csv", "--largest-s", "0.02")
+    line = (
+        "check",
+        *robot_and_drives(arm),
+        tmp_path / "late.csv",
+        "--delays",
+        "--largest-s",
+        "0.02",
+    )
     found = result_of(*line, "-o", output)["delays"]
     robot = robot_of(arm)
     own = seaid.estimate_delays(robot, seaid.read_log(tmp_path / "late.csv", robot), largest_s=0.02)
@@ -78,7 +89,9 @@ def test_delays_are_those_of_the_library_and_are_corrected(arm: Path, tmp_path: 
 
 
 def test_gear_ratios_are_those_of_the_library(arm: Path) -> None:
-    found = result_of("gear-ratio", *robot_and_drives(arm), arm / "run.csv", arm / "other.csv")
+    found = result_of(
+        "check", "--gear-ratios", *robot_and_drives(arm), arm / "run.csv", arm / "other.csv"
+    )
     logs = [log_of(arm), log_of(arm, "other.csv")]
     own = seaid.gear_ratio(
         [log.motor_position[:, 0] for log in logs], [log.joint_position[:, 0] for log in logs]
@@ -91,7 +104,7 @@ def test_gear_ratios_are_those_of_the_library(arm: Path) -> None:
     elbow = joints["elbow"]
     assert elbow["ratio"] == pytest.approx(100.0, abs=4 * elbow["standard_error"])
     assert elbow["misfit"] is None
-    text = done("gear-ratio", *robot_and_drives(arm), arm / "run.csv").out
+    text = done("check", "--gear-ratios", *robot_and_drives(arm), arm / "run.csv").out
     assert "in the drives file:\n[shoulder]\ngear_ratio = " in text
     assert "gear_ratio_std = " in text
 
@@ -101,7 +114,9 @@ def test_gear_ratio_behind_a_spring_uses_its_deflection(arm: Path, tmp_path: Pat
     deflection = log.motor_position / [50.0, 100.0] - log.joint_position
     deflection[:, 0] = np.nan
     seaid.write_log(replace(log, deflection=deflection), tmp_path / "both.csv")
-    found = result_of("gear-ratio", *robot_and_drives(arm), tmp_path / "both.csv")["joints"]
+    found = result_of("check", "--gear-ratios", *robot_and_drives(arm), tmp_path / "both.csv")[
+        "joints"
+    ]
     assert isinstance(found, dict)
     assert found["elbow"]["ratio"] == pytest.approx(100.0)
 
@@ -111,23 +126,25 @@ def test_cross_validation_is_that_of_the_library(arm: Path) -> None:
     robot, logs = robot_of(arm), [log_of(arm), log_of(arm, "other.csv")]
     options = ("--estimator", "ols", "--cutoff-hz", "6")
     files = (arm / "run.csv", arm / "other.csv")
-    found = result_of("cross-validate", *robot_and_drives(arm), *files, *options)["validations"]
+    found = result_of("validate", "--cross", *robot_and_drives(arm), *files, *options)[
+        "validations"
+    ]
     own = seaid.cross_validate(robot, logs, estimator="ols", cutoff_hz=6.0)
     assert isinstance(found, list)
     assert [one.pop("log") for one in found] == list(map(str, files))
     assert found == [json.loads(json.dumps(one.to_dict())) for one in own]
     parts = ("--parts", "2", "--cutoff-hz", "12")
-    text = done("cross-validate", *robot_and_drives(arm), arm / "run.csv", *parts).out
+    text = done("validate", "--cross", *robot_and_drives(arm), arm / "run.csv", *parts).out
     assert f"part 2 of {arm / 'run.csv'}\n" in text
     assert "--parts must be a whole number of at least 2, found 1" in refused(
-        *("cross-validate", *robot_and_drives(arm), arm / "run.csv", "--parts", "1")
+        *("validate", "--cross", *robot_and_drives(arm), arm / "run.csv", "--parts", "1")
     )
 
 
 def test_conditions_are_those_of_the_library(arm: Path, tmp_path: Path) -> None:
     output = tmp_path / "conditions.json"
     both = ("--condition", f"cold={arm / 'run.csv'}", "--condition", f"warm={arm / 'other.csv'}")
-    line = ("conditions", *robot_and_drives(arm), *both, "--specific", "viscous_friction")
+    line = ("identify", *robot_and_drives(arm), *both, "--specific", "viscous_friction")
     found = result_of(*line, "-o", output)
     robot = robot_of(arm)
     own = seaid.identify_conditions(
@@ -152,7 +169,7 @@ def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
     noise = ("--torque-std", "0.001", "--seed", "3")
     done("simulate", *drives, arm / "other_plan.json", *noise, "--payload", load, "-o", log)
     both = ("--condition", f"bare={arm / 'run.csv'}", "--condition", f"loaded={log}")
-    line = ("conditions", *drives, *both, "--specific", "")
+    line = ("identify", *drives, *both, "--specific", "")
     found = result_of(*line, "--condition-payload", f"loaded={load}")["conditions"]
     payload = seaid.Payload("lower", 0.4, (0.1, 0.0, 0.0))
     loaded = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml", payloads=[payload])
@@ -172,8 +189,8 @@ def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("conditions", "words"),
     [
-        (("cold",), "'cold' is not NAME=LOG, as warm=run.csv"),
-        (("=run.csv",), "is not NAME=LOG"),
+        (("cold",), "'cold' is not NAME=VALUE, as warm=run.csv"),
+        (("=run.csv",), "is not NAME=VALUE"),
         (("cold=run.csv", "cold=other.csv"), "it takes two conditions at least, found cold"),
         (("a=run.csv", "b=other.csv"), "'c' is no condition: they are a, b"),
     ],
@@ -184,7 +201,7 @@ def test_wrong_conditions(
     monkeypatch.chdir(arm)
     options = [part for one in conditions for part in ("--condition", one)]
     options += ["--condition-payload", "c=lower:1"]
-    said = run("conditions", "arm.urdf", *options)
+    said = run("identify", "arm.urdf", *options)
     assert said.code == 2
     assert words in " ".join(said.err.split())
 
@@ -212,7 +229,7 @@ def test_comparison_of_files_is_that_of_the_identifications(arm: Path, tmp_path:
     assert [x["is_significant"] for x in differences] == [x.is_significant for x in own.differences]
     text = done("compare", *files).out
     assert "cold and warm: value +- standard error" in text
-    assert "stiffness of elbow" in text
+    assert re.search(r"\belbow +stiffness ", text)
 
 
 def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:
@@ -232,7 +249,7 @@ def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".py", ".c"])
 def test_code_is_that_of_the_library(arm: Path, tmp_path: Path, suffix: str) -> None:
     output, own = tmp_path / f"arm{suffix}", tmp_path / f"own{suffix}"
-    content = result_of("codegen", arm / "arm.urdf", "-o", output)
+    content = result_of("export", arm / "arm.urdf", "-o", output)
     form = seaid.symbolic.rigid_body(seaid.load_robot(arm / "arm.urdf"))
     robot = seaid.load_robot(arm / "arm.urdf")
     writer = seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy
@@ -248,14 +265,17 @@ def test_code_is_that_of_the_library(arm: Path, tmp_path: Path, suffix: str) -> 
         seaid.identify(robot_of(arm), log_of(arm)).save(tmp_path / "found.json")
         known = ("--parameters", tmp_path / "found.json")
         loaded = ("--payload", "lower:2:0.1,0,0", *known)
-        done("codegen", arm / "arm.urdf", *loaded, "-o", tmp_path / "loaded.py")
+        done("export", arm / "arm.urdf", *loaded, "-o", tmp_path / "loaded.py")
         found = runpy.run_path(str(tmp_path / "loaded.py"))["inverse_dynamics"](*states)
         robot = seaid.load_robot(
             arm / "arm.urdf", payloads=[seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))]
         )
         robot = seaid.export.read_parameters(tmp_path / "found.json", robot)
         np.testing.assert_allclose(found, seaid.regressor.joint_torques(robot, *states), atol=1e-9)
-    assert "must end in .py or .c" in run("codegen", arm / "arm.urdf", "-o", "arm.m").err
+    assert (
+        "must end in .urdf or .xml or .usda or .py or .c"
+        in run("export", arm / "arm.urdf", "-o", "arm.m").err
+    )
 
 
 @pytest.mark.slow  # 0.9 s
@@ -300,8 +320,8 @@ def test_gravity_is_an_option_where_the_robot_is(arm: Path) -> None:
     for name in COMMANDS:
         options = {option for one in command_of(name).params for option in one.opts}
         assert ("--gravity" in options) == ("urdf" in options), name
-    none = result_of("crosscheck", arm / "arm.urdf", "--gravity", "0,0,0")["counts"]
-    some = result_of("crosscheck", arm / "arm.urdf")["counts"]
+    none = result_of("inspect", arm / "arm.urdf", "--gravity", "0,0,0")["base_parameters"]
+    some = result_of("inspect", arm / "arm.urdf")["base_parameters"]
     assert none != some
 
 

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.checks import noise_findings
+from seaid.estimation.drift import agreement
 from seaid.estimation.fitting import ESTIMATORS, fit, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor.regression import Regression
@@ -64,6 +65,18 @@ def test_right_data_are_hardly_ever_enlarged(logs: int) -> None:
         assert not noise_findings(found)
         sizes.append(found.standard_errors[0])
     assert np.max(sizes) < 1.9 * np.median(sizes)
+
+
+def test_blocks_are_compared_where_the_degrees_of_freedom_are_infinite() -> None:
+    """Quantiles of F were NaN there, and nothing was ever larger than these."""
+    # Eight blocks of one parameter: sums +-3, which add up to zero, in place of a variance of 1.
+    R = [np.array([[1.0, 3.0 * sign], [0.0, 1.0]]) for sign in (1, -1) * 4]
+    blocks = list(enumerate(R))
+    for freedom in (np.inf, 1e6):
+        ratios = agreement(
+            blocks, np.zeros(1), np.sqrt([[1 / 8]]), np.array([1 / 8]), freedom
+        ).ratios
+        assert ratios[0] == pytest.approx(9 / (1 - 1 / 8))
 
 
 def test_stored_rows_are_compared_alike() -> None:

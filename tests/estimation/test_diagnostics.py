@@ -142,6 +142,19 @@ def test_runs_shorter_than_the_lags_are_taken_as_they_are() -> None:
     assert found.first == pytest.approx(np.sum(products) / np.sum(rows.y**2))
 
 
+@pytest.mark.parametrize("length", [12, 240])
+def test_white_noise_of_many_logs_is_rejected_at_the_rate_of_the_test(length: int) -> None:
+    """Pairs of rows were once counted as if all logs were one: hardly any was rejected."""
+    rng, logs, p_values = np.random.default_rng(5), 240 // length, []
+    times = np.tile(np.arange(length) / 20, logs)
+    for _ in range(200):
+        rows = rows_of(np.ones((240, 1)), rng.normal(size=240))
+        rows = replace(rows, run=np.repeat(np.arange(logs), length), time=times)
+        p_values.append(whiteness(rows, np.zeros(1))[0].p_value)
+    # A rate of 0.1 has the standard deviation 0.02 over 200 draws.
+    assert 0.05 < np.mean(np.array(p_values) < 0.1) < 0.15
+
+
 def test_residual_of_nothing_is_white() -> None:
     rows = rows_of(np.ones((50, 1)), np.zeros(50))
     found = whiteness(rows, np.zeros(1))[0]

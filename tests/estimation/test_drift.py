@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.fft import dct
 from scipy.signal import lfilter
 
 from seaid._arrays import Array
@@ -103,6 +104,31 @@ def test_the_joint_that_drifts_is_named() -> None:
         names += [one.joint for one in findings if one.code == "drift"]
     assert names.count("knee") >= 18
     assert names.count("hip") == 0
+
+
+def test_a_drift_that_is_harmless_hides_no_other() -> None:
+    """The search for all equations once ended at the first drift of a rounding error's size."""
+    rows, rng = data(0, (0.0, 0.2)), np.random.default_rng(0)
+    hip = rows.joint == 0
+    count, y = int(np.sum(hip)), rows.y.copy()
+    y[hip] = rows.H[hip] @ TRUTH + 1e-6 * rng.normal(size=count) + 1e-5 * slow(rng, count)
+    drifts = fitted(replace(rows, y=y)).diagnostics.drifts
+    assert [drift.joint for drift in drifts] == ["knee"]
+
+
+def test_the_share_leaves_out_the_mean_of_every_log() -> None:
+    """Of logs of unequal length it once left out that of the longest one alone."""
+    rows = data(4, (0.2,), logs=3)
+    rows = rows.at((rows.run == 0) | (rows.time < 4.0))
+    ((drift, influence),) = drifts_of(rows, np.ones(1), CUTOFF_HZ)
+    cosines = [dct(rows.H[rows.run == log, 1], norm="ortho") for log in range(3)]
+    # cosines below 0.7 of the cutoff, of orders k = 2 T f
+    counts = [round(2 * len(x) * STEP_S * 0.7 * CUTOFF_HZ) for x in cosines]
+    H = [x[:count] for x, count in zip(cosines, counts, strict=True)]
+    changes = np.concatenate([np.arange(count) > 0 for count in counts])
+    std = influence[1] / np.concatenate(H)
+    rms = np.linalg.norm(std[changes]) / np.sqrt(len(rows.y))
+    assert drift.share == pytest.approx(rms / np.std(rows.y), rel=1e-6)
 
 
 def test_share_and_corner_are_those_of_the_drift() -> None:

@@ -12,6 +12,7 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.estimation.nonlinear_least_squares import (
     Residuals,
+    _autocorrelation,
     fisher_covariance,
     gauss_newton_step,
     information,
@@ -99,6 +100,19 @@ def test_rows_that_do_not_count_do_not_matter() -> None:
     assert not np.array_equal(one.change, gauss_newton_step([log], NAMES, NOTHING, NOTHING).change)
 
 
+@pytest.mark.parametrize("factor", [0.0, 1.0])
+def test_a_nuisance_column_that_adds_nothing_takes_no_information(factor: float) -> None:
+    """The QR factor of a column of zeros, or of a copy, once projected out some direction."""
+    log = problem(blocks=5)
+    wider = np.concatenate([log.nuisance, factor * log.nuisance[..., :1]], axis=3)
+    wider = replace(log, nuisance=wider)
+    bounds = [fisher_covariance([x], NAMES, STDS, NOTHING) for x in (log, wider)]
+    np.testing.assert_allclose(bounds[1], bounds[0], rtol=1e-9)
+    steps = [gauss_newton_step([x], NAMES, NOTHING, NOTHING) for x in (log, wider)]
+    np.testing.assert_allclose(steps[1].change, steps[0].change, rtol=1e-6)
+    np.testing.assert_allclose(steps[1].white_covariance, steps[0].white_covariance, rtol=1e-6)
+
+
 def test_two_logs_know_more_than_one() -> None:
     logs = [problem(0), problem(1)]
     both = gauss_newton_step(logs, NAMES, NOTHING, NOTHING)
@@ -115,6 +129,25 @@ def test_sharp_prior_holds_a_parameter_and_a_vague_one_does_not() -> None:
     assert sharp.change[1] == pytest.approx(-0.3)
     assert np.sqrt(sharp.covariance[1, 1]) == pytest.approx(1e-9, rel=0.2)
     assert vague.change == pytest.approx(free.change, rel=1e-9)
+
+
+def test_a_prior_alone_has_its_own_standard_deviation() -> None:
+    """It was once enlarged by the degrees of freedom of the rows, which say nothing of it."""
+    log = problem(blocks=5)
+    blind = log.jacobian.copy()
+    blind[..., 1] *= 1e-9
+    step = gauss_newton_step([replace(log, jacobian=blind)], NAMES, NOTHING, np.array([0, 4.0, 0]))
+    assert np.sqrt(step.covariance[1, 1]) == pytest.approx(0.25, rel=1e-6)
+
+
+def test_rows_that_do_not_count_are_no_pairs() -> None:
+    """The autocorrelation was once too small by the share of pairs that a gap takes."""
+    noise = lfilter([0.6], [1.0, -0.8], np.random.default_rng(0).normal(size=40_000))
+    gaps = np.where(np.arange(len(noise)) % 20 < 10, noise, 0.0)
+    correlation = _autocorrelation(gaps, 6)
+    whole = _autocorrelation(noise, 6)
+    assert correlation == pytest.approx(whole, abs=0.03)
+    assert correlation[2] == pytest.approx(0.8**3, abs=0.03)
 
 
 def test_merit_counts_the_prior() -> None:

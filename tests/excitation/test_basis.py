@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import BSpline
 
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import (
     BasisName,
     FourierBasis,
     SplineBasis,
+    _refinement,
     bernstein_from_powers,
     make_basis,
 )
@@ -91,6 +93,18 @@ def test_refined_control_points_come_close_to_the_curve() -> None:
     ]
     assert gaps[3] < 0.01 * np.ptp(curve)
     assert all(wide / close > 3 for wide, close in pairwise(gaps))  # quadratic
+
+
+@pytest.mark.parametrize(("degree", "times"), [(3, 2), (3, 3), (4, 4), (5, 4), (8, 6)])
+def test_a_curve_with_repeated_knots_is_the_same_on_finer_knots(degree: int, times: int) -> None:
+    ends = np.repeat([0.0, 1.0], degree + 1)
+    knots = np.sort([*ends, 0.3, *np.repeat(0.5, times), 0.8])
+    finer = np.sort([*knots, 0.1, 0.4, 0.45, 0.55, 0.9])
+    points = np.random.default_rng(0).normal(size=len(knots) - degree - 1)
+    matrix, time = _refinement(knots, finer, degree), np.linspace(0.0, 1.0, 501)
+    curve = BSpline(finer, matrix @ points, degree)(time)
+    np.testing.assert_allclose(curve, BSpline(knots, points, degree)(time), atol=1e-13)
+    assert matrix.min() > -1e-13  # convex combinations: the finer points stay within the others
 
 
 def test_bernstein_form_is_the_power_form_of_equation_18() -> None:

@@ -127,10 +127,10 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
         read_parameters(path, KNOWN)
     for text, words in (
         ("{", r"parameters '.*other.json' is not JSON: Expecting"),
-        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 3'"),
+        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 4'"),
         ('{"joints": []}', "'format' is None.*: give one|; give one written by seaid identify"),
-        ('{"format": 2}', "'format' is 2, not 'seaid parameters 3'"),
-        ('{"format": "seaid parameters 3"}', "other.json': key 'robot' is missing"),
+        ('{"format": 2}', "'format' is 2, not 'seaid parameters 4'"),
+        ('{"format": "seaid parameters 4"}', "other.json': key 'robot' is missing"),
         ('{"format": 1, "format": 2}', "duplicate key 'format' in one object"),
         ('{"m": NaN}', "NaN is not a JSON number; give a finite number or null"),
         ('{"m": 1e999}', "other.json': m must be a finite number"),
@@ -199,7 +199,7 @@ SLIDING, TURNING = (
         ("bodies", None, "bodies must be an object, found None"),
         ("joints", None, "is of another robot"),
         ("joints", list(KNOWN.joint_names)[::-1], "is of another robot"),
-        ("format", "seaid parameters 4", "'format' is 'seaid parameters 4'"),
+        ("format", "seaid parameters 3", "'format' is 'seaid parameters 3'"),
         ("model", 1, "no key is named 'model'"),
     ],
 )

@@ -288,7 +288,42 @@ def test_the_law_of_a_spring_with_pulleys_is_that_at_the_joint(tmp_path: Path) -
     )
     (actuator,) = actuators_of(robot_with(tmp_path, drive))
     assert (actuator.position_gain, actuator.velocity_gain) == (120.0, 8.0)
-    assert (actuator.limit, actuator.offset) == (10.0, -6.0)
+    assert (actuator.limit, actuator.feedforward, actuator.offset) == (10.0, 6.0, 0.0)
+
+
+FED = replace(SERVO, controller=replace(GAINS, feedforward_Nm=3.0))
+
+
+def test_a_torque_limit_holds_for_the_feed_forward_and_not_for_friction(tmp_path: Path) -> None:
+    """The force that an actuator documents is that of the drive, at its limit too."""
+    (actuator,) = actuators_of(robot_with(tmp_path, FED))
+    errors = np.linspace(-1.0, 1.0, 9)  # u - q [rad]; beyond 0.45 rad the controller is at 12 N m
+    wanted = actuator.position_gain * errors + actuator.feedforward
+    force = np.clip(wanted, -actuator.limit, actuator.limit) - actuator.offset
+    law = FED.law
+    assert law is not None
+    torque, is_limited = law.torque(KP * errors + law.feedforward_Nm, 0 * errors, 0 * errors)
+    assert is_limited.any()
+    assert not is_limited.all()
+    np.testing.assert_allclose(force, torque - OFFSET)
+
+
+def test_a_feed_forward_is_replaced_by_commands_apart_from_the_friction(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path, FED)
+    remedies = {x.message: x.remedy for x in written(robot, tmp_path, "isaaclab").warnings}
+    text = "Isaac Lab has no {}: it is not in the file for arm ({} N m)"
+    assert remedies[text.format("feed-forward", 3)] == "add to the commands: arm +0.15 rad"
+    assert remedies[text.format("friction offset", 0.09)] == "add to the commands: arm -0.0045 rad"
+
+
+def test_newton_has_both_constants_and_a_note_on_their_common_limit(tmp_path: Path) -> None:
+    robot = robot_with(tmp_path, FED)
+    model = written(robot, tmp_path, "newton", time_step_s=DELAY_S)
+    assert "float newton:constEffort = 2.91" in model.path.read_text()  # F - N F_0
+    (finding,) = model.warnings
+    assert (finding.severity, finding.code) == ("note", "not-in-format")
+    assert finding.evidence == {"arm": pytest.approx(OFFSET)}
+    assert "no friction offset: arm (0.09 of 12)" in finding.message
 
 
 PUBLISHED = Path(__file__).parents[3] / "shared/data/xl330_pendulum/published/published_m1.json"
@@ -422,6 +457,7 @@ WITH: Mapping[str, Any] = {
         friction=(*SERVO.friction, "stribeck"),
         nominal={**SERVO.nominal, "stribeck_friction": 0.01, "stribeck_speed": 2.0},
     ),
+    "feed-forward": FED,
 }
 
 

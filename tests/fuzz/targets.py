@@ -497,7 +497,7 @@ _NEW = ("new.json", "new.urdf", "new.xml", "new.toml", "new.npz", "new.html")
 _COMMANDS = (
     "inspect arm.urdf --drives arm.toml",
     "inspect arm.urdf --joints rail,wrist --sensors motor_position,motor_torque --json",
-    "crosscheck arm.urdf --drives arm.toml",
+    "inspect arm.urdf --drives arm.toml --exact",
     "describe run.npz --urdf arm.urdf -o new.toml",
     "identify arm.urdf run.npz --drives arm.toml --payload tool:1.0:0,0,0.1 -o new.json",
     "identify arm.urdf run.npz --drives arm.toml --method simultaneous --repair -o new.json",
@@ -507,13 +507,13 @@ _COMMANDS = (
     "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
     "replay arm.urdf other.npz --from run.npz --drives arm.toml -o new.html",
     "replay arm.urdf other.npz --from run.npz --nominal arm.toml --drives arm.toml --json",
-    "delays arm.urdf run.npz --drives arm.toml --largest-s 0.02 -o new.npz",
-    "gear-ratio arm.urdf run.npz other.npz --drives arm.toml",
-    "cross-validate arm.urdf run.npz other.npz --drives arm.toml --parts 2",
-    "conditions arm.urdf --condition a=run.npz --condition b=other.npz --drives arm.toml",
+    "check arm.urdf run.npz --drives arm.toml --delays --largest-s 0.02 -o new.npz",
+    "check arm.urdf run.npz other.npz --drives arm.toml --gear-ratios",
+    "validate arm.urdf run.npz other.npz --drives arm.toml --cross --parts 2",
+    "identify arm.urdf --condition a=run.npz --condition b=other.npz --drives arm.toml -o new.json",
     "compare parameters.json parameters.json -o new.html",
-    "codegen arm.urdf --joints rail,wrist -o -",
-    "refine arm.urdf run.npz --drives arm.toml --iterations 3 -o new.json",
+    "export arm.urdf --joints rail,wrist --format python -o -",
+    "identify arm.urdf run.npz --drives arm.toml --refine --iterations 3 -o new.json",
 )
 _ODD = (
     *words("/ . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),

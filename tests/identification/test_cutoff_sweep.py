@@ -34,7 +34,10 @@ def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.Monke
     plain = identify(KNOWN, log())
     fewer = replace(plain, drive_side=dict(list(plain.drives.items())[1:]))
 
-    def identified(*_: object, cutoff_hz: float | None = None) -> Identification:
+    def identified(
+        *_: object, cutoff_hz: float | None = None, method: str = "auto"
+    ) -> Identification:
+        assert method == ("auto" if cutoff_hz is None else plain.method)
         return plain if cutoff_hz is None else fewer
 
     monkeypatch.setattr("seaid.identification.repeated_identification.identify", identified)

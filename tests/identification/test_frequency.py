@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -9,17 +10,20 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.signal import cont2discrete, savgol_filter
 
 import seaid
 from seaid._arrays import Array
 from seaid.identification.frequency import FrequencyResponse, frequency_response
+from seaid.identification.linear_joints import linearised
 from seaid.identification.spectra import _friction_sign
 from seaid.log.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
 from tests.representatives import quick_first
 
+MODELS = Path(__file__).parents[2] / "models"
 PLANT = TwoMass()
 NAMES = ("resonance", "resonance_damping", "antiresonance", "antiresonance_damping")
 
@@ -263,7 +267,7 @@ def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
         PLANT.robot(tmp_path), with_noise(clean_log(top_hz=2.0), 3), period_s=4.0
     )
     text = found.summary()
-    assert "antiresonance damping of arm" in text
+    assert re.search(r"\barm +antiresonance_damping ", text)
     assert "hidden-resonance" in text
     assert repr(found).startswith("FrequencyResponse(joints arm: ")
 
@@ -474,6 +478,43 @@ def test_springs_of_coupled_joints_are_found_without_nominal_values(
     springs = [found.drives[joint].value("stiffness") for joint in ("one", "two")]
     assert springs == pytest.approx(plant.stiffness, rel=5e-3)
     assert found.warnings == ()
+
+
+@pytest.mark.parametrize("picked", [[0, 1, 2], [0, 1]])
+def test_springs_and_friction_at_coupled_joints_are_those_of_the_joints(picked: list[int]) -> None:
+    """They once acted at the coordinates phi = C q of the drives, as if these were the joints."""
+    C = np.array([[1.0, 0, 0], [0, 1, 1], [0, 1, -1]])
+    names, stiffness, friction = ("elbow", "wrist_pitch", "wrist_roll"), (4, 3, 0.5), (2, 0.1, 0.7)
+    drives = {
+        name: seaid.SeriesElasticDrive(
+            gear_ratio=50.0,
+            motor_inertia_kg_m2=2e-5,
+            stiffness_Nm_per_rad=30.0,
+            transmission=dict(zip(names, row, strict=True)),
+            friction=(),
+            parallel_spring=("linear",),
+            joint_friction=("viscous",),
+        ).with_values({"parallel_stiffness": k, "joint_viscous_friction": b})
+        for name, row, k, b in zip(names, C.tolist(), stiffness, friction, strict=True)
+    }
+    robot = seaid.load_robot(MODELS / "differential_wrist.urdf", drives)
+    q, data, dq = np.array([0.3, -0.4, 0.2]), robot.model.createData(), 1e-4 * np.eye(3)
+    M = np.triu(pin.crba(robot.model, data, q))
+    M = M + np.triu(M, 1).T
+    gravity = [pin.computeGeneralizedGravity(robot.model, data, x).copy() for x in q + dq]
+    gravity -= np.array(
+        [pin.computeGeneralizedGravity(robot.model, data, x).copy() for x in q - dq]
+    )
+    s = 2j * np.pi * 1.5
+    at_joints = M * s**2 + np.diag(friction) * s + gravity / 2e-4 + np.diag(stiffness)
+    # q = C^-1 phi: a drive that is not picked is held.
+    motion = np.linalg.inv(C)[:, picked]
+    springs = 30.0 * np.eye(len(picked))
+    rotors = 50.0**2 * 2e-5 * s**2 * np.eye(len(picked))
+    load = motion.T @ at_joints @ motion
+    impedance = np.block([[rotors + springs, -springs], [-springs, load + springs]])
+    compliance = linearised(robot, q, picked).compliance(np.array([s]))[0]
+    np.testing.assert_allclose(compliance, np.linalg.inv(impedance), rtol=1e-5)
 
 
 @pytest.mark.slow  # logs of a hundred periods, simulated and fitted

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
@@ -44,7 +45,7 @@ def log(seed: int = 1) -> Log:
 
 @cache
 def found(**options: Any) -> Identification:
-    return identify(KNOWN, log(), encoder_offset_std=0.002, **options)
+    return identify(KNOWN, log(), encoder_offset_std=0.002, **{"method": "two-step", **options})
 
 
 def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None:
@@ -165,7 +166,7 @@ def test_checks_say_that_each_term_is_worth_having() -> None:
     text = found().summary()
     assert "Terms of the drives: support by the data" in text
     assert "coulomb_friction of knee_pitch" in text
-    assert "condition number of the load side (columns of unit norm)" in text
+    assert re.search(rf"load side +{checks['load'].condition_number:.3g} ", text)
 
 
 def test_a_term_that_is_not_there_is_not_worth_having() -> None:
@@ -174,7 +175,7 @@ def test_a_term_that_is_not_there_is_not_worth_having() -> None:
     joint = known.elastic_joints[0]
     more = replace(known.drives[joint], extra_terms=("c*theta_M_dot**3",))
     known = known.with_values(known.parameters, {**known.drives, joint: more})
-    identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3))
+    identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3), method="two-step")
     tests = {term.terms[0]: term for term in identified.checks[joint].terms}
     assert tests["c"].bic < 0 < tests["viscous_friction"].bic
 

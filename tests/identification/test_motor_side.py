@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -234,6 +235,21 @@ def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None
     (finding,) = noisy_springs({"arm": 0.62})
     assert (finding.code, finding.joint, finding.severity) == ("motor-side", "arm", "doubtful")
     assert finding.message.startswith("62% of the torque on the spring of arm")
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"method": "simultaneous"}, 'method="simultaneous"'),
+        ({"estimator": "iv"}, 'estimator="iv"'),
+    ],
+)
+def test_options_that_a_refinement_does_not_use_are_refused(
+    robot: Robot, options: dict[str, Any], name: str
+) -> None:
+    """They once gave the result of two steps and of "wls" without a word."""
+    with pytest.raises(IdentificationError, match="remove " + name):
+        identify(robot, log_of(ANYDRIVE), **options)
 
 
 @pytest.mark.slow  # no start ends at the noise, so that all are tried

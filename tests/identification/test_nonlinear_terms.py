@@ -516,11 +516,15 @@ def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str
 @pytest.mark.parametrize(
     ("option", "terms", "message"),
     [
-        ({"method": "simultaneous"}, SPRINGS["cubic"], r'that of two has cubic.*method="two-step"'),
+        (
+            {"method": "simultaneous"},
+            SPRINGS["cubic"],
+            r'the spring of two has cubic.*method="two-step"',
+        ),
         (
             {"method": "simultaneous"},
             ({"known": ("stiffness",)}, {}),
-            r"that of two has a known stiffness",
+            r"the spring of two has a known stiffness",
         ),
         ({"estimator": "iv"}, SPRINGS["cubic"], r'that of two has cubic.*estimator="wls"'),
     ],

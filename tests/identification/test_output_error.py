@@ -273,6 +273,21 @@ def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[s
             assert gap <= 5e-3 * largest + 1e-12 / size
 
 
+def test_samples_over_a_gap_are_not_residuals() -> None:
+    """Positions and torques that a spline put there once counted as measured."""
+    whole = log()
+    kept = (whole.time < 2.0) | (whole.time > 2.05)
+    layout = layout_of(found(), 0.0)
+    (run,) = runs_of(layout, whole.at(kept))
+    residuals, _ = linearised(layout, run, layout.start)
+    half = 0.5 * run.block / run.motion.rate_hz
+    over = (residuals.time > 2.0 - half) & (residuals.time < 2.05 + half)
+    assert np.any(over)
+    assert not np.any(residuals.kept[over])
+    (run,) = runs_of(layout, whole)
+    assert np.all(linearised(layout, run, layout.start)[0].kept[..., :2])
+
+
 def shifted(layout: Layout, run: Run, change: Array) -> Run:
     """Return a run with the joints without a spring where a change of encoder zeros puts them."""
     position = run.motion.joint_position.copy()

@@ -216,6 +216,30 @@ def written(path: Path, table: dict[str, Array]) -> Path:
     return path
 
 
+@pytest.mark.parametrize("wraps", [False, True])
+def test_an_angle_with_lost_samples_is_that_of_a_smooth_motion(
+    folder: Path, tmp_path: Path, wraps: bool
+) -> None:
+    """A spline bridges what was lost, also where the angle goes from pi to -pi."""
+    robot, time = loaded(folder), np.arange(0.0, 8.0, 0.01)
+    table = {"time_s": time, "base.angle_rad": 4.0 * np.sin(3.0 * time)}
+    if wraps:
+        table["base.angle_rad"] = (table["base.angle_rad"] + np.pi) % (2 * np.pi) - np.pi
+    for place, joint in enumerate(robot.joint_names):
+        table[f"{joint}.joint_position_rad"] = np.sin((2.0 + 0.3 * place) * time)
+        table[f"{joint}.motor_torque_Nm"] = np.cos((2.0 + 0.3 * place) * time)
+    kept = np.ones(len(time), dtype=bool)
+    kept[7::29] = False
+    path = written(tmp_path / "turns.csv", {name: x[kept] for name, x in table.items()})
+    log = seaid.read_log(path, robot, repair=seaid.Repairs())
+    assert log.base is not None
+    assert log.base.orientation is not None
+    angle = 2 * np.unwrap(np.arctan2(log.base.orientation[:, 2], log.base.orientation[:, 0]))
+    error = np.angle(np.exp(1j * (angle - 4.0 * np.sin(3.0 * log.time))))
+    assert len(log.time) == len(time)
+    assert np.max(np.abs(error)) < 1e-5
+
+
 @pytest.mark.slow  # 1.2 s
 def test_bodies_on_a_boom_are_recovered_from_what_moves_in_the_plane(folder: Path) -> None:
     robot = loaded(folder)

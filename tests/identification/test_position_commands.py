@@ -20,6 +20,7 @@ from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.command_delays import with_estimated_delays
+from seaid.identification.command_refinement import _rollouts, _task
 from seaid.identification.sensitivity import Fit, _scores
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
@@ -339,6 +340,20 @@ def test_refine_closes_the_loop(urdf: Path) -> None:
     left = seaid.replay(found.robot, other).joint_position - other.joint_position
     assert np.std(left) < 2e-3 * np.std(other.joint_position)
     assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
+
+
+def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
+    """Positions on the line between the ends of a gap once counted as measured."""
+    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
+    log = log.at((log.time < 3.0) | (log.time > 3.05))
+    start = seaid.identify(robot_of(urdf, HARD), log)
+    task = _task(start, [log])
+    (residuals,) = _rollouts(task, start.load_side.values).residuals
+    over = (residuals.time > 3.0) & (residuals.time < 3.05)
+    assert np.any(over)
+    assert not np.any(residuals.kept[over])
+    later = residuals.time > 3.1
+    assert np.all(residuals.kept[later])
 
 
 @pytest.mark.slow  # 1.0 s

@@ -42,6 +42,7 @@ from tests.experiments import (
     TEST_MASS,
     arm,
     leg,
+    leg_log,
     leg_trajectory,
     motion_of,
     true_value,
@@ -441,3 +442,64 @@ def test_missing_friction_at_the_hip_converges(sensors: Noise) -> None:
     for joint in ELASTIC:
         true = true_value(IN_MOTION, joint, "stiffness")
         assert found.drives[joint].value("stiffness") == pytest.approx(true, rel=0.02)
+
+
+# What the data support
+
+
+def test_a_complete_model_has_both_sides_at_once_by_default() -> None:
+    known = leg(TEST_MASS).without_nominal()
+    by_data = identify(known, leg_log(), encoder_offset_std=0.002)
+    chosen = identify(known, leg_log(), encoder_offset_std=0.002, method="simultaneous")
+    assert by_data.method == chosen.method == "simultaneous"
+    assert by_data.not_shared == ""
+    np.testing.assert_array_equal(by_data.load.values, chosen.load.values)
+    assert "method: simultaneous" in by_data.summary()
+
+
+def knee_torque(change: Callable[[Array, Array], Array]) -> Log:
+    """Return the log of the leg with another motor torque of the knee, by it and its speed."""
+    log, knee = leg_log(), leg().index("knee_pitch")
+    assert log.motor_torque is not None
+    assert log.motor_position is not None
+    torque = log.motor_torque.copy()
+    speed = np.gradient(log.motor_position[:, knee], log.time)
+    torque[:, knee] = change(torque[:, knee], speed)
+    return replace(log, motor_torque=torque)
+
+
+def test_a_torque_offset_is_found_with_the_springs() -> None:
+    """b_0 is what (7) has next to the spring offset of (8)."""
+    known, off_Nm = leg(TEST_MASS).without_nominal(), 0.004
+    shifted = identify(known, knee_torque(lambda x, _: x + off_Nm), method="simultaneous")
+    plain = identify(known, leg_log(), method="simultaneous")
+    for name, change in (("torque_offset", off_Nm), ("spring_offset", 0.0), ("stiffness", 0.0)):
+        drives = shifted.drives["knee_pitch"], plain.drives["knee_pitch"]
+        moved = drives[0].value(name) - drives[1].value(name)
+        assert abs(moved - change) < 0.1 * drives[1].standard_error(name), name
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda torque, speed: torque + 4e-7 * speed * np.abs(speed), "missing-term at knee_pitch"),
+        (lambda torque, speed: 1.05 * torque, "contradicts the motor equations"),
+    ],
+)
+def test_an_incomplete_model_is_identified_in_turn(
+    change: Callable[[Array, Array], Array], reason: str
+) -> None:
+    by_data = identify(leg(TEST_MASS).without_nominal(), knee_torque(change))
+    assert by_data.method == "two-step"
+    assert reason in by_data.not_shared
+    assert by_data.not_shared in by_data.summary()
+
+
+def test_springs_that_cannot_be_shared_are_identified_in_turn() -> None:
+    known = leg(TEST_MASS).without_nominal()
+    drive = known.drives["knee_pitch"]
+    assert isinstance(drive, SeriesElasticDrive)
+    knee = replace(drive, spring=("linear", "cubic"))
+    by_data = identify(known.with_drives({"knee_pitch": knee}), leg_log())
+    assert by_data.method == "two-step"
+    assert "the spring of knee_pitch has cubic" in by_data.not_shared

@@ -14,8 +14,8 @@ from seaid.identification.repeated_identification import validate
 from seaid.identification.validation import compared
 from seaid.log.filtering import low_pass, row_samples
 from seaid.report.html import runs_of
-from seaid.report.html_tables import error_rows
 from seaid.report.html_verdict import explained_as
+from seaid.report.tables import error_rows
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,
@@ -131,7 +131,7 @@ def test_a_motor_that_sticks_half_of_the_time_is_predicted() -> None:
     assert fit.counted_share[ankle] < 0.6
     assert fit.relative_error[ankle] < 0.03
     assert fit.relative_error_with_standstill[ankle] > 0.2
-    errors = error_rows(found, runs_of(found, []))
+    errors = error_rows(runs_of(found, []), found.robot)
     assert len(errors) == 8
     assert all(explained_as(row.relative_error) == "good" for row in errors)
 

@@ -14,7 +14,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import BaseLog
+from seaid.log import CHANNELS, BaseLog
 from seaid.log.base_log import matrices
 from seaid.log.description import Clock
 
@@ -164,6 +164,7 @@ UNITS = {
     "mocap in mm": (("trunk_t{} [mm]", 1e3), ("trunk_q{}", 1.0), ("Gyro{} [deg/s]", 180 / np.pi)),
     "without words": (("pelvis_{}_cm", 1e2), ("pelvis_q{}", 1.0), ("pelvis_{}_dps", 180 / np.pi)),
     "SI": (("trunk.t{}", 1.0), ("rot_{}", 1.0), ("imu_w{}_rad_s", 1.0)),
+    "axes in the middle": (("body_p_{}_mm", 1e3), ("q_{}", 1.0), ("imu_w_{}_rad_s", 1.0)),
 }
 
 
@@ -315,7 +316,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
     "frame": (
         {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
-        "frame must be one of base, world, found 'body'",
+        "no frame is named 'body'; allowed: base, world",
     ),
     "no frame": (
         {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
@@ -323,15 +324,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "order": (
         {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
-        "order must be one of wxyz, xyzw",
+        "no order is named 'zyxw'; did you mean",
     ),
     "scale": (
         {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
-        "scale must be a number, found 'g'",
+        "scale must be a finite number, found 'g'",
     ),
     "above": (
         {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
-        "above is that of a contact",
+        "above is not for position, found 1",
+    ),
+    "unknown": (
+        {"base": {"position": {"columns": "q[0:3]", "unknown": 0}}},
+        "unknown is not for position, found 0",
     ),
     "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
     "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
@@ -448,6 +453,67 @@ def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Pa
         "nanoseconds": "stamp_nsec",
     }
     assert any("codes: 1 is taken for contact" in one for one in guess.unsure)
+    assert guess.description.contacts[FEET[0]]["contact"].unknown == 0
+
+
+def test_a_contact_of_unknown_state_is_no_measurement(tmp_path: Path) -> None:
+    """Spot's code 0 is neither 1, contact, nor 2, its loss: its neighbours tell the state."""
+    one = states()
+    codes = 2 - one["flags"]
+    is_within = np.all([np.roll(codes, k, axis=0) == codes for k in (-2, -1, 1, 2)], axis=0)
+    codes[is_within & (np.arange(len(codes)) % 10 == 5)[:, None]] = 0
+    assert np.any((codes == 0) & (one["flags"] == 0))
+    arrays: dict[str, Any] = {"joint_pos": one["joints"], "joint_torque": one["torque"]}
+    arrays["contact"] = codes
+    arrays |= {"imu_quat": one["orientation"], "imu_gyro": one["w"]}
+    np.savez(tmp_path / "walk.npz", **arrays)
+    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
+    for foot, flags in zip(FEET, one["flags"].T, strict=True):
+        np.testing.assert_array_equal(base.contacts[foot][:, 0] > 0.5, flags > 0.5)
+
+
+def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_path: Path) -> None:
+    """An interpolation of lost samples between p and -p passes zero, which is no rotation."""
+    one = states()
+    flips = np.where(np.arange(len(one["time"])) // 50 % 2, -1, 1)[:, None]
+    columns = {"time_s": one["time"]}
+    vectors = {"orientation": flips * one["orientation"], "angular_velocity": one["w"]}
+    for name, values in vectors.items():
+        columns |= dict(zip(CHANNELS[name], values.T, strict=True))
+    for k, joint in enumerate(go2().joint_names):
+        columns[f"{joint}.joint_position_rad"] = one["joints"][:, k]
+        columns[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
+    kept = np.ones(len(flips), dtype=bool)
+    kept[50:-50:50] = False  # at the changes of sign
+    path = tmp_path / "walk.csv"
+    rows = np.column_stack([*columns.values()])[kept]
+    np.savetxt(path, rows, "%.15g", ",", header=",".join(columns), comments="")
+    log = seaid.read_log(path, go2(), repair=seaid.Repairs())
+    assert log.base is not None
+    assert log.base.orientation is not None
+    sign = np.sign(np.sum(log.base.orientation * one["orientation"], axis=1))
+    assert np.all(sign == sign[0])
+    np.testing.assert_allclose(sign[0] * log.base.orientation, one["orientation"], atol=1e-4)
+
+
+@pytest.mark.parametrize("scale", [120.0, 2.0, -1.0])
+def test_a_contact_beyond_zero_and_one_is_no_flag(tmp_path: Path, scale: float) -> None:
+    """Noise of a force in the air would be a contact, and so would be Spot's code of its loss."""
+    one, table = states(), {"time_s": states()["time"]}
+    for k, joint in enumerate(go2().joint_names):
+        table[f"{joint}.joint_position_rad"] = one["joints"][:, k]
+        table[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
+    table |= {f"{foot}.contact": scale * one["flags"][:, k] for k, foot in enumerate(FEET)}
+    table[f"{FEET[-1]}.contact"] = np.full(len(one["time"]), np.nan)  # counts as not logged
+    path, rows = tmp_path / "walk.csv", np.column_stack([*table.values()])
+    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    with pytest.raises(LogError, match=r"contact of 'FL_foot' must be 0 .*\[contacts.FL_foot\]"):
+        seaid.read_log(path, go2())
+    rows[:, -4:-1] /= scale
+    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    log = seaid.read_log(path, go2())
+    assert log.base is not None
+    assert [*log.base.contacts] == list(FEET[:-1])
 
 
 def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
@@ -465,6 +531,35 @@ def test_an_accelerometer_in_g_or_without_gravity_is_found(tmp_path: Path, kind:
     np.savez(tmp_path / "walk.npz", **arrays)
     base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
     check(base, "orientation", "angular_velocity", "specific_force", atol=1e-6)
+
+
+def test_a_contact_is_that_of_the_link_with_the_most_of_its_words(tmp_path: Path) -> None:
+    one, links = states(), ("FL_foot", "FL_calf")
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=links)
+    columns: dict[str, Any] = {"quat": one["orientation"], "gyro": one["w"]}
+    columns |= {"joint_pos": one["joints"], "joint_torque": one["torque"]}
+    columns |= {f"{link}_contact": one["flags"][:, k] for k, link in enumerate(links)}
+    np.savez(tmp_path / "walk.npz", **columns)
+    contacts = seaid.describe_log(tmp_path / "walk.npz", robot).description.contacts
+    assert {x: y["contact"].columns for x, y in contacts.items()} == {
+        link: (f"{link}_contact",) for link in links
+    }
+
+
+def test_an_acceleration_without_gravity_may_be_in_g(tmp_path: Path) -> None:
+    one, columns = states(), {"time_s": states()["time"]}
+    up = np.einsum("tji,j->ti", one["R"], [0.0, 0.0, 9.81])
+    acceleration = (one["specific_force"] - up) / 9.80665
+    parts = {"imu_q_{}": one["orientation"], "imu_gyro_{}": one["w"], "imu_acc_{}_g": acceleration}
+    for head, values in parts.items():
+        axes = "wxyz"[-values.shape[1] :]
+        columns |= {head.format(x): y for x, y in zip(axes, values.T, strict=True)}
+    columns |= {f"{foot}_contact": one["flags"][:, k] for k, foot in enumerate(FEET)}
+    for k, joint in enumerate(go2().joint_names):
+        columns |= {f"{joint}_pos": one["joints"][:, k], f"{joint}_torque": one["torque"][:, k]}
+    table, path = np.column_stack([*columns.values()]), tmp_path / "walk.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    check(described(path), "orientation", "angular_velocity", "specific_force", atol=1e-6)
 
 
 def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.log.infer_columns import Description, describe_log
+from seaid.log.describe import Description, describe_log
 from tests.one_joint import chain
 
 TIME: Array = np.arange(1000.0) / 200

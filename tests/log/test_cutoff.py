@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import welch
+from scipy.special import zeta
 
 from seaid._arrays import Array
-from seaid.log.filtering import CutoffSelection, select_cutoff
+from seaid.log.filtering import CutoffSelection, _noise_of_steps, select_cutoff
 
 RATE_HZ = 1000.0
 TIME = np.arange(20_000) / RATE_HZ
@@ -69,7 +71,26 @@ def test_floor_of_steps_is_above_the_white_one_of_a_slow_coarse_encoder() -> Non
     slow = 0.2 * sine(0.3)
     coarse = np.round(slow / 1e-2) * 1e-2
     steps_hz = np.sum(np.abs(np.diff(coarse[:, 0]))) / 1e-2 / TIME[-1]
-    assert proposed(coarse).noise_floor == pytest.approx(1e-4 / 6 / steps_hz, rel=0.01)
+    floor = 1e-4 * zeta(3) / np.pi**3 / steps_hz
+    assert proposed(coarse).noise_floor == pytest.approx(floor, rel=0.01)
+
+
+@pytest.mark.parametrize("steps_hz", [5, 20, 100, 1000])
+def test_noise_of_steps_is_that_of_simulated_encoders(steps_hz: int) -> None:
+    """At few steps per second it was once four times as large."""
+    rng, rate, time = np.random.default_rng(steps_hz), 200.0, np.arange(80_000) / 200.0
+    densities = []
+    for _ in range(4):
+        hz, phases = rng.uniform(0.1, 1.0, 8), rng.uniform(0, 2 * np.pi, 8)
+        angle = np.sum(np.sin(2 * np.pi * np.outer(time, hz) + phases) / hz, axis=1)
+        step = np.mean(np.abs(np.diff(angle))) * rate / steps_hz
+        read = step * np.round(angle / step)
+        frequency, power = welch(read - angle, rate, nperseg=4000)
+        slow = (frequency > 0.05) & (frequency < 0.3 * min(steps_hz, rate / 2))
+        density, variance = _noise_of_steps(read, rate)
+        assert np.var(read - angle) == pytest.approx(variance, rel=0.05)
+        densities.append(np.mean(power[slow]) / density)
+    assert np.mean(densities) == pytest.approx(1.0, abs=0.15)
 
 
 def test_vibration_beyond_the_motion_does_not_widen_the_lower_edge() -> None:

@@ -11,9 +11,9 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.controller import Controller
 from seaid.errors import LogError
-from seaid.log import infer_columns as describe
-from seaid.log.column_meaning import meaning_of
-from seaid.log.infer_columns import Description, describe_log
+from seaid.log import describe
+from seaid.log.describe import Description, describe_log
+from seaid.log.describe.names import meaning_of
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
 from seaid.robot.robot import Robot, load_robot
@@ -66,6 +66,8 @@ def plain(found: Description) -> dict[str, Any]:
         ("currentmA", "current", "", "", "mA"),
         ("vbus mV", "voltage", "", "vbus", "mV"),
         ("slide.link_pos_um", "position", "joint", "slide", "um"),
+        ("slide_position_meters", "position", "", "slide", "m"),
+        ("slide_position_micrometers", "position", "", "slide", "um"),
         ("knee_enc_mrad", "position", "", "knee", "mrad"),
         ("pos_mdeg_3", "position", "", "3", "mdeg"),
         ("enc_counts", "position", "", "", "counts"),
@@ -177,10 +179,7 @@ def test_all_parts_of_a_topic_count(
     found = meaning_of(name, joints)
     if not joints:
         joint = joint.removesuffix("_joint")
-    assert (found.quantity, found.joint) == (quantity, joint)
-    flags = {"measured": (1, 0, 0), "estimated": (0, 1, 0), "command": (0, 0, 1)}
-    found_flags = (found.is_raw, found.is_estimate, found.is_command)
-    assert found_flags == flags.get(role, (0, 0, 0))
+    assert (found.quantity, found.joint, found.role) == (quantity, joint, role)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
-from seaid.log.infer_columns import describe_log
+from seaid.log.describe import describe_log
 from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
 from seaid.log.readers.opening import READERS, _plain_numbers
 from seaid.log.reading import Log, read_log, write_log
@@ -321,8 +321,8 @@ def test_files_of_other_programs_are_named_with_the_way_out(
         (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
         (
             b"time_s,x\n0,1\n",
-            "no column of this robot; expected names as 'arm.motor_position_rad' (or map custom "
-            "columns with columns=), found: time_s, x",
+            "no column of this robot; expected names as 'arm.motor_position_rad' (custom columns "
+            "need columns= or description= (seaid.describe_log infers one)), found: time_s, x",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n1\n",

@@ -1,5 +1,6 @@
 """Log descriptions: foreign columns, units, sides, clocks become our channels; mistakes named."""
 
+import tomllib
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
-from seaid.log.description import LogDescription, description_for
+from seaid.log.description import LogDescription, changed_source, description_for
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair import Repairs
 from seaid.log.usable_parts import holes
@@ -334,6 +335,43 @@ def test_joints_have_clocks_of_their_own_and_encoders_wrap(tmp_path: Path) -> No
     assert log.between(0.0, 1.0).report == log.report
 
 
+@pytest.mark.parametrize(
+    ("source", "wraps"),
+    [
+        ({"unit": "deg"}, 360),
+        ({"unit": "turn", "scale": 0.5}, 2),
+        ({"unit": "counts", "counts_per_turn": 4096, "sign": -1}, 4096),
+        ({"scale": 0.1}, 20 * np.pi),
+    ],
+)
+def test_the_period_that_is_added_to_a_source_is_in_the_unit_of_its_column(
+    tmp_path: Path, source: dict[str, Any], wraps: float
+) -> None:
+    """The text of the remedy unwraps the log of which it is."""
+    text = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
+    table = tomllib.loads(f"source = {text}")["source"]
+    assert table["wraps"] == pytest.approx(wraps)
+    motor = wave(0.5, 30.0)
+    factor = 2 * np.pi / wraps * source.get("sign", 1)
+    turned = np.mod(motor / factor, wraps)
+    log = read_log(
+        log_file(tmp_path, turned=turned),
+        robot_of(tmp_path, ROTARY),
+        description=described(motor_position=table),
+    )
+    assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
+    assert any("(as given)" in str(repair) for repair in log.report)
+
+
+def test_a_number_that_multiplies_a_column_multiplies_its_period(tmp_path: Path) -> None:
+    source = {"column": "turned", "times": 0.5, "wraps": 4 * np.pi}
+    motor = wave(0.5, 30.0)
+    path = log_file(tmp_path, turned=np.mod(2 * motor, 4 * np.pi))
+    robot = robot_of(tmp_path, ROTARY)
+    log = read_log(path, robot, description=described(motor_position=source))
+    assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
+
+
 def test_even_rate_stands_for_a_time(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY)
     description = described() | {"time": {"rate_hz": 250.0}}
@@ -465,6 +503,10 @@ def test_description_survives_its_toml(
             "no unit of this quantity is named 'N'; did you",
         ),
         ({"joint_position": {"column": "b", "unit": "m"}}, "no unit of this quantity is named 'm'"),
+        (
+            {"motor_position": {"column": "a", "wraps": 1, "times": "b"}},
+            "wraps is a constant period: times must be a number",
+        ),
         ({"motor_torque": {"column": "c", "unit": "A"}}, "unit 'A' or 'mA' and torque_constant"),
         ({"motor_torque": {"column": "c", "sign": 2}}, "sign must be 1 or -1, found 2"),
         ({"motor_torque": {"column": "c", "scale": 0}}, "scale must be not zero, found 0"),

@@ -16,8 +16,8 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log.column_meaning import meaning_of
-from seaid.log.infer_columns import Description, describe_log
+from seaid.log.describe import Description, describe_log
+from seaid.log.describe.names import meaning_of
 from tests.one_joint import chain
 
 FOLDER = Path(__file__).parents[1] / "data" / "headers"

@@ -12,12 +12,12 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
-from seaid.project.first_project import inferred_drives, write_first_project
+from seaid.project.first_project import _lock_hints, inferred_drives, write_first_project
 from seaid.project.project import load_project
 from seaid.project.running import run_project
 from tests import experiments
 from tests.measured import LOGS
-from tests.one_joint import one_joint
+from tests.one_joint import BODY, one_joint
 
 MODELS = experiments.MODELS
 
@@ -219,6 +219,36 @@ def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None
     made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
     assert made.doubts[0].startswith("torso, grip: no column of the logs has such a name: locked")
     assert load_project(tmp_path).robot().joint_names == ("elbow",)
+
+
+def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -> None:
+    """The mean of its positions, of which there are none, once gave a RuntimeWarning."""
+    robot, log = experiments.leg(), experiments.leg_log()
+    position, motor = log.joint_position.copy(), log.motor_position.copy()
+    position[:, 0] = 0.25
+    motor[:, :2] = 3.0
+    hints = [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
+    assert hints == ["hip_yaw: no motion in any log; lock what stands still: --locked hip_yaw=0.25"]
+    position[:, 1] = np.nan
+    assert not [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
+
+
+@pytest.mark.parametrize(("lost", "is_named"), [(None, False), ("elbow.effort", True)])
+def test_locked_joints_are_named_where_a_joint_lacks_columns_only(
+    tmp_path: Path, lost: str | None, is_named: bool
+) -> None:
+    time = np.arange(400) / 200
+    columns = {"elbow.effort": np.cos(time), "elbow.position": np.sin(time)}  # and no time
+    columns.pop(lost or "", None)
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="r"><link name="base"/><link name="lower">{BODY}</link>'
+        '<joint name="elbow" type="continuous"><parent link="base"/><child link="lower"/></joint>'
+        "</robot>"
+    )
+    with pytest.raises(SeaidError) as caught:
+        write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    assert ("are locked with locked=" in str(caught.value)) == is_named
 
 
 def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:

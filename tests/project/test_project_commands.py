@@ -76,6 +76,20 @@ def test_options_of_the_line_win(here: Path) -> None:
     assert own["result"]["load"] != default["result"]["load"]
 
 
+def test_joints_that_a_project_locks_stand_there_in_every_command(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f'urdf = "{arm / "arm.urdf"}"\njoints = ["elbow"]\nlocked = {{ shoulder = 0.4 }}\n'
+    (tmp_path / "seaid.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    named = (arm / "arm.urdf", "--joints", "elbow", "--locked", "shoulder=0.4")
+    sizes = ("--duration", "2", "--starts", "1", "--iterations", "5", "--json", "-o")
+    of_project = json.loads(done("excite", *sizes, tmp_path / "a.json").out)["result"]
+    monkeypatch.chdir(arm)
+    of_line = json.loads(done("excite", *named, *sizes, tmp_path / "b.json").out)["result"]
+    assert of_project == of_line
+
+
 def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object, **__: object) -> None:
         raise AssertionError("identified again")
@@ -171,6 +185,19 @@ def test_a_folder_of_a_project_stands_for_its_robot(
     assert done("check", project / "seaid.toml").out
     said = done("inspect", project)
     assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
+
+
+def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project: Path) -> None:
+    text = (project / "seaid.toml").read_text()
+    load = '\n[[payload]]\nlink = "lower"\nmass_kg = 0.5\ncom_m = [0, 0, -0.2]\n'
+    (project / "seaid.toml").write_text("gravity = [0.0, 9.81, 0.0]\n" + text + load)
+    try:
+        found = done("check", "--json").out
+    finally:
+        (project / "seaid.toml").write_text(text)
+    options = ("--payload", "lower:0.5:0,0,-0.2", "--gravity", "0,9.81,0")
+    own = done("check", "arm.urdf", "run.csv", "--drives", "arm.toml", *options, "--json").out
+    assert json.loads(found)["result"] == json.loads(own)["result"]
 
 
 def test_identify_saves_the_whole_result(here: Path) -> None:

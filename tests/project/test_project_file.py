@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
-from seaid.project.project import load_project, log_at
-from seaid.project.running import _folder_name, _folder_names, run_project
+from seaid.project.project import check_logs, load_project, log_at
+from seaid.project.running import _folder_name, _folder_names, _unseen_results, run_project
 from tests import experiments
 from tests.measured import LOGS
 
@@ -212,6 +213,54 @@ def test_what_is_wrong_in_it_is_said_with_its_place(
         words = r"no log identifies the condition x of a validation"
     with pytest.raises(SeaidError, match=words):
         run_project(load_project(folder))
+
+
+TWICE = "which would count its samples twice"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "words"),
+    [
+        (
+            'files = ["a.csv", "b.csv"]',
+            'files = ["b.csv", "a.csv"]\nuse = "validate"',
+            "validate on",
+        ),
+        ('files = ["a.csv", "b.csv"]', 'file = "a.csv"\nuse = "validate"', "validate on another"),
+        ('file = "a.csv"', 'file = "./x/../a.csv"\nuse = "validate"', "validate on another log"),
+        ('file = "a.csv"', 'file = "a.csv"', TWICE),
+        ('file = "a.csv"\nbetween_s = [0, 9]', 'file = "a.csv"\nbetween_s = [8, 20]', TWICE),
+        ('file = "a.csv"', 'file = "c.csv"\nuse = "validate"', "there is no log '.*c.csv'"),
+    ],
+)
+def test_logs_are_checked_before_a_run(tmp_path: Path, first: str, second: str, words: str) -> None:
+    (tmp_path / "x").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("")
+    logs = f"[[log]]\n{first}\n[[log]]\n{second}\n"
+    (tmp_path / "seaid.toml").write_text(f'urdf = "arm.urdf"\n{logs}')
+    with pytest.raises(SeaidError, match=words):
+        run_project(tmp_path)
+
+
+def test_logs_of_one_name_validate_each_on_its_own(folder: Path) -> None:
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        shutil.copy(folder / "run.npz", folder / name)
+    text = '[[log]]\nfile = "{}/run.npz"\ndescription = "columns.toml"\nuse = "validate"\n'
+    (folder / "seaid.toml").write_text(PROJECT + text.format("a") + text.format("b"))
+    project, notes = load_project(folder), list[str]()
+    ends = _unseen_results(project, "", lambda log: log.time[-1], "read", notes)
+    assert [*ends] == ["run.npz@20:100", "a/run.npz", "b/run.npz"]
+    assert not notes
+
+
+def test_a_log_may_give_several_parts(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("")
+    parts = [[0, 8], [8, 20], [20, 30]]
+    logs = [f'[[log]]\nfile = "a.csv"\nbetween_s = {part}\n' for part in parts]
+    (tmp_path / "seaid.toml").write_text('urdf = "arm.urdf"\n' + "".join(logs))
+    check_logs(load_project(tmp_path))
 
 
 def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:

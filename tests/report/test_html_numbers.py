@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.report.html_tables import probability, rounded, seconds, share, short
+from seaid.report.formats import probability, rounded, seconds, share, short
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
-from seaid.report.html_charts import Axis, Layer, chart, powers_of_ten
+from seaid.report.formats import powers_of_ten
+from seaid.report.html_charts import Axis, Layer, chart
 from seaid.report.html_robot import (
     Label,
     bodies_picture,

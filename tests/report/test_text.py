@@ -9,13 +9,12 @@ import pytest
 
 from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import validate
+from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
 from seaid.report.text import (
     drive_table,
     identification_table,
     load_table,
-    number,
-    percent,
     replay_table,
     table,
     validation_table,
@@ -110,14 +109,17 @@ def test_truth_stands_next_to_the_estimate() -> None:
     assert "s.e." in line
 
 
-def test_validation_table_has_both_sides_and_dashes_where_there_is_none() -> None:
+def test_validation_table_has_a_row_for_each_side_that_has_a_torque() -> None:
     result = validate(arm_found(), arm_log(2, motion_seed=5))
     text = validation_table(result)
-    (line,) = lines(text, "shoulder")
-    assert percent(result.actuator.relative_error[1]) in line
-    assert percent(result.load.relative_error[1]) in line
+    for side, fit in (("actuator", result.actuator), ("load", result.load)):
+        (line,) = lines(text, "shoulder", side)
+        assert f" {percent(fit.relative_error[1])} " in line
+        (line,) = lines(text, "all joints", side)
+        assert f" {percent(fit.whole_relative_error)} " in line
+        assert line.split()[-1] == "-"
     (line,) = lines(text, "rail")
-    assert line.split()[1:5] == ["-", "-", "-", "-"]
+    assert line.split()[1] == "load"
 
 
 def test_validation_table_has_the_share_of_the_samples_counted_where_it_is_not_all() -> None:
@@ -132,7 +134,7 @@ def test_validation_table_has_the_share_of_the_samples_counted_where_it_is_not_a
     numbers = [
         percent(one[3]) for one in (result.load.relative_error, result.load.raw_relative_error)
     ]
-    assert line.split() == ["wrist", "-", "-", *" ".join(numbers).split()]
+    assert line.split() == ["wrist", "load", *" ".join(numbers).split()]
     assert "counted" not in str(text)
 
 
@@ -152,9 +154,9 @@ def test_mean_errors_of_a_replay_are_of_joints_with_one_unit() -> None:
     mixed = replayed(*(bool(slides) for slides in arm().is_prismatic))
     text = replay_table(mixed)
     (turning,) = lines(text, "all revolute joints", "mrad")
-    assert turning.split()[3:7] == ["30", "15", "30", "15"]
+    assert turning.split()[3:] == ["30", "15", "30", "15", "mrad"]
     (sliding,) = lines(text, "all prismatic joints", "mm")
-    assert sliding.split()[3:7] == ["4", "2", "4", "2"]
+    assert sliding.split()[3:] == ["4", "2", "4", "2", "mm"]
     assert not lines(text, "all joints")
     (number_of_replay,) = [
         x for x in page_verdict(arm_found(), [], [mixed]).numbers if x[0] == "Replay"
@@ -171,6 +173,6 @@ def test_mean_errors_of_a_replay_are_of_all_joints_if_they_have_one_unit(
 ) -> None:
     replay = replayed(*[slides] * 4)
     (line,) = lines(replay_table(replay), "all joints")
-    assert line.split() == ["all", "joints", "17", "8.5", "17", "8.5"]
+    assert line.split() == ["all", "joints", "17", "8.5", "17", "8.5", unit]
     verdict = page_verdict(arm_found(), [], [replay])
     assert ("Replay", f"8.5 {unit}") in [x[:2] for x in verdict.numbers]

@@ -42,7 +42,7 @@ from seaid.identification.repeated_identification import validate
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
 from seaid.identification.validation import _actuator
-from seaid.log.custom_columns import both_sides
+from seaid.log.channels import both_sides
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques

@@ -143,16 +143,23 @@ def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:
             ARM.replace('parent link="base"', 'parent link="bse"'),
             "joint 'elbow' names link 'bse', which is not there",
         ),
-        (f'{ARM}<link name="x"/>', "is not one tree: links without parent: ['base', 'x']"),
+        (
+            f'{ARM}<link name="x"/>',
+            "is not one tree: links without parent: ['base', 'x']; join all but one to another",
+        ),
+        (
+            f'{ARM}<joint name="b" type="fixed"><parent link="arm"/><child link="base"/></joint>',
+            "is not one tree: links without parent: none; remove a joint of its loop",
+        ),
         (
             f'{ARM}<link name="x"/>{ELBOW.replace("base", "x").replace("elbow", "second")}',
-            "link 'arm' has two parent joints",
+            "link 'arm' has two parent joints, and a URDF is a tree: keep one of them",
         ),
         (
             f'{ARM}<link name="x"/><link name="y"/>'
             '<joint name="there" type="fixed"><parent link="x"/><child link="y"/></joint>'
             '<joint name="back" type="fixed"><parent link="y"/><child link="x"/></joint>',
-            "is not a tree: loop through link 'x'",
+            "is not a tree: loop through link 'x': remove a joint of it",
         ),
         ("", "has no links"),
         (

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
@@ -41,13 +42,21 @@ _MOST_HEAD = 200
 _MARKS = {
     b"PK\x03\x04": "a spreadsheet or an archive; save the sheet as CSV in UTF-8",
     b"\x1f\x8b": "compressed; unpack it first",
+    b"version https://git-lfs": "a pointer of Git LFS to one; fetch the file with git lfs pull",
 }
 """First bytes of files that are no text: {bytes: what it is, and what to do}."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_EXCEL = re.compile(r'"?sep=.?"?\s*')
+"""A first line in which spreadsheets write the delimiter of the file."""
+
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
-_TRUTH = {"true": 1.0, "false": 0.0}
+_WORDS = {
+    **{"true": 1.0, "false": 0.0},
+    **dict.fromkeys(("na", "n/a", "#n/a", "null", "none"), math.nan),
+}
+"""{word in place of a number: the number}."""
 
 NO_HEADER = "the first line is numbers: no header?"
 
@@ -95,7 +104,7 @@ class _Header:
 
 
 def open_csv(path: Path) -> Table:
-    """Return the columns of a file delimited by commas, semicolons, tabs or spaces.
+    """Return the columns of a file delimited by commas, semicolons, tabs, bars or spaces.
 
     Numbers may have decimal commas where commas do not delimit. Comments behind # or % may come
     first; the last one is the header if it has as many names as the samples. Without a header the
@@ -161,7 +170,7 @@ def _in_rows(path: Path, delimiter: str) -> Table:
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
     with path.open("rb") as raw:
-        start = raw.read(4)
+        start = raw.read(max(map(len, _MARKS)))
     for mark, what in _MARKS.items():
         if start.startswith(mark):
             raise LogError(f"'{path}' is not a text file in UTF-8 but {what}")
@@ -216,9 +225,9 @@ def _next_lines(lines: Iterator[str], most: int) -> list[str]:
 
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
-    """Return the names and the format of a file, from its comments and first two other lines."""
+    """Return the names and the format of a file, from its comments and first three other lines."""
     comments, others, skipped = _head(path, lines)
-    first, second = [*others, "", ""][:2]
+    first, second, third = [*others, "", "", ""][:3]
     if not comments and not (first + second).strip(',;\t "'):
         raise LogError(
             f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
@@ -230,11 +239,32 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
         return _numbered(path, first, skipped) if is_text else header
     if numbers and not _counts_from_zero(first):
         return _numbered(path, first, skipped)
-    return _named(path, first, second, skipped + 1)
+    header = _named(path, first, second, skipped + 1)
+    units = _units(path, second, header)
+    if not units:
+        return header
+    header = _named(path, first, third, skipped + 2)
+    pairs = zip(header.names, units, strict=False)
+    return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
+
+
+def _units(path: Path, line: str, header: _Header) -> list[str]:
+    """Return the units in a line below the names, without brackets; [] for a line of samples."""
+    _, cells = next(_cells(path, header.cleaned([line]), header.delimiter, 1), (1, []))
+    filled = [cell.strip() for cell in cells if cell.strip()]
+    if not filled or len(cells) != header.width or any(map(_is_sample, filled)):
+        return []
+    return [cell.strip("()[] ") for cell in cells]
+
+
+def _is_sample(cell: str) -> bool:
+    """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
+    is_list = all(map(_is_number, _list(cell) or ["no number"]))
+    return is_list or _is_number(cell) or cell.lower() in _WORDS or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
-    """Return comments, the first two other lines, and the number of lines before these."""
+    """Return comments, the first three other lines, and the number of lines before these."""
     comments, others, skipped = list[str](), list[str](), 0
     for line in islice(lines, _MOST_HEAD):
         # UTF-16 has a zero byte next to each letter.
@@ -242,11 +272,11 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
             raise LogError(
                 f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such"
             )
-        if line.strip() and (others or line[0] not in "#%"):
+        if line.strip() and (others or not (line[0] in "#%" or _EXCEL.fullmatch(line))):
             others.append(line.rstrip("\r\n"))
-        elif line.strip():
+        elif line.strip() and not _EXCEL.fullmatch(line):
             comments.append(line.rstrip("\r\n").lstrip("#% "))
-        if len(others) == 2:
+        if len(others) == 3:
             break
         skipped += not others
     return list(filter(None, comments)), others, skipped
@@ -268,7 +298,7 @@ class _Format(NamedTuple):
 def _format_of(line: str) -> _Format | None:
     """Return the format of a line of numbers, None for another line."""
     # The order decides: between semicolons or tabs, commas are decimal signs.
-    for delimiter in ";\t, ":
+    for delimiter in ";\t|, ":
         cells = line.split() if delimiter == " " else line.split(delimiter)
         for decimal in "." if delimiter == "," else ".,":
             if all(map(_is_number, (cell.replace(decimal, ".") for cell in cells))) and any(
@@ -289,7 +319,7 @@ def _is_number(cell: str) -> bool:
 
 def _counts_from_zero(line: str) -> bool:
     """Return whether a line is 0,1,2,...: the names that pandas gives to columns without one."""
-    cells = re.split(r"[,;\t]", line)
+    cells = re.split(r"[,;\t|]", line)
     return len(cells) > 2 and [cell.strip() for cell in cells] == [*map(str, range(len(cells)))]
 
 
@@ -321,7 +351,7 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
 def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     """Return the most frequent delimiter of a header, first of those as often in the sample."""
     # The sample decides between delimiters, since a name may have a comma: "F (x, y);t".
-    ranked = sorted(",;\t", key=header.count, reverse=True)
+    ranked = sorted(",;\t|", key=header.count, reverse=True)
     ranked = [delimiter for delimiter in ranked if delimiter in header]
     fitting = (mark for mark in ranked if sample.count(mark) == header.count(mark))
     if ranked:
@@ -343,7 +373,7 @@ def _items(names: list[str], cells: list[str]) -> tuple[list[str], _Items]:
         if numbers is not None:
             columns += [f"{name}[{item}]" for item in range(len(numbers))]
             items += [(place, item) for item in range(len(numbers))]
-        elif _is_number(cell) or cell.strip().lower() in _TRUTH:
+        elif _is_number(cell) or cell.strip().lower() in _WORDS:
             columns.append(name)
             items.append((place, None))
     has_lists = any(item is not None for _, item in items)
@@ -382,6 +412,11 @@ def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: i
         if not cells:
             continue
         if len(cells) != header.width:
+            if any("\0" in cell for cell in cells):
+                raise LogError(
+                    f"'{path}', line {line}: has zero bytes, as a file that was not written to its "
+                    "end: remove the line, and those behind it that are no samples"
+                )
             commas = header.delimiter == "," and len(cells) > header.width
             hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
             raise LogError(
@@ -422,15 +457,18 @@ def _cells(
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return the number in a cell; NaN for an empty cell, 1 and 0 for true and false."""
+    """Return the number in a cell, or that of its word; NaN for an empty cell."""
     try:
         return float(cell) if cell.strip() else float("nan")
     except ValueError:
         pass
-    truth = _TRUTH.get(cell.strip().lower())
-    if truth is None:
+    word = _WORDS.get(cell.strip().lower())
+    if word is None:
+        hint = ": empty it if nothing was measured"
+        hint = "; write the time as seconds" if _DATE.search(cell) else hint
+        hint = "; write a decimal point" if _DECIMAL_COMMA.fullmatch(cell.strip()) else hint
         raise LogError(
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
-            f"is not a number{'; write the time as seconds' if _DATE.search(cell) else ''}"
+            f"is not a number{hint}"
         )
-    return truth
+    return word

@@ -158,8 +158,17 @@ def interpolation_of(name: str) -> Interpolation:
     """Return how a column of seaid is interpolated: by a spline, if it is differentiated."""
     if is_command(name):
         return "linear"
-    is_smooth = is_position(name) or name.startswith(("base.orientation", "base.velocity"))
+    is_smooth = is_position(name) or name.startswith(_SMOOTH)
     return "spline" if is_smooth else "akima"
+
+
+_SMOOTH = ("base.orientation", "base.velocity", "base.angle")
+"""Channels of a base that are differentiated."""
+
+
+def is_angle_of_base(name: str) -> bool:
+    """Return whether a column name of seaid is the angle of a planar base, which may turn."""
+    return name.startswith("base.angle")
 
 
 def is_slow(name: str) -> bool:

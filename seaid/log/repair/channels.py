@@ -18,6 +18,7 @@ from seaid.log.repair import (
     Repair,
     Repairs,
     interpolation_of,
+    is_angle_of_base,
     is_command,
     is_contact,
     is_position,
@@ -480,14 +481,16 @@ def _without(
 
 
 def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[Repair]) -> Array:
-    period = channel.period
+    # The angle of a base is in rad by its name, so that its turn is known.
+    known = 2 * math.pi if is_angle_of_base(channel.name) else channel.period
+    period = known
     if period is None and is_position(channel.name):
         period = wrap_period(time, values)
     if period is None:
         return values
     whole, count, first = unwrapped(channel.name, time, values, period)
     if count:
-        origin = "as given" if channel.period else "estimated from the jumps"
+        origin = "as given" if known else "estimated from the jumps"
         action = f"by {period:.6g} ({origin}), unwrapped"
         repairs.append(Repair(channel.name, "wraps", count, float(time[first]), action))
     return whole

@@ -51,6 +51,12 @@ def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
         (text_of("   "), ["1", "2", "3"]),
         (text_of(" ", ","), ["1", "2", "3"]),
         (text_of(",", head="# made by a bench\n# on a Monday\n"), ["1", "2", "3"]),
+        (text_of("|", head="t|q|tau\n"), NAMES),
+        (text_of(",", head="t,|q|,tau\n"), ["t", "|q|", "tau"]),
+        (text_of(";", ",", head="sep=;\nt;q;tau\n"), NAMES),
+        (text_of(",", head='"sep=,"\n'), ["1", "2", "3"]),
+        (text_of(",", head="t,q,tau\ns,rad,Nm\n"), ["t [s]", "q [rad]", "tau [Nm]"]),
+        (text_of(";", ",", head="t;q;tau\n[s];;(Nm)\n"), ["t [s]", "q", "tau [Nm]"]),
     ],
 )
 @pytest.mark.parametrize("suffix", [".csv", ".txt"])
@@ -69,6 +75,42 @@ def test_a_table_of_text_is_read_in_its_own_format(
         np.testing.assert_allclose(
             np.concatenate([one[name] for one in parts]), ROWS[:, place], atol=1e-6
         )
+
+
+def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
+    path, words = tmp_path / "log.csv", ("NA", "n/a", "#N/A", "null", "None", "nan", "")
+    path.write_text("a,b\n1,2\n" + "".join(f"{word},3\n" for word in words))
+    values = open_table(path).load(["a"])["a"]
+    assert np.array_equal(np.isnan(values), [False, *[True] * len(words)])
+    for cell, remedy in (("lost", ": empty it if nothing"), ('"2,5"', "; write a decimal point")):
+        path.write_text(f"a,b\n1,2\n{cell},3\n")
+        with pytest.raises(LogError, match=f"which is not a number{remedy}"):
+            open_table(path).load(["a"])
+
+
+def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
+        path.write_text(f"a,b\n{line}\n1,2\n")
+        assert not any("[true]" in name or "[x]" in name for name in open_table(path).names)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            b"a,b\n1,2\n" + bytes(40) + b"\n",
+            "line 3: has zero bytes, as a file that was not written",
+        ),
+        (b"version https://git-lfs.github.com/spec/v1\nsize 12\n", "fetch the file with git lfs"),
+        (b"a,b\nleft\n1,2\n", "line 2 has 1 cells"),
+    ],
+)
+def test_a_file_that_is_not_whole_is_named(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=words):
+        open_table(path).load(["a", "b"])
 
 
 def test_one_number_a_line_is_one_column(tmp_path: Path) -> None:

@@ -1,123 +1,34 @@
 """The meaning of the name of a column: quantity, side of the gear, joint and unit.
 
 `meaning_of` reads it from the words of the name; the names of a robot's joints are looked for
-first, so that their words are not taken for anything else.
+first, so that their words are not taken for anything else. The words of languages and the spellings
+of units are in vocabulary.toml.
 """
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import filterfalse, pairwise
 from pathlib import Path
+from typing import Any, Literal
 
-_QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec nsec nanoseconds elapsed times "
-    "stamps tstamp tstamps timestamps zeit",
-    "position": "pos position angle q theta phi ang enc encoder positions qpos winkel drehwinkel "
-    "stellung posicion posizione angulo angolo scale",
-    "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm erpm qvel rate "
-    "geschwindigkeit drehzahl vitesse velocidad velocita",
-    "acceleration": "acc accel acceleration accelerations ddq qdd qddot ddtheta beschleunigung",
-    "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq tq moment force torques frc couple drehmoment coppia",
-    "current": "cur current amps iq curr currents i strom courant corriente corrente",
-    "voltage": "volt volts voltage u voltages vin spannung",
-    "duty": "pwm duty",
-    "temperature": "temp temperature wtemp temperatures temps temperatur",
-}
-_WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
-_PRECEDENCE = (
-    *("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection"),
-    "position torque",
-    "time",
-)
-"""Quantities by how they rank if a name has words of several; in one rank the first word counts."""
-_WEAK = {"enc", "encoder", "scale"}
-"""Words of a position that say nothing next to another quantity: "encoder_velocity"; the scale of a
-linear encoder is none in "torque_scale"."""
-_RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
-_ROLES = {
-    "motor": "m motor motors mot rotor drive winding moteur motore antrieb",
-    "joint": "joint link load out output l arm sensor external joints links j spring sea gelenk "
-    "abtrieb articulation articulacion giunto",
-    "commanded": "cmd command commands commanded lowcmd goal target des desired ref reference "
-    "setpoint set stpt con demand soll action actions ff feedforward",
-    "estimated": "est estimate estimated",
-    "derived": "filt filtered fric friction model error err expected predicted "
-    "gravity gravite grav pred computed coriolis constraint nullspace limit limits max min "
-    "threshold hat",
-    "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
-    "filler": "meas measured raw state states header actual act value data of the w bus actuator "
-    "actuators servo axis electric dof ist feedback low lowstate "
-    "present observation",
-}
-"""Words of the sides of the gear, of commands, of what is computed, of what is not at a joint, and
-words without meaning."""
-_MOTOR, _JOINT, _COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
-    set(words.split()) for words in _ROLES.values()
-)
-_SAID = {"meas", "measured", "actual", "act", "present", "ist", "feedback"}
-"""Words that say that a value is measured."""
-_OF_TOPICS = {"controller", "status", "msg"}
-"""Words of topics that say nothing; in the name of a field a status is a code."""
-_BEFORE_D = {*_WORDS, "j", "m", "l"}
-"""Words after which d says that a value is desired."""
+from seaid._files import read_toml
+from seaid.errors import LogError
+
+Unit = tuple[str, str]
+"""A quantity, and a unit of it."""
+
+_PREFIXES = {"m": "milli", "u": "micro", "n": "nano", "k": "kilo", "c": "centi"}
+"""Prefixes of units, before their symbols and before their names."""
+
+Role = Literal["measured", "estimated", "command", "derived"]
+
 _OF_DRIVES = {("motor", "state"), ("motor", "cmd"), ("motor", "command")}
 """Words of messages about drives, as "motor_state[0].q" is: they tell no side of the gear."""
-_OUTSIDE = {"external", "ext"}
-"""An external encoder is at the joint; an external torque is computed."""
-
-_SPELLINGS = {
-    "position": {
-        "rad": "rad rads radian radians",
-        "mrad": "mrad millirad",
-        "deg": "deg degs degree degrees °",
-        "mdeg": "mdeg millideg",
-        "turn": "turn turns rev revs revolution revolutions rot rots",
-        "counts": "count counts cts tick ticks inc incs increments pulses lsb",
-        "mm": "mm millimeter millimetre millimeters millimetres",
-        **{"cm": "cm", "um": "um micron microns", "m": "m"},
-    },
-    "torque": {
-        **{"Nm": "Nm N.m N·m N*m NM newtonmeter", "mNm": "mNm mN.m mN·m", "uNm": "uNm"},
-        **{"kNm": "kNm kN.m", "Ncm": "Ncm N.cm", "Nmm": "Nmm N.mm"},
-        **{"N": "N newton newtons", "mN": "mN", "kN": "kN"},
-    },
-    "current": {"A": "A amp ampere amperes", "mA": "mA milliamp milliamps", "uA": "uA", "kA": "kA"},
-    "voltage": {"V": "V", "mV": "mV millivolt millivolts", "uV": "uV", "kV": "kV"},
-    "time": {
-        **{"s": "s sec secs second seconds", "ms": "ms msec millis milliseconds"},
-        **{"us": "us usec micros microseconds", "ns": "ns nsec nanosec nanos nanoseconds"},
-    },
-    "velocity": {"rpm": "rpm", "deg/s": "dps", "rad/s": "radps"},
-    "temperature": {
-        "degC": "degC celsius C °C",
-        **{"K": "K kelvin", "degF": "degF fahrenheit F °F"},
-    },
-}
-"""{quantity: {unit: its spellings}}. A column of a torque may be in amperes, too."""
-
-_UNITS = {
-    spelling: (quantity, unit)
-    for quantity, units in _SPELLINGS.items()
-    for unit, spellings in units.items()
-    for spelling in spellings.split()
-}
-_UNITS_SMALL = {spelling.lower(): unit for spelling, unit in reversed(_UNITS.items())}
-"""Units by their spelling, and by that in small letters, as in "TORQUE_MNM"."""
-
-_BY_UNIT = {
-    *("rad", "mrad", "deg", "mdeg", "Nm", "mNm", "kNm", "Ncm", "mA", "mV", "rpm"),
-    *("deg/s", "rad/s"),
-}
-"""Units that say the quantity if no word of the name does: "hip_yaw_motor_rad" is a position."""
-
-_OF_ENCODERS = {"counts", "turn"}
-"""Units of encoders, which say the quantity next to a side of the gear."""
 
 _RATE = re.compile(
     r"(?<![^\W_])(m?rad|m?deg|turns?|revs?|counts?|[mc]?m|°)"
@@ -125,13 +36,6 @@ _RATE = re.compile(
 )
 """A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
 
-_COMPUTED = _COMMANDED | _DERIVED | _ELSEWHERE
-_UNDERSTOOD = {*_WORDS, *_MOTOR, *_JOINT, *_COMPUTED, *_ESTIMATED, *_FILLER, "jnt"}
-_GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
-_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_ESTIMATED, *_FILLER}
-"""Words that say what a column is; the others, except its unit, are the label of its joint."""
-_ANY_JOINT = {"joint", "jnt", "link"}
-"""Words that a column may lack of the name of its joint: "elbow_pos" is of elbow_joint."""
 _BRACKETED = re.compile(r"(.*)([\[(])([^\[\]()]*)[\])]\s*", re.DOTALL)
 _RUN = re.compile(r"[^\W_]+|°")
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|°")
@@ -142,30 +46,104 @@ _DOTS = (
 )
 """Letters with the dots of a derivative, and the quantities that they stand for."""
 
-_Unit = tuple[str, str]
-"""A quantity, and a unit of it."""
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The words and units of vocabulary.toml.
+
+    Attributes
+    ----------
+    tables : mapping {table: mapping}
+        What the file has, as it is.
+    quantities : mapping {word: quantity}
+    roles : mapping {role or mark: words}
+        Further: "computed" are those of commands, of derived signals and of what is not at a joint;
+        "understood" are those of any role or quantity; "no label" are all of them but those of a
+        joint.
+    units : mapping {spelling: (quantity, unit)}
+    small : mapping {spelling in small letters: (quantity, unit)}
+        As in "TORQUE_MNM".
+    """
+
+    tables: Mapping[str, Any]
+    quantities: Mapping[str, str]
+    roles: Mapping[str, frozenset[str]]
+    units: Mapping[str, Unit]
+    small: Mapping[str, Unit]
+
+
+@cache
+def vocabulary() -> Vocabulary:
+    """Return the words of column names, which are read from their file once."""
+    path = Path(__file__).with_name("vocabulary.toml")
+    tables = read_toml(path, "the words of column names", LogError)
+    words = {name: frozenset(text.split()) for name, text in tables["roles"].items()}
+    quantities = {
+        word: kind for kind, text in tables["quantities"].items() for word in text.split()
+    }
+    of_quantities = frozenset(quantities)
+    not_of_joints = of_quantities.union(*(words[role] for role in words.keys() - {"joint"}))
+    marks = {name: frozenset(text.split()) for name, text in tables["marks"].items()}
+    more = {
+        "computed": words["commanded"] | words["derived"] | words["elsewhere"],
+        "understood": not_of_joints | words["joint"] | {"jnt"},
+        "no label": not_of_joints,
+        "generic": of_quantities.union(words["motor"], words["joint"], words["filler"]),
+        "desired": of_quantities | marks.pop("desired"),
+    }
+    units = dict(_spellings(tables["units"]))
+    # The first unit of a spelling in small letters counts.
+    small = {spelling.lower(): unit for spelling, unit in reversed(units.items())}
+    return Vocabulary(tables, quantities, words | marks | more, units, small)
+
+
+def _spellings(units: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, Unit]]:
+    """Yield the spellings of units, with their prefixes, and what they stand for."""
+    for unit, entry in units.items():
+        symbols, names = entry.get("symbols", "").split(), entry.get("names", "").split()
+        for spelling in [*symbols, *names, *entry.get("also", "").split()]:
+            yield spelling, (entry["of"], unit)
+        for prefix in entry.get("prefixes", "").split():
+            spelled = [prefix + x for x in symbols] + [_PREFIXES[prefix] + x for x in names]
+            yield from ((spelling, (entry["of"], prefix + unit)) for spelling in spelled)
+
+
+def _has(texts: Sequence[str], role: str) -> bool:
+    """Return whether a word has a role, or a mark."""
+    return not vocabulary().roles[role].isdisjoint(texts)
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """The meaning of a column name; `is_raw` is False for commands and derived signals.
+    """The meaning of the name of a column.
 
-    Of these, `is_estimate` is True for what the drive estimates, as a torque from its current.
-    `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
-    name of the robot's joint, or the remainder of the name; `unit` may be None; `unknown` are the
-    words that no table has, if the joints of a robot are known; `is_said` is True if the name says
-    "measured", `is_command` if it says "commanded" and nothing else.
+    Attributes
+    ----------
+    quantity, side : str
+        "position", ... and "motor" or "joint"; empty texts if the name does not say them.
+    joint : str
+        The robot's joint, or what remains of the name.
+    unit : str or None
+    role : {"measured", "estimated", "command", "derived"}
+        Estimated is what the drive computes, as a torque from its current.
+    unknown : tuple of str
+        The words that are not in the vocabulary, if the joints of a robot are known.
+    is_said : bool
+        Whether the name says that the column is measured.
     """
 
     quantity: str
     side: str
     joint: str
     unit: str | None
-    is_raw: bool
-    is_estimate: bool = False
+    role: Role = "measured"
     unknown: tuple[str, ...] = ()
     is_said: bool = False
-    is_command: bool = False
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether it is a measurement."""
+        return self.role == "measured"
 
 
 @dataclass(frozen=True)
@@ -176,7 +154,7 @@ class _Word:
     """
 
     text: str
-    unit: _Unit | None = None
+    unit: Unit | None = None
     is_glued: bool = False
 
 
@@ -189,23 +167,30 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     quantity, joint = _quantity_and_joint(parts, joints)
     side = _side_of(parts)
     unit, joint = _unit_and_joint(parts, quantity, side, joint)
-    if quantity == "time" and not _is_measured(parts.texts, quantity):  # "T_des" is a torque
+    if quantity == "time" and _has(parts.texts, "computed"):  # "T_des" is a torque
         quantity = "torque"
     of_topic = (text for part in parts.topic for text in part.texts)  # "/state/desired/q[0]"
     texts = [*parts.texts, *of_topic]
-    is_measured, is_estimated = _is_measured(texts, quantity), not _ESTIMATED.isdisjoint(texts)
     of_unit, spelling = unit or ("", None)
     return Meaning(
         quantity=quantity or of_unit,
         side=side,
         joint=joint,
         unit=spelling,
-        is_raw=is_measured and not is_estimated,
-        is_estimate=is_measured and is_estimated,
+        role=_role(texts, quantity),
         unknown=_unknown(parts.words, joints),
-        is_said=not _SAID.isdisjoint(texts),
-        is_command=not _COMMANDED.isdisjoint(texts) and not (_DERIVED | _ELSEWHERE) & {*texts},
+        is_said=_has(texts, "said"),
     )
+
+
+def _role(texts: Sequence[str], quantity: str) -> Role:
+    """Return whether the words are those of a measurement, of a command, or of something else."""
+    # External torques are estimates of a contact, while an external encoder measures the joint.
+    is_outside = quantity == "torque" and _has(texts, "outside")
+    if not (_has(texts, "computed") or is_outside):
+        return "estimated" if _has(texts, "estimated") else "measured"
+    is_signal = not (_has(texts, "derived") or _has(texts, "elsewhere"))
+    return "command" if is_signal and _has(texts, "commanded") else "derived"
 
 
 @dataclass(frozen=True)
@@ -233,8 +218,8 @@ class _Parts:
     quantity: str
     joint: str
     label: str
-    unit: _Unit | None
-    rate: _Unit | None
+    unit: Unit | None
+    rate: Unit | None
 
 
 def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
@@ -261,7 +246,7 @@ def _topic_part(text: str, joints: Sequence[str]) -> _TopicPart:
     if (joint := _joint_of(head, joints)) in joints:
         return _TopicPart(joint, "", [])
     joint, words = _joint_in(_words(_in_latin(head)), joints)
-    words = [word for word in words if word.text not in _OF_TOPICS]
+    words = [word for word in words if word.text not in vocabulary().roles["topic"]]
     return _TopicPart(joint, label or _label(words, None), [word.text for word in words])
 
 
@@ -273,7 +258,11 @@ def _quantity_and_joint(parts: _Parts, joints: Sequence[str]) -> tuple[str, str]
     if joint := _joint_with_length(parts, joints):
         return "position", joint
     is_in_words = parts.joint and not parts.label  # "/state/positions/elbow"
-    if not (is_in_words or _FILLER.issuperset(parts.texts) or parts.texts[-1].isdigit()):
+    if not (
+        is_in_words
+        or vocabulary().roles["filler"].issuperset(parts.texts)
+        or parts.texts[-1].isdigit()
+    ):
         return "", parts.joint
     quantities = (_quantity(part.texts) for part in reversed(parts.topic))
     return next(filter(None, quantities), ""), parts.joint
@@ -296,9 +285,7 @@ def _side_of(parts: _Parts) -> str:
     return "" if is_of_drive and is_numbered else _side(parts.words)
 
 
-def _unit_and_joint(
-    parts: _Parts, quantity: str, side: str, joint: str
-) -> tuple[_Unit | None, str]:
+def _unit_and_joint(parts: _Parts, quantity: str, side: str, joint: str) -> tuple[Unit | None, str]:
     """Return the unit in brackets if the quantity has it, else that of the words; and the joint."""
     is_rate = parts.rate and quantity in ("", "velocity", "acceleration")
     unit = parts.rate if is_rate else parts.unit
@@ -321,13 +308,13 @@ def in_file(meaning: Meaning, file: str) -> Meaning:
     """Return a meaning in one of several files: "run.control.csv" has the commands of a run."""
     if not meaning.is_raw or meaning.quantity == "time" or not is_of_commands(file):
         return meaning
-    return replace(meaning, is_raw=False, is_command=True)
+    return replace(meaning, role="command")
 
 
 def is_of_commands(file: str) -> bool:
     """Return whether the name of a file says that it has commands."""
-    texts = {word.text for word in _words(_in_latin(Path(file).name))}
-    return bool(texts & (_COMMANDED | {"control"}))
+    texts = _texts(Path(file).name)
+    return "control" in texts or _has(texts, "commanded")
 
 
 def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
@@ -339,13 +326,13 @@ def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
         return ()
     named = (word.text for word in words if word.unit is None and not word.text.isdigit())
     of_joints = {text for known, _ in _known(tuple(joints)) for text in known}
-    return tuple(text for text in named if text not in _UNDERSTOOD | of_joints)
+    return tuple(x for x in named if x not in vocabulary().roles["understood"] | of_joints)
 
 
 def joint_alone(name: str, joints: Sequence[str]) -> str:
     """Return the joint of a name with nothing else but words without meaning, or an empty text."""
-    texts = tuple(word.text for word in _words(_in_latin(name)))
-    bare = tuple(text for text in texts if text not in _FILLER)
+    texts = _texts(name)
+    bare = tuple(text for text in texts if text not in vocabulary().roles["filler"])
     numbered = ("joint", *bare[1:]) if bare[:1] == ("j",) else bare  # "J1" is joint_1
     spelled = (texts, bare, numbered)
     return next((joint for known, joint in _known(tuple(joints)) if known in spelled), "")
@@ -353,23 +340,17 @@ def joint_alone(name: str, joints: Sequence[str]) -> str:
 
 def is_of_another_part(name: str) -> bool:
     """Return whether a name is no command, but of a tool, a foot, an IMU or a battery."""
-    texts = {word.text for word in _words(_in_latin(name))}
-    return bool(texts & _ELSEWHERE) and not texts & (_COMMANDED | _DERIVED)
+    texts = _texts(name)
+    is_signal = _has(texts, "commanded") or _has(texts, "derived")
+    return _has(texts, "elsewhere") and not is_signal
 
 
-def _is_measured(texts: Sequence[str], quantity: str) -> bool:
-    """Return False for a command and for what is not measured at a joint."""
-    # External torques are estimates of a contact, while an external encoder measures the joint.
-    is_outside = quantity == "torque" and not _OUTSIDE.isdisjoint(texts)
-    return _COMPUTED.isdisjoint(texts) and not is_outside
-
-
-def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
+def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
     """Return a name without brackets, and the label and the unit in them: "q[1] (rad)"."""
     label, unit = "", None
     while match := _BRACKETED.fullmatch(name):
         head, bracket, inside = match.groups()
-        known = _known_unit(_in_latin(inside).strip())
+        known = known_unit(_in_latin(inside).strip())
         if known is not None:
             name, unit = head, known
         # Square brackets index, round ones explain: words in these are words of the name.
@@ -380,69 +361,81 @@ def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
     return name, label, unit
 
 
-def _without_rate(head: str) -> tuple[str, _Unit | None]:
+def _without_rate(head: str) -> tuple[str, Unit | None]:
     """Return a name without the unit of a velocity or an acceleration, and that unit."""
     match = _RATE.search(head)
     if match is None:
         return head, None
     length, time, square = match.groups()
-    _, length = _known_unit(length) or ("", length)
+    _, length = known_unit(length) or ("", length)
     rate = ("acceleration", f"{length}/s^2") if square else ("velocity", f"{length}/{time[0]}")
     return head[: match.start()] + head[match.end() :], rate
 
 
-def _known_unit(text: str) -> _Unit | None:
+def known_unit(text: str) -> Unit | None:
     """Return the unit that a text is, in the spelling of the table or in that of small letters."""
     if _RATE.fullmatch(text):
         return _without_rate(text)[1]
-    return _UNITS.get(text, _UNITS_SMALL.get(text.lower()))
+    return vocabulary().units.get(text, vocabulary().small.get(text.lower()))
+
+
+def _texts(name: str) -> tuple[str, ...]:
+    """Return the words of a name in small letters."""
+    return tuple(word.text for word in _words(_in_latin(name)))
 
 
 def _words(text: str) -> list[_Word]:
     """Return the words of a name; a unit such as mA is one word."""
     words: list[_Word] = []
+    known = vocabulary()
     for run in _RUN.findall(text):
         head, unit = _without_unit(run)
         parts = _SPLIT.findall(head)
-        if head.lower() in _WORDS:  # "qD"
+        if head.lower() in known.quantities:  # "qD"
             parts = [head]
-        elif "".join(parts[:-1]).lower() in _WORDS:  # "dQ1"
+        elif "".join(parts[:-1]).lower() in known.quantities:  # "dQ1"
             parts = ["".join(parts[:-1]), parts[-1]]
         for number, part in enumerate(parts):
             glued = number > 0 and part.isdigit()
-            words += [_Word(piece, _known_unit(part), glued) for piece in _split(part.lower())]
+            words += [_Word(piece, known_unit(part), glued) for piece in _split(part.lower())]
         if unit:
-            words.append(_Word(unit.lower(), _known_unit(unit)))
+            words.append(_Word(unit.lower(), known_unit(unit)))
     return [  # the d of "q_d", "tau_J_d" and "theta_md"
-        replace(word, text="desired") if word.text == "d" and before in _BEFORE_D else word
+        replace(word, text="desired")
+        if word.text == "d" and before in known.roles["desired"]
+        else word
         for before, word in zip(["", *(word.text for word in words)], words, strict=False)
     ]
 
 
 def _without_unit(run: str) -> tuple[str, str]:
     """Return letters and numbers without the unit at their end: "currentmA", "torque1mNm"."""
-    if _known_unit(run):
+    if known_unit(run):
         return "", run
+    known = vocabulary()
     for start in range(1, len(run) - 1):
+        if run[start:] not in known.units:
+            continue
         before = (_SPLIT.findall(run[:start]) or [""])[-1].lower()
         # Behind a number or a quantity only, and in the unit's spelling: the m of "arm" is no
         # metre.
-        if run[start:] in _UNITS and (before.isdigit() or before in _WORDS):
+        if before.isdigit() or before in known.quantities:
             return run[:start], run[start:]
     return run, ""
 
 
 def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
-    if word in _WORDS or word in _UNITS_SMALL or len(word) < 2:
+    known = vocabulary()
+    if word in known.quantities or word in known.small or len(word) < 2:
         return [word]
     # m, l, w and j for motor, link, winding and joint: "mpos", "lq", "wcur", "jpos".
-    if word[0] in "mlwj" and (word[1:] in _WORDS or word[1:] == "d"):
+    if word[0] in "mlwj" and (word[1:] in known.quantities or word[1:] == "d"):
         return [word[0], word[1:]]
-    if word[-1] in "ml" and word[:-1] in _WORDS:
+    if word[-1] in "ml" and word[:-1] in known.quantities:
         return [word[:-1], word[-1]]
     for end in range(3, len(word) - 2):  # "motorpos", "istposition"
-        if word[:end] in _UNDERSTOOD and word[end:] in _WORDS:
+        if word[:end] in known.roles["understood"] and word[end:] in known.quantities:
             return [word[:end], word[end:]]
     return [word]
 
@@ -452,45 +445,48 @@ def _quantity(texts: Sequence[str]) -> str:
 
     Words behind "from" say what it was computed from: "torques_from_current".
     """
+    known = vocabulary()
     texts = texts[: texts.index("from")] if "from" in texts[1:] else texts
-    said = [
-        word
-        for word, following in pairwise([*texts, ""])
-        if word in _WORDS and not (word == "current" and _WORDS.get(following, word) != word)
-    ]
+    kinds = {}
+    for word, following in pairwise([*texts, ""]):
+        kind = known.quantities.get(word)
+        if kind and not (word == "current" and known.quantities.get(following, kind) != kind):
+            kinds[word] = kind
+    strong = [kind for word, kind in kinds.items() if word not in known.roles["weak"]]
     # `min` returns the first of equal rank: "position" before "torque" in the name is a position.
-    kinds = [_WORDS[word] for word in said if word not in _WEAK] or [_WORDS[word] for word in said]
-    return min(kinds, key=_RANK.__getitem__, default="")
+    ranks = known.tables["ranks"]
+    return min(strong or kinds.values(), key=ranks.__getitem__, default="")
 
 
-def _fits(unit: _Unit, quantity: str) -> bool:
+def _fits(unit: Unit, quantity: str) -> bool:
     """Return whether a quantity may have a unit; without a quantity only what is unmistakable."""
     if not quantity:
-        return unit[1] in _BY_UNIT
-    return (quantity, unit[0]) in {("torque", "current"), ("deflection", "position")} or (
-        quantity == unit[0]
-    )
+        return unit[1] in vocabulary().roles["telling"]
+    return quantity == unit[0] or (quantity, unit[0]) in _ALSO
 
 
-def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _Unit | None:
+_ALSO = {("torque", "current"), ("deflection", "position")}
+"""Quantities that may have the units of others: a torque in amperes is that of a drive."""
+
+
+def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> Unit | None:
     """Return the unit: the last word that is one. One of a single letter is the very last word."""
     named = [word for word in words if not word.text.isdigit()]
     for place, word in enumerate(reversed(named)):
         # A single letter is a unit at the end only, as in "joint_pos_m", else a side or a label:
         # "m_pos".
         is_last = place == 0 and (len(named) > 1 or joint != "")
-        if word.unit is None or not (is_last or (quantity and len(word.text) > 1)):
-            continue
-        if word.text == "m" and side != "joint":  # "pos_m" is at the motor
-            continue
-        if _fits(word.unit, quantity):
+        is_of_motor = word.text == "m" and side != "joint"  # "pos_m" is at the motor
+        is_placed = is_last or (quantity != "" and len(word.text) > 1)
+        if word.unit is not None and is_placed and not is_of_motor and _fits(word.unit, quantity):
             return word.unit
     return None
 
 
-def _counts_of(words: Sequence[_Word]) -> _Unit | None:
+def _counts_of(words: Sequence[_Word]) -> Unit | None:
     """Return the unit of counts or turns on a side of a gear: "motor_counts" are of its encoder."""
-    units = (word.unit for word in words if word.unit is not None and word.unit[1] in _OF_ENCODERS)
+    of_encoders = vocabulary().roles["encoders"]
+    units = (word.unit for word in words if word.unit is not None and word.unit[1] in of_encoders)
     return next(units, None) if _side(words) else None
 
 
@@ -498,47 +494,48 @@ def _side(words: Sequence[_Word]) -> str:
     """Return the side: "joint_position_m" is in metres, "motor_elbow_joint" at the motor."""
     texts = [word.text for word in words]
     at_joint = _is_at_joint(words)
-    if not _MOTOR.isdisjoint(texts) and not (at_joint and texts[-1] == "m"):
+    if _has(texts, "motor") and not (at_joint and texts[-1] == "m"):
         return "motor"
     return "joint" if at_joint else ""
 
 
 def _is_at_joint(words: Sequence[_Word]) -> bool:
     """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
-    others = [
-        word.text
-        for word in words
-        if not word.text.isdigit() and (word.unit is None or word.text in _GENERIC)
-    ]
-    for word, following in pairwise(others):
-        if (word in _JOINT and following in _WORDS) or (following == "sensor" and word in _WORDS):
+    known = vocabulary()
+    generic, joint, quantities = known.roles["generic"], known.roles["joint"], known.quantities
+    named = [word for word in words if not word.text.isdigit()]
+    texts = [word.text for word in named if word.unit is None or word.text in generic]
+    for word, following in pairwise(texts):
+        is_side = word in joint and following in quantities
+        if is_side or (following == "sensor" and word in quantities):
             return True
-    return _GENERIC.issuperset(others) and not _JOINT.isdisjoint(others)
+    return generic.issuperset(texts) and not joint.isdisjoint(texts)
 
 
-def _label(words: Sequence[_Word], unit: _Unit | None) -> str:
+def _label(words: Sequence[_Word], unit: Unit | None) -> str:
     """Return the words of a joint's name, or its number if the other words are generic."""
     following = [*words[1:], _Word("")]
     places = [n for n, word in enumerate(words) if _is_of_label(word, following[n].text, unit)]
     texts = [words[place].text for place in places]
-    if _JOINT.issuperset([*filterfalse(str.isdigit, texts)]):
+    if vocabulary().roles["joint"].issuperset([*filterfalse(str.isdigit, texts)]):
         return "_".join(filter(str.isdigit, texts))
     is_glued = [words[place].is_glued and place - 1 in places for place in places]
     pieces = zip(is_glued, texts, strict=True)
     return "".join(text if glued else f"_{text}" for glued, text in pieces).removeprefix("_")
 
 
-def _is_of_label(word: _Word, following: str, unit: _Unit | None) -> bool:
+def _is_of_label(word: _Word, following: str, unit: Unit | None) -> bool:
     """Return whether a word is of the label of a joint: neither its unit nor what a column is."""
+    known = vocabulary()
     is_unit = word.unit is not None and (len(word.text) > 1 or word.unit == unit)
-    is_side = word.text in _JOINT and following in _WORDS
-    return not (is_unit or is_side or word.text in _NO_LABEL)
+    is_side = word.text in known.roles["joint"] and following in known.quantities
+    return not (is_unit or is_side or word.text in known.roles["no label"])
 
 
 def _joint_of(label: str, joints: Sequence[str]) -> str:
     """Return the joint of a label that is nothing else, or the label itself."""
-    texts = [word.text for word in _words(_in_latin(label))]
-    return next((joint for known, joint in _known(tuple(joints)) if list(known) == texts), label)
+    texts = _texts(label)
+    return next((joint for known, joint in _known(tuple(joints)) if known == texts), label)
 
 
 def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Word]]:
@@ -551,7 +548,8 @@ def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Wor
             if texts[start:end] != known or not others:
                 continue
             # A joint named "position" or "q" must not take the only word for a quantity.
-            if _WORDS.keys().isdisjoint(known) or not _WORDS.keys().isdisjoint(others):
+            quantities = vocabulary().quantities.keys()
+            if quantities.isdisjoint(known) or not quantities.isdisjoint(others):
                 return joint, words[:start] + words[end:]
     return "", words
 
@@ -561,8 +559,8 @@ def _known(joints: tuple[str, ...]) -> list[tuple[tuple[str, ...], str]]:
     """Return the words of each joint, whole and without "joint", the longest first."""
     names: dict[tuple[str, ...], str] = {}
     for joint in joints:
-        texts = tuple(word.text for word in _words(_in_latin(joint)))
-        short = tuple(text for text in texts if text not in _ANY_JOINT)
+        texts = _texts(joint)
+        short = tuple(text for text in texts if text not in vocabulary().roles["any_joint"])
         is_name = any(not text.isdigit() and len(text) > 1 for text in short) or len(short) > 1
         # "elbow" for elbow_joint, but not "1" for joint_1, which would be any number.
         if is_name and short not in names:

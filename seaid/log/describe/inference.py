@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.errors import LogError, in_one_line, listed
-from seaid.log.column_meaning import Meaning, is_of_another_part
+from seaid.log.describe.names import Meaning, Role, is_of_another_part
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
@@ -56,8 +57,10 @@ _BEYOND = 0.2
 _FEW, _WHOLE = 8, 20.0
 """Distinct whole numbers of a state; range of whole numbers that are raw values of a drive."""
 
-_RATES = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi}
-_RATES |= {"rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
+POSITION_FACTORS = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}
+"""Factors of the units of positions to rad or m; counts have none that is known."""
+
+_RATES = {**UNIT_FACTORS["rad_per_s"], **UNIT_FACTORS["m_per_s"]}
 _DRIVE = re.compile(r"(?<![a-z])(iq|q_?current|odrive|moteus)(?![a-z])", re.IGNORECASE)
 """Names of drives, which have turns of the motor for angles of the joint."""
 
@@ -72,22 +75,28 @@ class Inference:
 
     data: Block
     meanings: dict[str, Meaning]
+    robot: Robot | None = None
     notes: dict[str, list[str]] = field(default_factory=dict)
     assumed: dict[str, list[str]] = field(default_factory=dict)
     time: Array | None = None
 
-    def having(self, quantity: str, joint: str, *sides: str) -> list[str]:
-        """Return the columns with a quantity of a joint, except commands and derived signals.
+    def having(self, quantity: str, joint: str, *sides: str, role: Role = "measured") -> list[str]:
+        """Return the columns with a quantity of a joint, in one role.
 
         `sides` selects those whose names state one of these sides, or none if it contains "".
         Those that say "measured" are first.
         """
         columns = [
             name
-            for name in self._raw.get((quantity, joint), ())
+            for name in self._by_meaning.get((quantity, joint, role), ())
             if name in self.data and (not sides or self.meanings[name].side in sides)
         ]
         return sorted(columns, key=lambda name: not self.meanings[name].is_said)
+
+    def logged(self, quantity: str) -> dict[str, Meaning]:
+        """Return the columns with samples whose names say a quantity, and their meanings."""
+        meanings = self.meanings
+        return {x: meanings[x] for x in self.data if meanings[x].quantity == quantity}
 
     def commands(self, joint: str, quantity: str = "position") -> list[str]:
         """Return the columns with a commanded quantity of a joint.
@@ -95,19 +104,14 @@ class Inference:
         A name that says only "command" is one of the position if a joint with a loop of the
         position moves as measured under it.
         """
+        label = joint.removesuffix("_joint")
+        unnamed = self.logged("") if quantity == "position" else {}
         return [
             name
-            for name, meaning in self.meanings.items()
-            if meaning.is_command and name in self.data
-            if meaning.joint.removesuffix("_joint") == joint.removesuffix("_joint")
-            if meaning.quantity == quantity
-            or (quantity == "position" and not meaning.quantity and self._leads(name, joint))
+            for name, meaning in {**self.logged(quantity), **unnamed}.items()
+            if meaning.role == "command" and meaning.joint.removesuffix("_joint") == label
+            if meaning.quantity or self._leads(name, joint)
         ]
-
-    def named(self, quantity: str, joint: str) -> dict[str, Meaning]:
-        """Return the columns with a quantity of a joint in their names, and their meanings."""
-        meant = (quantity, joint)
-        return {x: m for x, m in self.meanings.items() if (m.quantity, m.joint) == meant}
 
     def _leads(self, name: str, joint: str) -> bool:
         """Return whether a position of a joint follows a column, in the same unit."""
@@ -116,18 +120,46 @@ class Inference:
             for position in self.having("position", joint)
         )
 
+    def take(self, name: str, text: str = "", **changes: Any) -> None:
+        """Change the meaning of a column, and note why."""
+        self.meanings[name] = replace(self.meanings[name], **changes)
+        if text:
+            self.note(name, text)
+
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
         values = self.data[name]
         return values[np.isfinite(values)]
 
+    def limits(self, joint: str) -> tuple[float, float] | None:
+        """Return the lowest and the highest position of a joint, None if it is not known."""
+        is_known = self.robot is not None and joint in self.robot.joint_names
+        return self.robot.position_range(joint) if self.robot and is_known else None
+
+    def is_prismatic(self, joint: str) -> bool:
+        """Return whether a joint is known to be prismatic."""
+        robot = self.robot if self.limits(joint) else None
+        return robot is not None and robot.is_prismatic[robot.index(joint)]
+
+    def is_within(self, column: str, factor: float, joint: str) -> bool:
+        """Return whether a position times a factor stays about within the limits of its joint."""
+        limits = self.limits(joint)
+        if limits is None:
+            return False
+        values, more = factor * self.finite(column), _BEYOND * (limits[1] - limits[0])
+        return bool(limits[0] - more <= np.min(values) and np.max(values) <= limits[1] + more)
+
+    def is_far(self, column: str) -> bool:
+        """Return whether a position moves too far in its numbers for these to be degrees."""
+        return float(np.ptp(self.finite(column))) >= _TURNS_FAR_RAD
+
     @cached_property
-    def _raw(self) -> dict[tuple[str, str], list[str]]:
-        """The raw columns by quantity and joint."""
-        columns: dict[tuple[str, str], list[str]] = {}
+    def _by_meaning(self) -> dict[tuple[str, str, Role], list[str]]:
+        """The columns by quantity, joint and role, once all meanings are those of joints."""
+        columns: dict[tuple[str, str, Role], list[str]] = {}
         for name, meaning in self.meanings.items():
-            if meaning.is_raw:
-                columns.setdefault((meaning.quantity, meaning.joint), []).append(name)
+            key = meaning.quantity, meaning.joint, meaning.role
+            columns.setdefault(key, []).append(name)
         return columns
 
     @cached_property
@@ -203,22 +235,6 @@ def is_state(values: Array) -> bool:
     return len(values) >= 100 and is_whole and len(np.unique(values)) <= _FEW
 
 
-def is_within(
-    inference: Inference, column: str, factor: float, joint: str, robot: Robot | None
-) -> bool:
-    """Return whether a position times a factor stays about within the limits of a known joint."""
-    if robot is None or joint not in robot.joint_names:
-        return False
-    lower, upper = robot.position_range(joint)
-    values, more = factor * inference.finite(column), _BEYOND * (upper - lower)
-    return bool(lower - more <= np.min(values) and np.max(values) <= upper + more)
-
-
-def is_far(inference: Inference, column: str) -> bool:
-    """Return whether a position moves too far in its own numbers for these to be degrees."""
-    return float(np.ptp(inference.finite(column))) >= _TURNS_FAR_RAD
-
-
 def unit_by_velocity(inference: Inference, column: str, joint: str) -> str | None:
     """Return the unit of an angle that a velocity with a unit gives, None if there is none."""
     for name, share, scale in _velocities(inference, column, joint):
@@ -263,26 +279,23 @@ def _velocities(
 
 
 def check_used(
-    inference: Inference, joints: Mapping[str, Sources], robot: Robot | None, clocks: set[str]
+    inference: Inference, joints: Mapping[str, Sources], clocks: Collection[str]
 ) -> None:
     """Note what words or samples of the columns leave in doubt; `clocks` are those of the time."""
-    used = {source["column"] for sources in joints.values() for source in sources.values()}
-    used |= {source.get("times", "") for sources in joints.values() for source in sources.values()}
+    sources = [source for of_joint in joints.values() for source in of_joint.values()]
+    used = {source[key] for source in sources for key in ("column", "times") if key in source}
     used &= inference.meanings.keys()
     _note_unknown_words(inference, used)
-    for joint, sources in joints.items():
-        for quantity, source in sources.items():
+    for joint, of_joint in joints.items():
+        for quantity, source in of_joint.items():
             column, kind = source["column"], quantity.rpartition("_")[2]
             if kind == "position":
-                is_motor = quantity == "motor_position"
-                _check_position(inference, source, joint, None if is_motor else robot)
-                if quantity == "joint_position":
-                    _check_limits(inference, source, joint, robot)
+                _check_position(inference, source, joint, quantity)
             elif kind in ("torque", "current"):
                 _check_effort(inference, column)
             _check_commands(inference, column, joint)
     _note_excluded(inference, used)
-    _note_unknown_columns(inference, joints, used | clocks)
+    _note_unknown_columns(inference, joints, {*used, *clocks})
 
 
 def _note_unknown_words(inference: Inference, used: set[str]) -> None:
@@ -297,18 +310,21 @@ def _note_unknown_words(inference: Inference, used: set[str]) -> None:
 
 
 def _check_position(
-    inference: Inference, source: Mapping[str, Any], joint: str, robot: Robot | None
+    inference: Inference, source: Mapping[str, Any], joint: str, quantity: str
 ) -> None:
-    """Note a position that its velocities or the type of its joint contradict."""
-    column, unit = source["column"], source.get("unit")
-    _check_velocities(inference, column, joint, UNIT_FACTORS["rad"].get(unit or "rad", 0.0))
-    if robot is None or joint not in robot.joint_names:
+    """Note a position that its velocities, the type or the limits of its joint contradict."""
+    column, unit = source["column"], source.get("unit") or "rad"
+    _check_velocities(inference, column, joint, UNIT_FACTORS["rad"].get(unit, 0.0))
+    if quantity == "motor_position" or inference.limits(joint) is None:
         return
-    is_length = unit in UNIT_FACTORS["m"]
-    if unit not in (None, "counts") and is_length != robot.is_prismatic[robot.index(joint)]:
+    factor = POSITION_FACTORS.get(unit)
+    fits = (unit in UNIT_FACTORS["m"]) == inference.is_prismatic(joint)
+    if not fits and unit != "counts" and source.get("unit"):
         inference.note(column, f"{unit} does not fit the type of {joint}")
-    elif unit in ("deg", "mdeg") and not is_far(inference, column):
+    elif unit in ("deg", "mdeg") and not inference.is_far(column):
         inference.note(column, f"hardly moves in {unit}: check its unit")
+    if factor is not None and not inference.is_within(column, factor, joint):
+        inference.note(column, f"goes beyond the limits of {joint}: check its unit and its zero")
 
 
 def _check_velocities(inference: Inference, column: str, joint: str, factor: float) -> None:
@@ -324,18 +340,6 @@ def _check_velocities(inference: Inference, column: str, joint: str, factor: flo
             inference.note(column, f"{more}: check the units, and whether both are on one side")
 
 
-def _check_limits(
-    inference: Inference, source: Mapping[str, Any], joint: str, robot: Robot | None
-) -> None:
-    """Note a position that leaves the limits of its joint, or its unit."""
-    column, unit = source["column"], source.get("unit")
-    factor = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["m"]}.get(unit or "rad")
-    if robot is None or joint not in robot.joint_names or factor is None:
-        return
-    if not is_within(inference, column, factor, joint, robot):
-        inference.note(column, f"goes beyond the limits of {joint}: check its unit and its zero")
-
-
 def _check_effort(inference: Inference, column: str) -> None:
     """Note a current with one sign, and whole numbers without a unit."""
     values, meaning = inference.finite(column), inference.meanings[column]
@@ -348,14 +352,15 @@ def _check_effort(inference: Inference, column: str) -> None:
 def _check_commands(inference: Inference, column: str, joint: str) -> None:
     """Note a measurement that equals a command of its joint."""
     kind, values = inference.meanings[column].quantity, inference.data[column]
-    for name, meaning in inference.named(kind, joint).items():
-        is_other = not meaning.is_raw and name != column
-        command = inference.data.get(name) if is_other else None
-        if command is None or len(command) != len(values):
-            continue
-        good = np.isfinite(command) & np.isfinite(values)
-        if np.any(good) and np.max(np.abs(command - values)[good]) <= _EQUAL * np.ptp(values[good]):
-            inference.note(column, f"equals {name}: which one is measured?")
+    names = chain(*(inference.having(kind, joint, role=role) for role in _NOT_MEASURED))
+    for command in (x for x in names if x != column and len(inference.data[x]) == len(values)):
+        apart = np.abs(inference.data[command] - values)
+        good = np.isfinite(apart)
+        if np.any(good) and np.max(apart[good]) <= _EQUAL * np.ptp(values[good]):
+            inference.note(column, f"equals {command}: which one is measured?")
+
+
+_NOT_MEASURED: tuple[Role, ...] = ("command", "estimated", "derived")
 
 
 def _note_excluded(inference: Inference, used: set[str]) -> None:
@@ -367,7 +372,7 @@ def _note_excluded(inference: Inference, used: set[str]) -> None:
         if is_of_another_part(name):
             is_measured &= any((meaning.quantity, *form) in forms for form in _forms(name))
         else:
-            is_measured &= meaning.is_raw or meaning.is_estimate
+            is_measured &= meaning.role in ("measured", "estimated")
         if is_measured and name in inference.data and name not in said:
             inference.note(name, f"has the name of a {meaning.quantity}, and is not used")
 

@@ -1,20 +1,32 @@
-"""Channels in SI units from the custom columns of a file and its log description."""
+"""Channels in SI units from the custom columns of a file and its log description.
+
+Each quantity of a joint, and each vector of the base or of a contact, has a source in the
+description; those that are not described are read from seaid's own columns. Vectors of other frames
+are turned to those of `BaseLog` by the orientation of the base.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
-from seaid.log.base_columns import VectorSource, described_vectors, vector_channels
-from seaid.log.description import Clock, LogDescription, Servo, Source
+from seaid.log.base_log import (
+    ANGLE,
+    CHANNELS,
+    contact_columns,
+    continuous,
+    matrices,
+    needed_columns,
+    with_guided,
+)
+from seaid.log.description import FRAMES, Clock, LogDescription, Servo, Source, VectorSource
 from seaid.log.log import (
     TEMPERATURES,
     UNIT_FACTORS,
@@ -25,7 +37,7 @@ from seaid.log.log import (
 )
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import Channel
-from seaid.robot import Robot, coupled_names
+from seaid.robot import FloatingBase, Robot, coupled_names
 
 
 def channels_of(
@@ -36,32 +48,26 @@ def channels_of(
     A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
     Raises LogError naming joint and quantity.
     """
-    described = list(_described_quantities(path, table, description))
+    described = [*_described_quantities(path, table, description, robot)]
     if not described:
         raise LogError(
             f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
             f"description names none, found: {listed(table.names)}"
         )
-    vectors = list(
-        described_vectors(f"'{path}'", description.base, description.contacts, table, robot)
-    )
-    where = description.where and table.in_file_of(description.where, described[0].source.columns())
+    described += _described_vectors(path, table, description, robot)
+    where = description.where and table.in_file_of(description.where, described[0].columns)
     shared = [] if where is None else [where]
     wanted = dict[str, None]()
     for spec in described:
-        names = [*shared, *spec.source.columns(), *spec.clock.columns()]
+        names = [*shared, *spec.columns, *spec.clock.columns()]
         wanted |= _checked_columns(spec.where, names, table)
-    clocks = [_clock_of(vector.where, table, description, vector.source) for vector in vectors]
-    for vector, clock in zip(vectors, clocks, strict=True):
-        names = [*vector.source.columns, *clock.columns()]
-        wanted |= _checked_columns(vector.where, names, table)
     data = table.load(list(wanted))
     kept = data[where] != 0 if where else None
-    channels = [(spec.where, _channel(data, robot, spec)) for spec in described]
-    for vector, clock in zip(vectors, clocks, strict=True):
-        time = clock.seconds(data, len(data[vector.source.columns[0]]))
-        channels += [(vector.where, channel) for channel in vector_channels(vector, data, time)]
-    return [_selected(place, channel, kept, table.sparse) for place, channel in channels]
+    return [
+        _selected(spec.where, channel, kept, table.sparse)
+        for spec in described
+        for channel in spec.channels(data, robot)
+    ]
 
 
 def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str, None]:
@@ -72,14 +78,34 @@ def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str
     return dict.fromkeys(names)
 
 
-class _Described(NamedTuple):
-    """A described quantity of a joint; `where` names it in messages."""
+@dataclass(frozen=True)
+class _Described:
+    """A described quantity of a joint, or a vector of the base or of a contact.
+
+    `where` names it in messages, `names` are those of its channels.
+    """
 
     where: str
-    joint: str
+    owner: str
     quantity: str
-    source: Source
+    names: tuple[str, ...]
+    source: Source | VectorSource
     clock: Clock
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """The columns of the source."""
+        return _columns_of(self.source)
+
+    def channels(self, data: Block, robot: Robot) -> list[Channel]:
+        """Return the channels of the columns of a file."""
+        if isinstance(self.source, Source):
+            return [_channel(data, robot, self, self.source)]
+        return _vector_channels(data, self, self.source)
+
+
+def _columns_of(source: Source | VectorSource) -> Sequence[str]:
+    return source.columns() if isinstance(source, Source) else source.columns
 
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
@@ -96,13 +122,95 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
 
 
 def _described_quantities(
-    path: Path, table: Table, description: LogDescription
+    path: Path, table: Table, description: LogDescription, robot: Robot
 ) -> Iterator[_Described]:
     for joint, sources in description.joints.items():
         for quantity, source in sources.items():
             where = f"'{path}': [joints.{joint}] {quantity}"
             clock = _clock_of(where, table, description, source)
-            yield _Described(where, joint, quantity, source, clock)
+            name = _name_of(robot, joint, quantity)[0]
+            yield _Described(where, joint, quantity, (name,), source, clock)
+
+
+def _described_vectors(
+    path: Path, table: Table, description: LogDescription, robot: Robot
+) -> Iterator[_Described]:
+    """Yield the vectors of a description, and those with seaid's own columns."""
+    base = robot.floating_base
+    if base is None:
+        if description.base or description.contacts:
+            raise LogError(
+                "the description has [base] or [contacts], and the base of the robot is fixed: "
+                "load it with base='floating'",
+                "base='floating'",
+            )
+        return
+    for where, owner, quantity, names, source in (
+        *_base_vectors(path, table, description, base),
+        *_contact_vectors(path, table, description, base),
+    ):
+        clock = _clock_of(where, table, description, source)
+        yield _Described(where, owner, quantity, names, source, clock)
+
+
+_Vector = tuple[str, str, str, tuple[str, ...], VectorSource]
+"""The place in messages, the owner, the quantity, the names of its channels, and the source."""
+
+
+def _base_vectors(
+    path: Path, table: Table, description: LogDescription, base: FloatingBase
+) -> Iterator[_Vector]:
+    """Yield the vectors of the base."""
+    for quantity, source in description.base.items():
+        where = f"'{path}': [base] {quantity}"
+        yield where, "base", quantity, _names(where, quantity, source, base), source
+    planar = {"angle": (ANGLE,)} if base.normal is not None else {}
+    for quantity, every in {**CHANNELS, **planar}.items():
+        needed = every if quantity in planar else needed_columns(base, quantity)
+        logged = tuple(name for name in every if name in table.names)
+        if quantity not in description.base and {*needed} <= {*logged}:
+            yield f"'{path}': {logged[0]}", "base", quantity, logged, VectorSource(logged)
+
+
+def _contact_vectors(
+    path: Path, table: Table, description: LogDescription, base: FloatingBase
+) -> Iterator[_Vector]:
+    """Yield the flags and wrenches of contacts."""
+    for link in dict.fromkeys([*description.contacts, *base.contact_links]):
+        where = f"'{path}': [contacts.{link}]"
+        if link not in base.frames:
+            raise LogError(f"{where}: {unknown_name('link', link, base.frames)}")
+        flag, wrench = contact_columns(link)
+        channels = {"contact": (flag,), "force": wrench[:3], "moment": wrench[3:]}
+        for quantity, names in channels.items():
+            source = description.contacts.get(link, {}).get(quantity)
+            if source is None and {*names} <= {*table.names}:
+                source = VectorSource(names)
+            if source is not None:
+                yield f"{where} {quantity}", link, quantity, names, source
+
+
+def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) -> tuple[str, ...]:
+    """Return the names of the channels of a vector, also of the part that a planar base needs."""
+    if quantity == "angle":
+        if base.normal is None:
+            raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
+        return (ANGLE,)
+    names, width = _raw_names(quantity, source), len(source.columns)
+    if width < len(names):
+        needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
+        if width != len(needed):
+            raise LogError(f"{where}: needs {len(needed)} columns, found {width}")
+        return needed
+    return names
+
+
+def _raw_names(quantity: str, source: VectorSource) -> tuple[str, ...]:
+    """Return the names of the channels of a vector, which say its frame if it is to be turned."""
+    frame = source.frame or FRAMES.get(quantity)
+    if quantity in CHANNELS and (frame is None or frame == FRAMES[quantity]):
+        return CHANNELS[quantity]
+    return tuple(f"base.{quantity}_in_{frame}_{x}" for x in "xyz")
 
 
 def _sources_by_name(
@@ -169,7 +277,7 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
 def _clock_of(
     where: str, table: Table, description: LogDescription, source: Source | VectorSource
 ) -> Clock:
-    columns = source.columns() if isinstance(source, Source) else source.columns
+    columns = _columns_of(source)
     time_column = next((table.clocks[column] for column in columns if column in table.clocks), None)
     time_s = table.in_file_of("time_s", columns)
     time_column = time_column or (time_s if time_s in table.names else None)
@@ -186,9 +294,9 @@ def _clock_of(
     return clock
 
 
-def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
-    source, clock, where = spec.source, spec.clock, spec.where
-    name, unit = _name_of(robot, spec.joint, spec.quantity)
+def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Channel:
+    """Return the channel of a quantity of a joint."""
+    unit = _name_of(robot, spec.owner, spec.quantity)[1]
     factor, offset = source.sign * source.scale, source.offset
     try:
         if source.servo:
@@ -200,14 +308,37 @@ def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
                 # offset is not.
                 factor, offset = factor * degree, offset + factor * zero
             else:
-                factor *= _unit_factor(robot, spec, unit)
+                factor *= _unit_factor(robot, spec, source, unit)
             values = data[str(source.column)] * _number(data, source.times)
-        time = clock.seconds(data, len(values))
-        period = None if source.wraps is None else abs(factor) * source.wraps
-        return Channel(name, time, factor * values + offset, period, source.delay_s)
+        time = spec.clock.seconds(data, len(values))
+        times = source.times if isinstance(source.times, int | float) else 1.0
+        period = None if source.wraps is None else abs(factor * times) * source.wraps
+        return Channel(spec.names[0], time, factor * values + offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
-        raise LogError(text if text.startswith(where) else f"{where}: {text}") from None
+        raise LogError(text if text.startswith(spec.where) else f"{spec.where}: {text}") from None
+
+
+def _vector_channels(data: Block, spec: _Described, source: VectorSource) -> list[Channel]:
+    """Return the channels of a vector as logged: a quaternion without changes of sign."""
+    logged = np.column_stack([data[name] for name in source.columns])
+    values = source.scale * logged
+    if spec.quantity == "orientation":
+        if source.order == "xyzw":
+            values = values[:, [3, 0, 1, 2]]
+        # Before gaps and other clocks are interpolated: between p and -p an interpolation passes
+        # zero.
+        values = continuous(values)
+    if spec.quantity == "contact":
+        limit = 0.5 if source.above is None else source.above
+        unknown = np.nan if source.unknown is None else source.unknown
+        is_known = np.isfinite(values) & (logged != unknown)
+        values = np.where(is_known, values > limit, np.nan)
+    time = spec.clock.seconds(data, len(values))
+    return [
+        Channel(name, time, column, None, source.delay_s)
+        for name, column in zip(spec.names, values.T, strict=True)
+    ]
 
 
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
@@ -221,13 +352,13 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     return name, unit_of_column(name)
 
 
-def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:
+def _unit_factor(robot: Robot, spec: _Described, source: Source, unit: str) -> float:
     """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    source, factor = spec.source, 1.0
+    factor = 1.0
     own_side, _, kind = spec.quantity.partition("_")
     if source.side not in (None, own_side):
-        factor = _gear_factor(robot, spec)
-        _, unit = _name_of(robot, spec.joint, f"{source.side}_{kind}")
+        factor = _gear_factor(robot, spec, source.side)
+        _, unit = _name_of(robot, spec.owner, f"{source.side}_{kind}")
     if source.unit is None:
         return factor
     if source.torque_constant_Nm_per_A is not None:
@@ -242,10 +373,10 @@ def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:
     return factor * units[source.unit]
 
 
-def _gear_factor(robot: Robot, spec: _Described) -> float:
+def _gear_factor(robot: Robot, spec: _Described, side: str) -> float:
     """Return the factor from the other side of the gear to that of the quantity."""
-    _check_own_drive(robot, spec.joint, f"its {spec.source.side} side does not determine the other")
-    drive = robot.drives[spec.joint]
+    _check_own_drive(robot, spec.owner, f"its {side} side does not determine the other")
+    drive = robot.drives[spec.owner]
     ratio = total_ratio(drive)
     # The motor moves N times as far, and the joint has N times the torque.
     grows = spec.quantity in ("motor_position", "joint_torque")  # with the ratio
@@ -286,3 +417,52 @@ def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) ->
         # A message may lack what another sender of its topic has, so that NaN is no fault in a bag.
         use &= ~np.isnan(channel.values)
     return replace(channel, time=channel.time[use], values=channel.values[use])
+
+
+def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
+    """Return the samples with vectors of other frames turned to those of `BaseLog`.
+
+    f = R^T (a - g) with R from the base to the world. Raises LogError without an orientation.
+    """
+    samples = with_guided(picked, robot)
+    turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
+    if not turned:
+        return samples
+    base = robot.floating_base
+    assert base is not None
+    _check_turnable(turned, picked, base)
+    quaternions = np.column_stack([picked[name] for name in CHANNELS["orientation"]])
+    R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+    gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement
+    for stem in dict.fromkeys(name[:-2] for name in turned):
+        values = np.column_stack([samples.pop(f"{stem}_{x}") for x in "xyz"])
+        quantity, frame = stem.removeprefix("base.").rsplit("_in_", 1)
+        if quantity == "velocity":
+            values = np.einsum("tij,tj->ti", R, values)
+        elif frame == "world":
+            # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
+            down = gravity if quantity == "acceleration" else 0.0
+            values = np.einsum("tji,tj->ti", R, values - down) @ imu
+        else:
+            # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
+            values = (values - gravity @ R) @ imu
+        channel = "specific_force" if quantity == "acceleration" else quantity
+        # What was logged in its own frame has precedence over what was turned to it.
+        if CHANNELS[channel][0] not in samples:
+            samples.update(zip(CHANNELS[channel], values.T, strict=True))
+    return samples
+
+
+def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], base: FloatingBase) -> None:
+    """Raise LogError if vectors of other frames lack an orientation, or their IMU moves."""
+    if not set(CHANNELS["orientation"]) <= set(picked):
+        kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
+        raise LogError(
+            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
+            "of the base too: name it in [base]"
+        )
+    if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
+        raise LogError(
+            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
+            'must be those of its own frame, without frame = "world" and with gravity'
+        )

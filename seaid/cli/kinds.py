@@ -1,0 +1,295 @@
+"""Kinds of values on the command line: what their words mean, and what the shell offers on TAB.
+
+The type of an option has its kind, as `joints: JointNames | None`: its words are parsed, completed
+and refused in one way in all commands. Nothing heavy is imported, since it runs with every TAB.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import seaid
+from seaid.errors import SeaidError, shortened, unknown_name
+
+Completer = Callable[[Any, str], list[str]]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How words become a value.
+
+    Parameters
+    ----------
+    metavar : str
+        What stands for the value in the help; "": its type.
+    parse : function of a text, optional
+        Returns the value, and raises BadParameter; default: a text or path as it is.
+    completer : function of the context and the incomplete word, optional
+        Returns what the shell offers; default: what it offers by itself.
+    hint : str
+        Added to the help of the option.
+    """
+
+    metavar: str
+    parse: Callable[[str], Any] | None = None
+    completer: Completer | None = None
+    hint: str = ""
+
+
+def choice(option: str, names: Callable[[], tuple[str, ...]]) -> Kind:
+    """Return the kind of an option with few values, which are checked before any file is read."""
+
+    def parse(text: str) -> str:
+        if text not in names():
+            kind = {"fail-on": "severity"}.get(option, option)
+            raise SeaidError(f"--{option}: {unknown_name(kind, text, names())}")
+        return text
+
+    return Kind("", parse, _completer(lambda context: names()))
+
+
+def names_of(text: str) -> list[str]:
+    """Return the names in a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _by_name(example: str, is_number: bool = True) -> Callable[[str], Any]:
+    """Return what parses {name: number} of 'knee=2,hip=1', or one number if it `is_number`."""
+
+    def parse(text: str) -> float | dict[str, float]:
+        try:
+            if is_number and "=" not in text:
+                return float(text)
+            pairs = [part.split("=", 1) for part in text.split(",")]
+            return {name.strip(): float(value) for name, value in pairs}
+        except ValueError:
+            raise typer.BadParameter(
+                f"'{text}' is neither a number nor a list as {example}"
+                if is_number
+                else f"'{text}' names no joint: write it as {example}"
+            ) from None
+
+    return parse
+
+
+def _numbers(form: str, count: int) -> Callable[[str], tuple[float, ...]]:
+    """Return what parses so many numbers with commas between them."""
+
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            numbers = tuple(map(float, text.split(",")))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count:
+            raise typer.BadParameter(f"'{shortened(text)}' is not {form}")
+        return numbers
+
+    return parse
+
+
+def temperatures_of(text: str) -> dict[str, list[float]]:
+    """Return {joint: temperatures from start to end} of a text as knee=20:45,hip=30."""
+    try:
+        pairs = [part.rpartition("=") for part in text.split(",") if part]
+        return {joint: [float(value) for value in of.split(":")] for joint, _, of in pairs}
+    except ValueError:
+        hint = "knee=30 or knee=20:45, joints separated by commas"
+        raise typer.BadParameter(f"'{text}' is not {hint}") from None
+
+
+def named_of(text: str) -> tuple[str, str]:
+    """Return the name and the value of a text NAME=VALUE."""
+    name, separator, value = text.partition("=")
+    if not (name and separator and value):
+        raise typer.BadParameter(f"'{text}' is not NAME=VALUE, as warm=run.csv")
+    return name, value
+
+
+def payload_of(text: str) -> seaid.Payload:
+    """Return the payload of a text: link:mass, and then :x,y,z and :ixx,iyy,izz,ixy,ixz,iyz."""
+    link, *parts = text.split(":")
+    point_mass: list[list[float]] = [[], [0.0] * 3, [0.0] * 6]  # defaults of what follows the link
+    try:
+        numbers = [list(map(float, part.split(","))) for part in parts]
+        (mass,), (x, y, z), (xx, yy, zz, xy, xz, yz) = numbers + point_mass[len(numbers) :]
+    except (ValueError, IndexError):
+        raise typer.BadParameter(f"'{text}' is not link:mass:x,y,z, as foot:2.0:0.15,0,0") from None
+    return seaid.Payload(link, mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+
+
+def contacts_of(text: str) -> list[seaid.Contact]:
+    """Return the contacts of a text: links with commas, and then :x,y,z, :flat and :radius=r."""
+    links, *parts = text.split(":")
+    properties: dict[str, Any] = {}
+    try:
+        for part in parts:
+            if part == "flat":
+                properties["is_flat"] = True
+            elif part.startswith("radius="):
+                properties["radius_m"] = float(part.removeprefix("radius="))
+            else:
+                x, y, z = map(float, part.split(","))
+                properties["position_m"] = (x, y, z)
+    except ValueError:
+        raise typer.BadParameter(
+            f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of "
+            "both; contacts of another shape have a --contact of their own"
+        ) from None
+    return [seaid.Contact(link, **properties) for link in names_of(links)]
+
+
+def text_of(value: Any) -> str:
+    """Return a value as the command line has it: 'x=1,y=2' of a mapping, '0,0,-9.81' of numbers."""
+    if isinstance(value, Mapping):
+        return ",".join(f"{name}={text_of(entry)}" for name, entry in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ",".join(map(text_of, value))
+    if isinstance(value, float):
+        short = f"{value:.12g}"
+        return short if float(short) == value else repr(float(value))
+    return str(value)
+
+
+def payload_text(payload: seaid.Payload) -> str:
+    """Return a payload as the command line has it."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
+    numbers = [(payload.mass,), payload.com, (xx, yy, zz, xy, xz, yz)]
+    return ":".join([payload.link, *map(text_of, numbers if any(numbers[2]) else numbers[:2])])
+
+
+def contact_text(contact: seaid.Contact) -> str:
+    """Return a contact as the command line has it."""
+    more = ["flat"] * contact.is_flat
+    more += [f"radius={text_of(contact.radius_m)}"] if contact.radius_m else []
+    return ":".join([contact.link, text_of(contact.position_m), *more])
+
+
+def _completer(values: Callable[[Any], Iterable[str]], commas: bool = False) -> Completer:
+    """Return what completes a value, or with `commas` the last one of a list."""
+
+    def complete(ctx: Any, incomplete: str) -> list[str]:  # Typer looks at these names
+        before, comma, _ = incomplete.rpartition(",") if commas else ("", "", incomplete)
+        taken = before.split(",")
+        return [before + comma + value for value in values(ctx) if value not in taken]
+
+    return complete
+
+
+def _in_robot(element: str, after: str = "", commas: bool = False) -> Completer:
+    """Return what completes a joint that may move, or a link, of the URDF on the line."""
+    from xml.etree import ElementTree
+
+    def values(context: Any) -> list[str]:
+        # The parser leaves positional arguments in `args` where the last option has no value yet.
+        path = context.params.get("urdf") or next(iter(context.args), "")
+        try:
+            elements = ElementTree.parse(path).getroot().findall(element)
+        except (OSError, ValueError, ElementTree.ParseError):
+            return []
+        return [found.get("name", "") + after for found in elements if found.get("type") != "fixed"]
+
+    return _completer(values, commas)
+
+
+def files(text: str, suffixes: tuple[str, ...]) -> list[str]:
+    """Return folders and files with these suffixes that begin with a text.
+
+    The content of a folder comes with it if nothing else matches, so that no shell adds a space.
+    """
+    folder, start = os.path.split(text)
+    try:
+        entries = sorted(os.scandir(Path(folder).expanduser()), key=lambda entry: entry.name)
+    except OSError:
+        return []
+    matches = [
+        os.path.join(folder, entry.name) + "/" * entry.is_dir()
+        for entry in entries
+        if entry.name.startswith(start) and (start or not entry.name.startswith("."))
+        if entry.is_dir() or Path(entry.name).suffix.lower() in suffixes
+    ]
+    if len(matches) == 1 and matches[0].endswith("/"):
+        return [matches[0], *files(matches[0], suffixes)]
+    return matches
+
+
+def _read(metavar: str, *suffixes: str) -> Kind:
+    """Return the kind of a file with these suffixes that is read."""
+    return Kind(metavar, completer=lambda ctx, incomplete: files(incomplete, suffixes))
+
+
+def _write(metavar: str, *suffixes: str) -> Kind:
+    """Return the kind of a file that is written, `-` for stdout, whose suffix is checked."""
+
+    def parse(text: str) -> Path:
+        if text != "-" and Path(text).suffix.lower() not in suffixes:
+            raise typer.BadParameter(f"'{text}' must end in {' or '.join(suffixes)}")
+        return Path(text)
+
+    return Kind(metavar, parse)
+
+
+LOGS = (
+    *(".csv", ".txt", ".tsv", ".dat", ".npy", ".npz", ".parquet", ".h5", ".hdf5", ".json", ".mat"),
+    *(".db3", ".mcap", ".bag", ".hebilog"),
+)
+SENSORS = (
+    *("motor_position", "joint_position", "motor_torque", "motor_current", "motor_voltage"),
+    *("joint_torque", "deflection"),
+)
+
+UrdfFile = Annotated[Path, _read("URDF", ".urdf")]
+LogFile = Annotated[Path, _read("LOG", *LOGS)]
+TomlFile = Annotated[Path, _read("TOML", ".toml")]
+JsonFile = Annotated[Path, _read("JSON", ".json")]
+RunFile = Annotated[Path, _read("RUN", ".npz")]
+ResultFile = Annotated[Path, _read("RUN", ".json", ".npz")]
+ModelFile = Annotated[Path, _read("FILE", ".toml", ".urdf", ".xml")]
+TableFile = Annotated[Path, _read("TABLE", *LOGS)]
+ProjectFile = Annotated[Path, _read("[PROJECT]", ".toml")]
+Folder = Annotated[Path, _read("FOLDER")]
+
+Page = Annotated[Path, _write("HTML", ".html", ".htm")]
+Plan = Annotated[Path, _write("JSON", ".json")]
+Figure = Annotated[Path, _write("PNG", ".png")]
+WrittenLog = Annotated[Path, _write("LOG", ".csv", ".npz")]
+
+Names = Annotated[list[str], Kind("", names_of)]
+JointNames = Annotated[list[str], Kind("", names_of, _in_robot("joint", commas=True))]
+LinkNames = Annotated[list[str], Kind("LINK,LINK", names_of)]
+SensorNames = Annotated[
+    list[str], Kind("", names_of, _completer(lambda context: SENSORS, commas=True))
+]
+Link = Annotated[str, Kind("LINK", completer=_in_robot("link"))]
+ByJoint = Annotated[
+    float | dict[str, float],
+    Kind(
+        "",
+        _by_name("knee=2,hip=1"),
+        _in_robot("joint", "=", commas=True),
+        "for all joints, or as knee=2,hip=1",
+    ),
+]
+Positions = Annotated[
+    dict[str, float],
+    Kind("TORSO=0.3,HEAD=0.1", _by_name("torso=0.3,head=0.1", is_number=False)),
+]
+Deviations = Annotated[float | dict[str, float], Kind("", _by_name("torque=0.03,payload=0.01"))]
+Vector = Annotated[tuple[float, ...], Kind("X,Y,Z", _numbers("x,y,z, as 0,0,-9.81", 3))]
+Band = Annotated[
+    tuple[float, float], Kind("", _numbers("a lowest and a highest frequency, as 0.5,20", 2))
+]
+Sole = Annotated[tuple[float, float], Kind("", _numbers("a length and a width, as 0.2,0.1", 2))]
+Temperatures = Annotated[dict[str, list[float]], Kind("", temperatures_of)]
+Condition = Annotated[tuple[str, str], Kind("NAME=LOG", named_of)]
+ConditionPayload = Annotated[tuple[str, str], Kind("NAME=LINK:MASS:X,Y,Z", named_of)]
+LinkPayload = Annotated[
+    Any,  # a Payload, which is imported on use
+    Kind("LINK:MASS:X,Y,Z[:IXX,IYY,IZZ,IXY,IXZ,IYZ]", payload_of, _in_robot("link", ":")),
+]
+Contacts = Annotated[Any, Kind("LINK,LINK[:X,Y,Z][:flat][:radius=R]", contacts_of)]

@@ -1,0 +1,531 @@
+"""Inference of a log description from the names and values of custom columns.
+
+In: the files of a log. Out: a `Description`, with the choices that names and samples leave in
+doubt. `names` reads the words of a name, `joints` and `base` assign the columns to joints, to the
+base and to contacts, `inference` compares them with their samples, and `describe_log` finds the
+clocks and composes the description.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid._progress import Display, counted
+from seaid.drives import COMMANDS, Controller
+from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
+from seaid.log.describe.base import BaseGuess, infer_base
+from seaid.log.describe.inference import Inference, Sources, check_used, is_state
+from seaid.log.describe.joints import (
+    every_joint,
+    is_sensor,
+    joint_names,
+    quantities_of,
+    take_bare_names,
+)
+from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
+from seaid.log.description import Clock, LogDescription, Source, VectorSource
+from seaid.log.readers.opening import files_of, open_tables
+from seaid.log.readers.table import Block, Table
+from seaid.log.repair import LARGEST
+from seaid.robot import Robot
+
+_LISTED = 100
+"""Most columns named in the message of a log without positions."""
+
+_EXAMINED = 20_000
+"""Samples at the start of a file that are examined, if it can be read in pieces."""
+
+_MOST_LISTED = 500_000
+"""Limit of failed reads times columns, a few seconds of an NPZ file, for the bisection of columns
+that cannot be read."""
+
+_SHOWN = 100
+"""Most unused columns that are shown."""
+
+_STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
+"""Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Description(Display):
+    """An inferred log description, as `describe_log` returns it; str() is a table.
+
+    Attributes
+    ----------
+    description : LogDescription
+        The inferred description.
+    unsure : tuple of str
+        The uncertain choices, as sentences.
+    unused : tuple of str
+        Columns of the file that are not used.
+    assumed : tuple of str
+        Usual choices that neither names nor samples contradict, as sentences.
+    gains : mapping {joint: Controller}
+        Controllers with the gains of columns "kp" and "kd" next to the command of the joint. They
+        are up to scale where the log has the supply of a motor and no torque: then they are in
+        V per rad.
+    """
+
+    description: LogDescription
+    unsure: tuple[str, ...]
+    unused: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
+    gains: Mapping[str, Controller] = field(default_factory=dict)
+
+    def _in_short(self) -> str:
+        more = f"{len(self.unsure)} unsure, {counted(len(self.unused), 'unused column')}"
+        return f"{self.description._in_short()}, {more}"
+
+    def to_toml(self) -> str:
+        """Return the TOML of the description, with the uncertain choices as comments on top."""
+        comments = "".join(f"# unsure: {abridged(choice)}\n" for choice in self.unsure)
+        comments += "".join(f"# assumed: {abridged(choice)}\n" for choice in self.assumed)
+        return comments + self.description.to_toml()
+
+    def __str__(self) -> str:
+        rows = [("joint", "quantity", "column", "unit", "time")]
+        for joint, sources in self.description.joints.items():
+            rows += [(joint, name, *self._cells(source)) for name, source in sources.items()]
+        vectors = {"base": self.description.base, **self.description.contacts}
+        for place, by_quantity in vectors.items():
+            rows += [(place, name, *_vector_cells(vector)) for name, vector in by_quantity.items()]
+        cells = [list(map(in_one_line, row)) for row in rows]
+        widths = [max(len(row[place]) for row in cells) for place in range(5)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
+        lines += [f"unsure: {choice}" for choice in self.unsure]
+        lines += [f"assumed: {choice}" for choice in self.assumed]
+        return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
+
+    def _cells(self, source: Source) -> tuple[str, str, str]:
+        """Return column, unit and time of a source."""
+        column = f"{'-' if source.sign < 0 else ''}{source.column or ''}"
+        times = f" * {source.times}" if source.times else ""
+        side = f", at the {source.side}" if source.side else ""
+        clock = source.time or self.description.time
+        time = (clock and clock.column) or "of the file"
+        return column + times, (source.unit or "SI") + side, time
+
+
+def _vector_cells(source: VectorSource) -> tuple[str, str, str]:
+    """Return columns, frame or order, and time of a vector of the base."""
+    plain = source.plain()
+    columns = plain["columns"] if isinstance(plain, dict) else plain
+    more = source.frame or source.order or ("SI" if source.above is None else f"> {source.above:g}")
+    return columns if isinstance(columns, str) else ", ".join(columns), more, "of the file"
+
+
+@checked(LogError)
+def describe_log(
+    path: str | Path | Sequence[str | Path] | Mapping[str, Any],
+    robot: Robot | None = None,
+    *,
+    rate_hz: float | None = None,
+) -> Description:
+    """Infer a log description from the names and values of the columns of a log.
+
+    Print the result, check the uncertain choices, save `to_toml()` next to the log, and correct it
+    by hand.
+
+    Parameters
+    ----------
+    path : str, Path or a list of them, mapping or data frame
+        The log, with custom columns, or the files of one log; or its columns.
+    robot : Robot, optional
+        Its joints name those of the log, and its limits distinguish degrees from radians. With a
+        floating base, columns of the base and of its contacts are sought too.
+    rate_hz : float, optional
+        Sampling rate of a log that has no column of time.
+
+    Returns
+    -------
+    Description
+        The description, its uncertain choices and the unused columns.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read or no column looks like a position.
+
+    Examples
+    --------
+    >>> guess = seaid.describe_log("run.csv", robot)
+    >>> print(guess)
+    >>> Path("run.toml").write_text(guess.to_toml())
+    """
+    paths, held = files_of(path)
+    table = held or open_tables(paths)
+    samples, inference, guess = _understood(table, robot)
+    clocks = {} if table.clocks else _file_clocks(table, inference)
+    inference.time = _time_of(inference, clocks.get(""))
+    names = joint_names(inference)
+    if not names:
+        raise LogError(
+            f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
+            f"columns are {listed(table.names, _LISTED)}{'; ' if table.notice else ''}"
+            f"{table.notice}"
+        )
+    drafts = {joint: quantities_of(inference, joint) for joint in dict.fromkeys(names.values())}
+    joints = _sources(drafts, clocks, names, table.files)
+    gains = _gains(samples, inference, joints)
+    check_used(inference, drafts, {x for clock in clocks.values() for x in clock.columns()})
+    description = LogDescription(
+        joints,
+        _common_clock(table, inference, clocks, names, rate_hz),
+        base=guess.base,
+        contacts=guess.contacts,
+        files=_file_names(paths) if table.files else (),
+    )
+    used = description.columns()
+    unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
+    return Description(description, inference.unsure(), unused, inference.assumptions(), gains)
+
+
+def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, BaseGuess]:
+    """Return all samples, the columns with a signal and what they mean, and those of the base."""
+    inference = Inference({}, _meanings(table, robot), robot)
+    take_bare_names(inference)
+    samples, guess = _all_samples(table, inference), BaseGuess()
+    if robot is not None and robot.floating_base is not None:
+        guess = infer_base(table, replace(inference, data=samples), robot)
+        inference.meanings |= guess.meanings
+    inference.data |= _signal_columns(samples, inference)
+    return samples, inference, guess
+
+
+def _meanings(table: Table, robot: Robot | None) -> dict[str, Meaning]:
+    """Return {column: its meaning} of the columns of one or several files."""
+    joints, files = every_joint(robot), table.files
+    return {x: in_file(meaning_of(table.bare(x), joints), files.get(x, "")) for x in table.names}
+
+
+def _sources(
+    drafts: Mapping[str, Sources],
+    clocks: Mapping[str, Clock],
+    names: Mapping[str, str],
+    files: Mapping[str, str],
+) -> dict[str, dict[str, Source]]:
+    """Return the sources of each joint, with its own clock or that of the file of the column."""
+    own = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
+    return {
+        joint: {
+            name: Source(**x, time=own.get(joint) or clocks.get(files.get(x["column"], joint)))
+            for name, x in draft.items()
+        }
+        for joint, draft in drafts.items()
+    }
+
+
+def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
+    """Return the names of files in the folder of the first, and the whole paths of others."""
+    folder = paths[0].parent
+    return tuple(file.name if file.parent == folder else str(file.resolve()) for file in paths)
+
+
+_GAIN = re.compile(r"(?<![a-z])k_?([pd])(?![a-z])", re.IGNORECASE)
+"""A gain in the name of a column: "motor_cmd[0].kp"."""
+
+
+def _gains(
+    samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
+) -> dict[str, Controller]:
+    """Return the controllers with gains of columns named as the command but for the quantity."""
+    supplies = [name for name in samples if inference.meanings[name].quantity == "voltage"]
+    unit = "N m at the joint"
+    if supplies:
+        unit = f"V per rad, as the motor has the supply '{supplies[0]}': is_up_to_scale = true"
+    controllers: dict[str, Controller] = {}
+    for joint, sources in joints.items():
+        command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
+        gains: dict[str, float] = {}
+        for name, letter in _gain_columns(samples, command):
+            values = samples[name][np.isfinite(samples[name])]
+            if len(values) == 0 or np.ptp(values) > 0 or values[0] < 0:
+                inference.note(
+                    name,
+                    "a gain that changes: give each part of the log with one gain set as a log of "
+                    "its own (between_s in the project)",
+                )
+                continue
+            gains[letter] = float(values[0])
+            inference.note(name, f"taken for a gain of the controller, in {unit}")
+        if gains:
+            controllers[joint] = Controller(
+                position_gain_Nm_per_rad=gains.get("p", 0.0),
+                velocity_gain_Nms_per_rad=gains.get("d", 0.0),
+                is_up_to_scale=bool(supplies),
+            )
+    return controllers
+
+
+def _gain_columns(names: Iterable[str], command: str) -> Iterator[tuple[str, str]]:
+    """Yield the columns named as a command but for the quantity, and the letter of their gain."""
+    for name in names:
+        if word := _GAIN.search(name):
+            head, tail = name[: word.start()], name[word.end() :]
+            # Of "motor_cmd[0].kp" and the command "motor_cmd[0].q" the middle is "q": any word may
+            # be there.
+            middle = command.removeprefix(head).removesuffix(tail)
+            if head + middle + tail == command and middle.replace("_", "").isalpha():
+                yield name, word[1].lower()
+
+
+def _common_clock(
+    table: Table,
+    inference: Inference,
+    clocks: Mapping[str, Clock],
+    labels: Collection[str],
+    rate_hz: float | None,
+) -> Clock | None:
+    """Return the clock of all joints, None if each has its own or no column looks like one."""
+    if table.clocks or not clocks.keys().isdisjoint(table.files.values()):
+        return None
+    common = clocks.get("")
+    if clocks and clocks.keys() >= {*labels} and "" not in labels:
+        hint = f"; {common.column} would be a common clock" if common else ""
+        inference.note("time", f"every joint has its own clock, and these are used{hint}")
+        return None
+    if not clocks and rate_hz:
+        return Clock(rate_hz=rate_hz)
+    if common is None:
+        inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
+    return common
+
+
+_OVERLAP = 0.8
+"""Part of the shorter file's time from which two files are simultaneous."""
+
+_TORQUES = {"torque", "current", "voltage"}
+
+
+@dataclass(frozen=True)
+class _File:
+    """A file: its columns but the time, the quantities of these, and its time span [s]."""
+
+    path: Path
+    columns: frozenset[str] = frozenset()
+    quantities: frozenset[str] = frozenset()
+    start_s: float = math.nan
+    end_s: float = math.nan
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it has both positions and torques."""
+        return "position" in self.quantities and not _TORQUES.isdisjoint(self.quantities)
+
+    def complements(self, file: _File) -> bool:
+        """Return whether files share no column, and one at least lacks positions or torques.
+
+        "run.state.csv" and "run.control.csv" share names: the latter has the commands.
+        """
+        names = [x.path.name.split(".") for x in (self, file)]
+        roles = {is_of_commands(x.path.name) for x in (self, file)}
+        if names[0][0] == names[1][0] and min(map(len, names)) > 2 and len(roles) == 2:
+            return bool(self.columns and file.columns)
+        is_known = bool(self.columns and file.columns) and self.columns.isdisjoint(file.columns)
+        return is_known and not (self.is_complete and file.is_complete)
+
+    def overlaps(self, file: _File) -> bool:
+        """Return whether files are of about the same time."""
+        common = min(self.end_s, file.end_s) - max(self.start_s, file.start_s)
+        shorter = min(self.end_s - self.start_s, file.end_s - file.start_s)
+        return common > _OVERLAP * shorter
+
+
+def logs_of_files(
+    paths: Sequence[Path], robot: Robot
+) -> tuple[list[tuple[Path, ...]], tuple[str, ...]]:
+    """Return the files of each log, and what is doubtful about it.
+
+    Files are of one log if none of their columns is in two of them, their times overlap, and not
+    each has both positions and torques. Clocks that begin at zero overlap in files of different
+    motions too, so that each such log is a doubt.
+    """
+    groups: list[list[_File]] = []
+    for file in (_file_of(path, robot) for path in paths):
+        fits = (all(file.complements(x) and file.overlaps(x) for x in group) for group in groups)
+        group = next((group for group, is_its in zip(groups, fits, strict=True) if is_its), [])
+        if not group:
+            groups.append(group)
+        group.append(file)
+    return [tuple(file.path for file in group) for group in groups], tuple(_doubts(groups))
+
+
+def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
+    """Yield what is doubtful about the files of each log, and about logs that may be one."""
+    for group in groups:
+        if len(group) > 1:
+            common = min(file.end_s for file in group) - max(file.start_s for file in group)
+            yield (
+                f"{listed(file.path.name for file in group)} have different columns over the same "
+                f"time ({common:.4g} s): taken for the files of one log; if they are not, give "
+                "each a [[log]] of its own"
+            )
+    firsts = [group[0] for group in groups]
+    for earlier, file in ((x, y) for place, y in enumerate(firsts) for x in firsts[:place]):
+        if file.complements(earlier):
+            yield (
+                f"{earlier.path.name} and {file.path.name} have different columns, and one lacks "
+                "positions or torques, but their times do not overlap: if they are of one motion, "
+                "repair a clock and list both in one [[log]], "
+                f'files = ["{earlier.path.name}", "{file.path.name}"]'
+            )
+
+
+def _file_of(path: Path, robot: Robot) -> _File:
+    """Return the columns and times of a file; nothing if its clock is not found."""
+    try:
+        table = open_tables([path])
+        inference = Inference({}, _meanings(table, robot))
+        inference.data |= _all_samples(table, inference)
+        clock = None if table.clocks else _clocks(inference).get("")
+        if clock is None or clock.column is None:
+            return _File(path)
+        time = clock.seconds(table.load(clock.columns()), 0)
+    except LogError:
+        return _File(path)
+    columns = frozenset(table.names) - {*clock.columns()}
+    quantities = frozenset(inference.meanings[name].quantity for name in columns)
+    return _File(path, columns, quantities, float(np.nanmin(time)), float(np.nanmax(time)))
+
+
+def _all_samples(table: Table, inference: Inference) -> Block:
+    """Return all readable columns of numbers, found by bisection, from the start of long files."""
+    # A read of all columns is fast, but one bad column refuses it: halves find that in
+    # log2(columns) reads.
+    waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
+    samples: Block = {}
+    first, refused = "", 0
+    while waiting:
+        names = waiting.pop()
+        try:
+            samples |= table.start(names, _EXAMINED)
+        except LogError as problem:
+            text = str(problem)
+            first, refused = first or text, refused + 1
+            if len(names) > 1 and refused * len(table.names) < _MOST_LISTED:
+                half = len(names) // 2
+                waiting += [names[half:], names[:half]]
+            elif len(names) == 1 and text == first and f"'{shortened(names[0])}'" not in text:
+                raise  # the file is invalid, not this column
+            else:
+                for name in names:
+                    if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
+                        inference.note(name, "no column of numbers: excluded")
+    return samples
+
+
+def _signal_columns(data: Block, inference: Inference) -> Block:
+    """Return the columns with a signal; constant ones are excluded."""
+    signals = {}
+    for name, values in data.items():
+        finite, meaning = values[np.isfinite(values)], inference.meanings[name]
+        moves = bool(np.any(finite != finite[:1]))
+        is_measured = is_sensor(meaning)
+        may_stand = len(finite) > 0 and (meaning.quantity == "voltage" or meaning.role == "command")
+        if np.any(np.abs(finite) > LARGEST):
+            inference.note(name, f"has values beyond {LARGEST:g}: no sensor, excluded")
+        elif is_measured and moves and is_state(finite):
+            inference.note(name, "has a few whole numbers only: a state, excluded")
+        elif moves or may_stand:
+            signals[name] = values
+        elif is_measured:
+            what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
+            inference.note(name, f"{what}: a dead sensor, excluded")
+    return signals
+
+
+def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
+    """Return the samples of a clock in seconds since the first."""
+    if clock is None or not clock.columns() or not inference.data.keys() >= {*clock.columns()}:
+        return None
+    seconds = clock.seconds(inference.data, 0)
+    return np.asarray(seconds - seconds[0], dtype=float)
+
+
+def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
+    """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files."""
+    if not table.files:
+        return _clocks(inference)
+    clocks, files = dict[str, Clock](), dict.fromkeys(table.files.values())
+    for file in files:
+        data = {x: values for x, values in inference.data.items() if table.files[x] == file}
+        clock = _clocks(replace(inference, data=data)).get("")
+        clocks |= {file: clock} if clock else {}
+    names = {(table.bare(clock.column or ""), clock.unit) for clock in clocks.values()}
+    if len(names) == 1 and len(clocks) == len(files):
+        ((column, unit),) = names
+        return {"": Clock(column, unit)}
+    return clocks
+
+
+def _clocks(inference: Inference) -> dict[str, Clock]:
+    """Return {joint, or "" for all joints: clock}."""
+    clocks: dict[str, Clock] = {}
+    if split := _clock_of_two_columns(inference):
+        return {"": split}
+    for name, meaning in inference.logged("time").items():
+        steps = np.diff(inference.finite(name))
+        # Not all steps: stamps may come late or be repeated, which a repair corrects afterwards.
+        grows = len(steps) > 0 and np.mean(steps >= 0) > 0.95 and np.median(steps) > 0
+        if not grows:
+            continue
+        tag = meaning.joint if re.fullmatch(r"(tx_|rx_)?\d+", meaning.joint) else ""
+        tag = tag.rsplit("_", 1)[-1]
+        if tag in clocks:
+            inference.note(name, f"may be the time instead of {clocks[tag].column}")
+            continue
+        clocks[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
+    # The names decide first, because a position in slow motion may increase evenly, too.
+    return clocks or _nameless_clock(inference)
+
+
+_WHOLE = 1e9
+"""Nanoseconds of a second."""
+
+
+def _clock_of_two_columns(inference: Inference) -> Clock | None:
+    """Return the clock of whole seconds and nanoseconds, as in the header of a ROS message."""
+    for seconds, rest in permutations(inference.logged("time"), 2):
+        s, ns = inference.data[seconds], inference.data[rest]
+        is_split = np.all(s == np.round(s)) and np.all((ns >= 0) & (ns < _WHOLE))
+        # Nanoseconds of a split clock fall back to zero within the log, after half a second at
+        # least.
+        if not is_split or not np.any(np.diff(ns) < 0) or np.max(ns) < _WHOLE / 2:
+            continue
+        steps = np.diff(s) + np.diff(ns) / _WHOLE
+        # Columns of different clocks are a second apart wherever only one of them turns over.
+        if np.all(steps >= 0) and np.max(steps) < 1.0 + np.median(steps):
+            return Clock(seconds, nanoseconds=rest)
+    return None
+
+
+def _nameless_clock(inference: Inference) -> dict[str, Clock]:
+    """Return as clock the first evenly increasing column whose name has no quantity."""
+    for name, meaning in inference.logged("").items():
+        steps = np.diff(inference.data[name])
+        is_growing = len(steps) > 1 and bool(np.all(steps > 0))
+        if is_growing and np.std(steps) < 0.5 * np.mean(steps):
+            inference.note(name, "increases evenly: taken for the time")
+            return {"": Clock(name, _time_unit(name, meaning, steps, inference))}
+    return {}
+
+
+def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) -> str:
+    if meaning.unit in _STEPS_S:
+        return str(meaning.unit)
+    step = float(np.median(steps))
+    # Steps of 20 kHz to 20 Hz: 50 us to 50 ms. In s, ms, us and ns these ranges do not overlap.
+    unit = next((unit for unit, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
+    if unit != "s" or step > 0.05:
+        inference.note(name, f"has steps of {step:.4g}: taken for {unit}")
+    return unit

@@ -1,0 +1,552 @@
+"""Which columns are those of which joint: labels of names to joints, and columns to quantities.
+
+`joint_names` matches the labels in the names of columns with the joints of a robot, and
+`quantities_of` selects the columns of one joint by their meanings and samples. What is selected
+without being said is noted.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import listed
+from seaid.log.describe.inference import (
+    POSITION_FACTORS,
+    Inference,
+    Sources,
+    correlation,
+    follows,
+    unit_by_velocity,
+)
+from seaid.log.describe.names import Meaning, joint_alone, vocabulary
+from seaid.log.log import UNIT_FACTORS
+from seaid.robot import Robot
+
+MEASURED = ("position", "torque", "deflection", "current", "voltage")
+"""Quantities of the sensors of a joint that are read."""
+
+_SAME = 0.99
+"""Correlation above which one channel counts as computed from another."""
+
+_STIFF = 0.999
+"""Squared correlation above which the slope of two positions is a gear ratio."""
+
+_FAR = 0.5
+"""Range of a deflection without a unit above which it may be in degrees or mm."""
+
+_KELVIN = 200.0
+"""A temperature above this is in kelvin: no motor of a robot is as hot, or as cold."""
+
+_MOTOR_SIDE = ("motor_position", "motor_torque", "motor_current", "motor_voltage")
+
+_COMMANDS = ("position", "velocity", "torque")
+"""Quantities of commands."""
+
+
+def every_joint(robot: Robot | None) -> tuple[str, ...]:
+    """Return the joints of a robot's file, those that stand still too."""
+    return () if robot is None else robot.joints_of_file or robot.joint_names
+
+
+def is_sensor(meaning: Meaning) -> bool:
+    """Return whether a name is that of a raw measurement."""
+    return meaning.is_raw and meaning.quantity in MEASURED
+
+
+def take_bare_names(inference: Inference) -> None:
+    """Take columns with nothing but the name of a joint for its position, if it has no other."""
+    meanings, joints = inference.meanings, every_joint(inference.robot)
+    located = {m.joint for m in meanings.values() if m.quantity == "position" and m.is_raw}
+    for name, meaning in meanings.items():
+        joint = joint_alone(name, joints)
+        if joint and joint not in located and not meaning.quantity:
+            text = "has the name of a joint and no quantity: taken for its position"
+            inference.take(name, text, quantity="position", joint=joint)
+
+
+def joint_names(inference: Inference) -> dict[str, str]:
+    """Return {label of columns: joint} of the positions that move, and label all columns by joint.
+
+    The labels are those of joints by exact name, by number, or by order; without a robot they are
+    the names. A log with more labels than joints that move has those of the robot's file. The
+    columns of joints that stand still are dropped.
+    """
+    _take_estimates(inference)
+    labels = _assign_motor(inference, _labels(inference) or _measured_next_to_commands(inference))
+    if inference.robot is None:
+        names = {x: f"joint_{x}" if _is_number(x) else x or "joint" for x in labels}
+    else:
+        names = _names_of_robot(inference, inference.robot, labels)
+    _label_by_joint(inference, names)
+    return names
+
+
+def _names_of_robot(inference: Inference, robot: Robot, labels: list[str]) -> dict[str, str]:
+    """Return {label: joint} of the joints that move, and drop the columns of those that do not."""
+    every = _labels_with_still_ones(inference, labels, len(every_joint(robot)))
+    matches = _matches(every, robot, inference)
+    for label in [x for x in every if x in labels and x not in matches]:
+        inference.note(label, "no joint of the robot has such a name: excluded")
+    still = {x for x, joint in matches.items() if joint not in robot.joint_names}
+    of_joints = {name: inference.meanings[name].joint for name in inference.data}
+    inference.data = {x: y for x, y in inference.data.items() if of_joints[x] not in still}
+    return {x: joint for x, joint in matches.items() if x in {*labels} - still}
+
+
+def _take_estimates(inference: Inference) -> None:
+    """Take positions that a drive calls estimated for measured, if there are no others."""
+    positions = inference.logged("position")
+    if any(meaning.is_raw for meaning in positions.values()):
+        return
+    for name, meaning in positions.items():
+        if meaning.role == "estimated":
+            text = "an estimate of the drive, as there is no other position"
+            inference.take(name, text, role="measured")
+
+
+def _labels(inference: Inference) -> list[str]:
+    """Return the labels of joints whose positions move: numbers sorted, others in file order."""
+    positions = inference.logged("position").values()
+    labels = dict.fromkeys(meaning.joint for meaning in positions if meaning.is_raw)
+    return sorted(labels, key=int) if all(map(_is_number, labels)) else list(labels)
+
+
+def _measured_next_to_commands(inference: Inference) -> list[str]:
+    """Return the labels of "actual_1" next to "target_1", which are taken for positions."""
+    unnamed = inference.logged("")
+    commands = {m.joint: name for name, m in unnamed.items() if m.role == "command"}
+    measured = {name: m for name, m in unnamed.items() if m.is_raw and m.is_said}
+    for name, meaning in measured.items():
+        leads = commands.get(meaning.joint, "")
+        if leads and follows(inference.data[name], inference.data[leads]):
+            text = "measured, without a quantity: taken for the position"
+            inference.take(name, text, quantity="position")
+    return _labels(inference)
+
+
+def _is_number(label: str) -> bool:
+    return label.isascii() and label.isdecimal()
+
+
+def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
+    """Return the labels of joints; a motor without a label is that of the only one with a label."""
+    nameless = {x: m for x, m in inference.meanings.items() if not m.joint and is_sensor(m)}
+    sides = {m.side for m in nameless.values() if m.quantity == "position"}
+    # Exactly one label, and columns without one that are all of a motor: "mpos" next to
+    # "elbow_pos".
+    if len(labels) != 2 or "" not in labels or not sides <= {"motor"}:
+        return labels
+    label = next(filter(None, labels))
+    for name in nameless:
+        inference.take(name, f"taken for the motor of {label}", joint=label)
+    return [label]
+
+
+def _labels_with_still_ones(inference: Inference, labels: list[str], count: int) -> list[str]:
+    """Return the labels of all positions, of constant ones too, if they are as many as joints."""
+    logged = dict.fromkeys(
+        meaning.joint
+        for name, meaning in inference.meanings.items()
+        if meaning.quantity == "position" and f"{name}[0]" not in inference.meanings
+    )
+    return list(logged) if len(logged) == count and {*labels} <= logged.keys() else labels
+
+
+def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
+    """Replace the labels of columns by the names of joints.
+
+    A column with a number and unknown words is one of the joint with this number, if that has none
+    of its quantity.
+    """
+    meanings = inference.meanings
+    labelled = {
+        (m.quantity, names[m.joint]) for m in meanings.values() if m.joint in names and m.is_raw
+    }
+    numbers = {_number_in(label): joint for label, joint in names.items()}
+    numbers = numbers if len(numbers) == len(names) else {}
+    for name, meaning in meanings.items():
+        joint, text = names.get(meaning.joint), ""
+        is_signal = meaning.role in ("measured", "estimated") and meaning.quantity in MEASURED
+        number = _number_in(meaning.joint)
+        if joint is None and is_signal and number:
+            joint = numbers.get(number)
+            joint = None if (meaning.quantity, joint) in labelled else joint
+            text = f"taken for joint {joint} by its number"
+        if joint is not None:
+            inference.take(name, text, joint=joint)
+
+
+def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
+    """Return {label: joint}: by name and by number, or, if none has these, by order."""
+    every = every_joint(robot)
+    matches = {x: x for x in labels if x in every}
+    rest = [x for x in labels if x not in matches]
+    joints = robot.joint_names if len(rest) <= robot.n else every
+    matches |= _by_number(rest, [joint for joint in joints if joint not in matches])
+    # By order only if no name matches, since a mixture of both could exchange joints.
+    return matches or _in_order(labels, joints, inference)
+
+
+def _by_number(labels: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return {label: joint} if the labels with numbers, such as j1, have those of the joints."""
+    numbers = {number: joint for joint in joints if (number := _number_in(joint))}
+    wanted = {x: number for x in labels if (number := _number_in(x))}
+    if len(numbers) < len(joints) or not {*wanted.values()} <= numbers.keys():
+        return {}
+    return {x: numbers[number] for x, number in wanted.items()}
+
+
+def _number_in(name: str) -> str:
+    """Return the number at the end of a joint's name, an empty text if there is another one."""
+    match = re.fullmatch(r"\D*?0*(\d+)(?:_joint)?", name, re.ASCII)
+    return match[1] if match else ""
+
+
+def _sorted(labels: list[str]) -> list[str]:
+    """Return labels that differ in a number, as axis_2 and axis_10, in the order of the numbers."""
+    stems = {label.rstrip("0123456789") for label in labels}
+    if len(stems) > 1 or not all(map(_number_in, labels)):
+        return labels
+    return sorted(labels, key=lambda label: int(_number_in(label)))
+
+
+def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
+    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
+    labels = _sorted(list(filter(_is_number, labels)) or list(labels))
+    if len(labels) > len(joints):
+        text = f"{len(labels)} joints in the log, {len(joints)} in the robot"
+        inference.note(", ".join(labels), text)
+    if labels != [""] or len(joints) > 1:
+        about = ", ".join(x or "columns without a joint" for x in labels[: len(joints)])
+        inference.note(about, "taken for the robot's joints in their order")
+    if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
+        _note_guesses(labels, inference)
+    return dict(zip(labels, joints, strict=False))
+
+
+def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
+    """Note the sensors of joints whose labels say nothing of their order."""
+    for name, meaning in inference.meanings.items():
+        if meaning.joint in labels and is_sensor(meaning):
+            inference.note(name, "its joint is a guess, by the order of the columns")
+
+
+def quantities_of(inference: Inference, joint: str) -> Sources:
+    """Return {quantity: arguments of its Source} of a joint."""
+    columns = _Columns(inference, joint)
+    columns.add_positions()
+    has_both = len(columns.sources) == 2
+    columns.add_deflection()
+    columns.add_torques()
+    columns.add_electric()
+    if has_both:
+        columns.turn_motor_side()
+    columns.add_commands()
+    columns.add_temperature()
+    return columns.sources
+
+
+_USUAL_UNITS = {
+    **{"motor_torque": "Nm", "joint_torque": "Nm", "torque_command": "Nm"},
+    **{"motor_current": "A", "motor_voltage": "V", "motor_temperature": "degC"},
+    "velocity_command": "rad/s",
+}
+"""{quantity: the unit of its columns that a description need not state}."""
+
+
+@dataclass
+class _Columns:
+    """The columns of one joint, and what was selected of them: arguments of `Source`."""
+
+    inference: Inference
+    joint: str
+    sources: Sources = field(default_factory=dict)
+
+    def having(self, quantity: str, *sides: str) -> list[str]:
+        """Return the measured columns of a quantity of the joint."""
+        return self.inference.having(quantity, self.joint, *sides)
+
+    def meaning(self, column: str) -> Meaning:
+        """Return the meaning of a column."""
+        return self.inference.meanings[column]
+
+    def take(self, quantity: str, column: str, doubt: str = "", **more: Any) -> None:
+        """Take a column, in the unit of its name, for a quantity; note what is in doubt."""
+        unit = self.meaning(column).unit
+        units = {} if unit in (None, _USUAL_UNITS.get(quantity)) else {"unit": unit}
+        self.sources[quantity] = {"column": column, **more, **units}
+        self.note(column, doubt)
+
+    def note(self, about: str, doubt: str, *, is_usual: bool = False) -> None:
+        """Note a doubt, if there is one; a usual choice is assumed."""
+        if doubt:
+            self.inference.choose(about, doubt, is_usual=is_usual)
+
+    def add_positions(self) -> None:
+        """Add the positions of motor and joint, with their units."""
+        motor, load = self.having("position", "motor"), self.having("position", "joint", "")
+        if load and not motor:
+            motor, load = self._sides_by_range(load)
+        for quantity, columns in (("motor_position", motor), ("joint_position", load)):
+            if columns:
+                self.take(quantity, columns[0], _selected(columns, "positions"))
+        for quantity, source in reversed(self.sources.items()):
+            source |= self._position_unit(source["column"], quantity)
+        if [source.get("unit") for source in self.sources.values()] == [None, "deg"]:
+            source = self.sources["motor_position"]
+            source["unit"] = "deg"
+            self.note(source["column"], "taken for degrees, like the joint's")
+        if [*self.sources] == ["joint_position"]:
+            self._note_side(self.sources["joint_position"])
+
+    def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
+        """Return motor positions and joint positions, if no name states the motor's side."""
+        ranges = {name: float(np.ptp(self.inference.finite(name))) for name in names}
+        small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
+        # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
+        if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
+            self.note(large, f"moves much farther than {small}: taken for the motor side")
+            return [large], [small]
+        return [], names
+
+    def _note_side(self, source: Mapping[str, Any]) -> None:
+        """Note the side of an only position: usual is that of the joint, within its limits."""
+        column, factor = source["column"], POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
+        if self.meaning(column).side:
+            return
+        fits = self.inference.is_within(column, factor, self.joint)
+        is_usual = fits and not self.inference.is_of_a_drive
+        doubt = "taken for the joint side of the gear; it may be the motor side"
+        self.note(column, doubt, is_usual=is_usual)
+
+    def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
+        """Return the arguments for the unit of a position, none for rad."""
+        values, unit = self.inference.finite(column), self.meaning(column).unit
+        is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
+        if unit == "counts" or (unit is None and is_whole):
+            # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
+            # whole turn.
+            power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
+            self.note(column, f"in counts: {power} per turn is a guess")
+            return {"unit": "counts", "counts_per_turn": float(power)}
+        if unit is not None:
+            return {"unit": unit}
+        if unit := unit_by_velocity(self.inference, column, self.joint):
+            self.note(column, f"{unit} by its velocity", is_usual=True)
+        elif quantity == "joint_position":
+            unit = self._unit_by_range(column)
+        return {} if unit in (None, "rad") else {"unit": unit}
+
+    def _unit_by_range(self, column: str) -> str | None:
+        """Return the unit of an angle by how far it moves, None for a prismatic joint."""
+        inference, moves = self.inference, float(np.ptp(self.inference.finite(column)))
+        if inference.is_prismatic(self.joint):
+            return None
+        lower, upper = inference.limits(self.joint) or (-np.inf, np.inf)
+        # In degrees the same motion is 57 times as large a number, beyond any range in rad.
+        unit = "deg" if moves > min(2 * (upper - lower), 4 * np.pi) else "rad"
+        fits = inference.is_within(column, UNIT_FACTORS["rad"][unit], self.joint)
+        if fits and inference.is_far(column) and not inference.is_of_a_drive:
+            self.note(column, f"taken for {unit}", is_usual=True)
+        elif unit == "deg":
+            self.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
+        else:
+            more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
+            self.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
+        return unit
+
+    def add_deflection(self) -> None:
+        """Add the deflection of the spring, if only one side has an encoder."""
+        for name in self.having("deflection")[:1] if self.sources else ():
+            if len(self.sources) == 2:
+                self.note(name, "redundant, because both positions are there")
+            else:
+                self._add_deflection(name)
+
+    def _add_deflection(self, name: str) -> None:
+        """Add a deflection with the sign by which the torque of the spring grows with it."""
+        data, drives = self.inference.data, self.having("torque") or self.having("current")
+        # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
+        pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
+        if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
+            self.note(name, "its unit is not said, and it moves far for rad or m")
+        origin = f", inferred from {drives[0]}" if pulls else ""
+        doubt = f"check its sign (motor side minus joint side){origin}"
+        self.take("deflection", name, doubt, sign=-1 if pulls < 0 else 1)
+
+    def add_torques(self) -> None:
+        """Add the torque of each side; the estimates of a drive if it has nothing else."""
+        names = self.having("torque")
+        if not names and not self.having("current"):
+            names = self.inference.having("torque", self.joint, role="estimated")
+            for name in names:
+                self.note(name, "an estimate of the drive, taken as there is no other torque")
+        for name in names:
+            if self.meaning(name).unit in UNIT_FACTORS["A"]:
+                self.note(name, "a torque in amperes: describe it with torque_constant_Nm_per_A")
+                continue
+            side, doubt, more = self._side_of_torque(name)
+            self.note(name, doubt)
+            if f"{side}_torque" in self.sources:
+                self.note(name, f"a second {side}_torque: excluded")
+            else:
+                self.take(f"{side}_torque", name, **more)
+
+    def _side_of_torque(self, name: str) -> tuple[str, str, dict[str, str]]:
+        """Return the side at which a torque acts, the doubt about it, and where it is measured."""
+        data, twists = self.inference.data, self.having("deflection")
+        if twists and abs(correlation(data[name], data[twists[0]])) > _SAME:
+            return "joint", f"proportional to {twists[0]}: one is computed from the other", {}
+        if side := self.meaning(name).side:
+            return side, "", {}
+        if "motor_position" in self.sources:
+            return "motor", "taken for the motor's torque, at the motor", {}
+        doubt = (
+            "taken for the motor's torque converted to the joint, which includes friction: name it "
+            "joint_torque if a sensor behind the gear measures it"
+        )
+        return "motor", doubt, {"side": "joint"}
+
+    def add_electric(self) -> None:
+        """Add the current and the voltage of the motor, the latter of a duty cycle too."""
+        # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
+        currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
+        if currents:
+            doubt = f"selected from {len(currents)} currents as the winding's"
+            self.take("motor_current", currents[0], doubt if len(currents) > 1 else "")
+        duties = self.having("duty")
+        for name in self.having("voltage"):
+            values, is_of_motor = self.inference.finite(name), self.meaning(name).side == "motor"
+            # The voltage of a motor needs both signs; a supply has one, and its duty cycle the
+            # other part.
+            is_signed = np.min(values) < 0 < np.max(values)
+            doubt = "taken for the voltage of the motor"
+            if is_signed:
+                doubt = "" if is_of_motor else f"{doubt}; it may be a command"
+                self.take("motor_voltage", name, doubt)
+            elif duties:
+                scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
+                more: dict[str, Any] = {} if scale == 1 else {"scale": scale}
+                self.take("motor_voltage", duties[0], times=name, **more)
+                self.note(f"{duties[0]} times {name}", doubt)
+            if "motor_voltage" in self.sources:
+                return
+            doubt = "has one sign: a supply, not the voltage of the motor"
+            self.note(name, doubt, is_usual=not is_of_motor)
+
+    def turn_motor_side(self) -> None:
+        """Note the gear ratio if motor position and joint position (plus deflection) correlate.
+
+        Where it is negative, the motor's side of the gear gets the opposite sign.
+        """
+        motor, load = (self._in_si(self.sources[x]) for x in ("motor_position", "joint_position"))
+        # theta_M / N = q + d with the deflection d, whose sign is not known yet: without it the
+        # positions of a soft spring are not proportional.
+        sides = [load]
+        for name in self.having("deflection"):
+            twist = self._in_si({"column": name, "unit": self.meaning(name).unit or "rad"})
+            sides += [load + twist, load - twist]
+        best = max(sides, key=lambda side: correlation(motor, side) ** 2)
+        if not correlation(motor, best) ** 2 > _STIFF:
+            return
+        good = np.isfinite(motor) & np.isfinite(best)
+        # Least squares of the motor's position over the joint's: the slope is N, and is negative
+        # for encoders that count against each other.
+        ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
+        self.note(self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
+        if ratio < 0:
+            self._turn()
+
+    def _turn(self) -> None:
+        """Negate what is on the motor's side of the gear."""
+        # Position and effort of the motor turn together, so that their power keeps its sign; a
+        # torque that was converted to the joint has the joint's sign already.
+        motor_side = [self.sources[x] for x in self.sources if x in _MOTOR_SIDE]
+        turned = [source for source in motor_side if source.get("side") != "joint"]
+        for source in turned:
+            source["sign"] = -int(source.get("sign", 1))
+        columns = listed(str(source["column"]) for source in turned)
+        self.note(columns, "turns against the joint encoder: sign = -1 on the motor's side")
+
+    def _in_si(self, source: Mapping[str, Any]) -> Array:
+        """Return the samples of a position in rad or m, NaN for an unknown unit."""
+        factor = POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
+        if "counts_per_turn" in source:
+            factor = 2 * np.pi / float(source["counts_per_turn"])
+        return np.asarray(factor * self.inference.data[source["column"]])
+
+    def add_commands(self) -> None:
+        """Add the commands of a joint without a torque that has both signs."""
+        names = {kind: self.inference.commands(self.joint, kind) for kind in _COMMANDS}
+        if "motor_position" in self.sources or self._is_driven(may_be=not names["position"]):
+            return
+        for kind in ("velocity", "torque"):  # of many drives they are zero all the time
+            names[kind] = [name for name in names[kind] if np.any(self.inference.finite(name))]
+        leading = next((kind for kind in ("position", "velocity") if names[kind]), "")
+        if leading and self.sources:
+            self._add_commands(names, leading)
+            return
+        unknown = self.inference.having("", self.joint, role="command")
+        what = (
+            f"; {listed(unknown)}: a command of what is unknown, as the position does not follow "
+            "it: name it position_command, velocity_command or torque_command in a description"
+        )
+        self.note(self.joint, f"no torque, current or voltage found{what if unknown else ''}")
+
+    def _is_driven(self, *, may_be: bool) -> bool:
+        """Return whether an effort of the joint has both signs, or whether there may be one."""
+        drives = [x for x in self.sources if x.endswith(("torque", "current", "voltage"))]
+        efforts = [self.inference.finite(self.sources[x]["column"]) for x in drives]
+        # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
+        return any(np.any(values < 0) for values in efforts) or (may_be and bool(efforts))
+
+    def _add_commands(self, names: Mapping[str, list[str]], leading: str) -> None:
+        """Add the first command of each quantity, the position in the unit of the measured one."""
+        position = self.sources.get("motor_position") or self.sources["joint_position"]
+        usual = {x: y for x, y in position.items() if x in ("unit", "counts_per_turn")}
+        for kind, columns in names.items():
+            if columns:
+                more = usual if kind == "position" else {}
+                self.take(f"{kind}_command", columns[0], _selected(columns, "commands"), **more)
+        self.note(
+            names[leading][0],
+            f"a {leading} command of a joint without a torque that has both signs: its drive needs "
+            f'motor_input = "{leading}_command" and the gains of its controller',
+        )
+        computed = self.inference.having("torque", self.joint, role="derived")
+        for name in names["torque"][:1] or computed:
+            self.note(
+                name,
+                "computed, and not used: if the drive adds it to the torque of its gains, describe "
+                "it as torque_command"
+                if name in computed
+                else "taken for a feed-forward torque that the drive adds to that of its gains; if "
+                'it is the whole torque, describe it as motor_torque with side = "joint"',
+            )
+
+    def add_temperature(self) -> None:
+        """Add the temperature of the motor: one that says so, else the first of the joint."""
+        electronics = "|".join(vocabulary().roles["electronics"])
+        names = [x for x in self.having("temperature") if not re.search(electronics, x.lower())]
+        if not names:
+            return
+        name = next((x for x in names if self.meaning(x).side == "motor"), names[0])
+        self.take("motor_temperature", name)
+        if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
+            self.sources["motor_temperature"]["unit"] = "K"
+            self.note(name, "taken for kelvin")
+        if self.meaning(name).side != "motor":
+            doubt = "taken for the temperature of the motor"
+            self.note(name, doubt, is_usual=len(names) == 1)
+
+
+def _selected(columns: Sequence[str], what: str) -> str:
+    """Return the doubt about the first of several columns."""
+    return f"selected from the {what} {', '.join(columns)}" if len(columns) > 1 else ""

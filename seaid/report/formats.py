@@ -1,0 +1,411 @@
+"""Formats of values, and the columns and tables made of them: for a terminal, and for a page.
+
+A table is made once, by a function of `tables`. Each kind of value has one format for a terminal,
+with four digits, and one for a page, with no digit below those of the error. The page's own script
+makes CSV and LaTeX of what the page shows, with the exact values that its cells have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
+
+from seaid.checks import POOR
+from seaid.drives import readable
+
+NONE = "–"
+"""What a page shows for NaN; a terminal shows "-"."""
+
+_ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
+_FIXED = (-2, 6)
+"""Range of powers of ten in which a number is written without an exponent."""
+
+_TINY = 1e-16
+_UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number for a terminal, a dash for NaN."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else "-"
+
+
+def percent(value: float) -> str:
+    """Return a ratio in percent with two digits for a terminal, a dash for NaN."""
+    if not math.isfinite(value):
+        return "-"
+    if abs(value) >= 1e4:
+        return f"{100 * value:.0e} %"
+    return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
+
+
+def is_partial(share_of_all: float) -> bool:
+    """Return whether a share is visibly less than all."""
+    return math.isfinite(share_of_all) and percent(share_of_all) != percent(1.0)
+
+
+def cut(text: str, longest: int = 56) -> str:
+    """Return a text, cut to a number of letters."""
+    return text if len(text) <= longest else text[: longest - 4] + " ..."
+
+
+def short(value: float, digits: int = 3) -> str:
+    """Return a number for a page, a dash for NaN."""
+    return powers_of_ten(f"{value:.{digits}g}") if math.isfinite(value) else NONE
+
+
+def powers_of_ten(text: str) -> str:
+    """Return a number such as 1.2e-05 as 1.2·10⁻⁵, other numbers with a proper minus."""
+    mantissa, _, exponent = text.replace("−", "-").partition("e")
+    return mantissa.replace("-", "−") + (f"·{power_of_ten(int(exponent))}" if exponent else "")
+
+
+def power_of_ten(exponent: int) -> str:
+    """Return a power of ten as 10⁻⁵."""
+    return f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def probability(value: float) -> str:
+    """Return a probability for a page with two digits, or as below 1e-16."""
+    return short(value, 2) if not value < _TINY else "< 10⁻¹⁶"
+
+
+def share(value: float) -> str:
+    """Return a ratio in percent for a page: two digits, no decimals from 100 %, a dash for NaN."""
+    if not math.isfinite(value):
+        return NONE
+    per_cent = 100 * value
+    if abs(per_cent) >= 99.5:
+        text = f"{per_cent:.0f}" if abs(per_cent) < 1e4 else "> 10⁴"
+    else:
+        # Two digits: a value of 10^p has its second one 1 - p places behind the point.
+        decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
+        text = f"{per_cent:.{min(decimals, 6)}f}"
+    return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
+
+
+def signed_share(value: float) -> str:
+    """Return a change in percent for a page, with its sign."""
+    text = share(value)
+    return text if text[0] in f"−>{NONE}" else f"+{text}"
+
+
+def seconds(value: float) -> str:
+    """Return a duration in s, or in min from two minutes."""
+    return f"{value:.4g} s" if value < 120 else f"{value / 60:.3g} min"
+
+
+def readable_unit(unit: str) -> str:
+    """Return a unit for a page with superscript exponents, empty for 1."""
+    for plain, raised in _UNITS.items():
+        unit = unit.replace(plain, raised)
+    return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A value with its standard error and 95 % interval as text, all with the same last digit."""
+
+    value: str
+    error: str
+    lower: str
+    upper: str
+
+
+def rounded(value: float, error: float, lower: float, upper: float) -> Rounded:
+    """Return numbers rounded at the second digit of the error, or of the value if finer."""
+    if not math.isfinite(value):
+        return Rounded(NONE, NONE, NONE, NONE)
+    last = _last_place(value, error)
+    size = max(abs(value), error if math.isfinite(error) else 0.0)
+    top = _power(size) if size > 0 else 0
+    shift = 0 if _FIXED[0] <= top < _FIXED[1] else top
+    return Rounded(*(_fixed(x, last, shift) for x in (value, error, lower, upper)))
+
+
+def four_digits(value: float) -> str:
+    """Return a number for a page with four digits, or with all before its decimal point."""
+    whole = _power(abs(value)) + 1 if math.isfinite(value) else 0
+    return short(value, max(4, whole if whole <= _FIXED[1] else 0))
+
+
+def _last_place(value: float, error: float) -> int:
+    """Return the power of ten of the last digit that is written."""
+    if not math.isfinite(error) or error <= 0:
+        return _power(abs(value)) - _WITHOUT_ERROR + 1 if value else 0
+    by_error = _power(error) - _ERROR_DIGITS + 1
+    by_value = _power(abs(value)) - _VALUE_DIGITS + 1 if value else by_error
+    # A small value with a large error gets digits of its own, but at most two more than the error.
+    return max(min(by_error, by_value), by_error - 2)
+
+
+def _power(size: float) -> int:
+    return math.floor(math.log10(size) + 1e-12) if size > 0 else 0
+
+
+def _fixed(value: float, last: int, shift: int) -> str:
+    if not math.isfinite(value):
+        return NONE
+    decimals = max(shift - last, 0)
+    text = f"{value / 10.0**shift:.{decimals}f}"
+    # A rounded -0.004 is 0.00, not -0.00.
+    text = text.removeprefix("-") if float(text) == 0 else text
+    return powers_of_ten(f"{text}e{shift}" if shift else text)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a page: its text, its exact value for copies, a bar, and what a click opens.
+
+    `bar` is (start, end) as parts of the width of its track.
+    """
+
+    text: str
+    exact: float | None = None
+    bar: tuple[float, float] | None = None
+    more: str = ""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether a narrow page leaves the cell out."""
+        return not self.text
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value with its standard error and the 95 % interval, and a nominal one, NaN if unknown."""
+
+    value: float
+    error: float
+    lower: float = math.nan
+    upper: float = math.nan
+    unit: str = ""
+    nominal: float = math.nan
+
+    @cached_property
+    def rounded(self) -> Rounded:
+        """All four numbers as text for a page."""
+        return rounded(self.value, self.error, self.lower, self.upper)
+
+    @property
+    def relative(self) -> float:
+        """The standard error over the absolute value, NaN for a value of zero."""
+        return self.error / abs(self.value) if self.value else math.nan
+
+    @property
+    def change(self) -> float:
+        """The value over the nominal one, less one."""
+        return change(self.nominal, self.value)
+
+    @property
+    def off(self) -> float:
+        """The difference from the nominal value in standard errors, NaN without one."""
+        return (self.value - self.nominal) / self.error if self.error else math.nan
+
+    @property
+    def note(self) -> str:
+        """What the error and the interval say about the value, empty if all is well."""
+        if not (math.isfinite(self.value) and math.isfinite(self.error)):
+            return "unidentifiable"
+        if self.error > 0 and self.lower <= 0 <= self.upper:
+            return "may be zero"
+        return "poorly determined" if self.error > POOR * abs(self.value) else ""
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A value with a sign, and the largest of its column, which has the longest bar."""
+
+    value: float
+    largest: float
+
+
+def change(before: float, after: float) -> float:
+    """Return the relative change of a value, NaN if it was zero or unknown."""
+    return after / before - 1 if before else math.nan
+
+
+def bar(relative: float) -> tuple[float, float]:
+    """Return a relative standard error as a bar from the left, whole from 100 %."""
+    return (0.0, round(min(relative, 1.0), 4) if math.isfinite(relative) else 1.0)
+
+
+class Format(NamedTuple):
+    """How a kind of value is shown: in a terminal, and on a page, which aligns words left."""
+
+    text: Callable[[Any], str]
+    page: Callable[[Any], str | Cell]
+    is_words: bool = False
+
+
+_LONG_GROUPING = 64
+
+
+def _grouping(name: str) -> str | Cell:
+    """Return a combination of parameters for a page: what is long opens on a click."""
+    if len(name) <= _LONG_GROUPING:
+        return name
+    head = name[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
+    return Cell(f"{head} + …", more=name)
+
+
+def _diverging(x: Scaled) -> Cell:
+    """Return a value with a bar from the middle of its track to the side of its sign."""
+    if not math.isfinite(x.value):
+        return Cell(short(x.value), x.value)
+    # At least one standard error is the whole length: insignificant differences stay short.
+    end = 0.5 + 0.5 * x.value / max(x.largest, 1.0)
+    bar_ends = (min(0.5, end), max(0.5, end)) if x.largest > 0 else None
+    return Cell(powers_of_ten(f"{x.value:+.1f}"), x.value, bar_ends)
+
+
+def _unit(x: str | Measured) -> str:
+    return x.unit if isinstance(x, Measured) else x
+
+
+WORDS = Format(str, str, is_words=True)
+PARAMETER = Format(str, lambda x: x.replace("_", " "), is_words=True)
+TERM = Format(str, readable, is_words=True)
+GROUPING = Format(cut, _grouping, is_words=True)
+UNIT = Format(_unit, lambda x: readable_unit(_unit(x)), is_words=True)
+FIGURE = Format(str, str)
+"""Texts: of these only figures, numbers that have their unit already, are aligned right."""
+
+NUMBER = Format(number, short)
+TWO_DIGITS = Format(lambda x: number(x, 2), lambda x: short(x, 2))
+THREE_DIGITS = Format(lambda x: number(x, 3), short)
+FOUR_DIGITS = Format(number, lambda x: Cell(short(x, 4), x))
+DEVIATION = Format(number, lambda x: short(x, 2))
+SHARE = Format(percent, share)
+CHANGE = Format(percent, signed_share)
+PROBABILITY = Format(lambda x: number(x, 2), probability)
+FACTOR = Format(lambda x: f"x {x:.3g}", lambda x: f"× {x:.4g}")
+QUOTIENT = Format(lambda x: f"{x:.2f}".replace("nan", "-"), short)
+CORRELATION = Format(number, lambda x: f"{x:.4f}".replace("-", "−"))
+SIGNIFICANCE = Format(lambda x: f"{x.value:+.1f}", _diverging)
+
+NOMINAL = Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal))
+VALUE = Format(lambda x: number(x.value), lambda x: Cell(x.rounded.value, x.value))
+ERROR = Format(lambda x: number(x.error), lambda x: Cell(x.rounded.error, x.error))
+INTERVAL = Format(
+    lambda x: f"{number(x.lower)} to {number(x.upper)}",
+    lambda x: f"{x.rounded.lower} … {x.rounded.upper}",
+)
+RELATIVE = Format(
+    lambda x: percent(x.relative), lambda x: Cell(share(x.relative), bar=bar(x.relative))
+)
+CHANGE_OF_VALUE = Format(lambda x: percent(x.change), lambda x: signed_share(x.change))
+OFF = Format(lambda x: f"{x.off:+.1f} s.e.".replace("+nan s.e.", "-"), lambda x: short(x.off))
+NOTE = Format(lambda x: x.note, lambda x: x.note, is_words=True)
+VALUE_AND_ERROR = Format(
+    lambda x: f"{number(x.value)} +- {x.error:.2g}",
+    lambda x: Cell(f"{x.rounded.value} ± {x.rounded.error}", x.value),
+)
+"""Parts of a measured value."""
+
+Where = Literal["both", "text", "page"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its head as in a terminal, and the format of its values.
+
+    A page begins the head with a capital, but for a name that the user gave, `is_name`. A terminal
+    omits an optional column that has a value in no row.
+    """
+
+    head: str
+    format: Format = NUMBER
+    where: Where = "both"
+    is_optional: bool = False
+    is_name: bool = False
+
+    @property
+    def page_head(self) -> str:
+        """The head on a page."""
+        keeps = self.is_name or len(self.head) == 1
+        return self.head if keeps else self.head[:1].upper() + self.head[1:]
+
+    @property
+    def is_unit(self) -> bool:
+        """Whether the column has the units of others."""
+        return self.format is UNIT
+
+    def text(self, value: Any) -> str:
+        """Return a value for a terminal; a text stands for a value that is not known."""
+        if value == NONE:
+            return "-"
+        is_text = isinstance(value, str) and not self.format.is_words
+        return value if is_text else self.format.text(value)
+
+    def cell(self, value: Any) -> Cell:
+        """Return a value for a page."""
+        is_done = isinstance(value, Cell) or (isinstance(value, str) and not self.format.is_words)
+        shown = value if is_done else self.format.page(value)
+        return shown if isinstance(shown, Cell) else Cell(shown)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: `name` of its file of CSV or LaTeX, caption, and a value per column in each row."""
+
+    name: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    @property
+    def texts(self) -> tuple[list[str], list[list[str]]]:
+        """The heads and the rows for a terminal, where units stand in the last column."""
+        shown = [
+            (column, [column.text(row[place]) for row in self.rows])
+            for place, column in enumerate(self.columns)
+            if column.where != "page"
+        ]
+        kept = [(c, x) for c, x in shown if not (c.is_optional and set(x) <= {"-", ""})]
+        kept.sort(key=lambda pair: pair[0].is_unit)
+        rows = [list(row) for row in zip(*(texts for _, texts in kept), strict=True)]
+        return [column.head for column, _ in kept], rows
+
+    @property
+    def on_page(self) -> tuple[Column, ...]:
+        """The columns of a page."""
+        return tuple(column for column in self.columns if column.where != "text")
+
+    @property
+    def cells(self) -> list[list[Cell]]:
+        """The rows of a page."""
+        return [
+            [c.cell(x) for c, x in zip(self.columns, row, strict=True) if c.where != "text"]
+            for row in self.rows
+        ]
+
+
+def table_of(
+    name: str, caption: str, columns: Sequence[Column], rows: Iterable[Sequence[Any]]
+) -> Table:
+    """Return a table of rows with a value per column."""
+    return Table(name, caption, tuple(columns), tuple(map(tuple, rows)))
+
+
+def words(*heads: str) -> tuple[Column, ...]:
+    """Return columns of words."""
+    return tuple(Column(head, WORDS) for head in heads)
+
+
+def figures(*heads: str) -> tuple[Column, ...]:
+    """Return columns of numbers that are text already, with their units."""
+    return tuple(Column(head, FIGURE) for head in heads)
+
+
+def numbers(*heads: str) -> tuple[Column, ...]:
+    """Return columns of numbers."""
+    return tuple(Column(head) for head in heads)
+
+
+def shares(*heads: str) -> tuple[Column, ...]:
+    """Return columns of ratios in percent."""
+    return tuple(Column(head, SHARE) for head in heads)

@@ -1,0 +1,483 @@
+"""The tables of results, each made once: for the text of a summary and for a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import JointParameter
+from seaid.identification import whole_body
+from seaid.report import formats
+from seaid.report.formats import (
+    NONE,
+    Column,
+    Measured,
+    Scaled,
+    Table,
+    Where,
+    change,
+    figures,
+    is_partial,
+    number,
+    numbers,
+    powers_of_ten,
+    short,
+    table_of,
+    words,
+)
+from seaid.report.html_robot import center_of_mass, principal_moments
+from seaid.report.html_traces import SIDES, torque_units
+from seaid.robot import BASE_ROWS
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate
+    from seaid.identification import (
+        ContactForces,
+        Fit,
+        FrequencyResponse,
+        Identification,
+        StaticCalibration,
+    )
+    from seaid.report.comparison import Comparison
+    from seaid.report.html_traces import Run
+    from seaid.robot import Robot
+    from seaid.simulation import ReplayComparison
+
+_JOINT = words("joint")
+_PARAMETER = Column("parameter", formats.PARAMETER)
+_UNIT = Column("unit", formats.UNIT)
+_ESTIMATE = (
+    Column("nominal", formats.NOMINAL, is_optional=True),
+    Column("identified", formats.VALUE),
+    Column("std. error", formats.ERROR),
+    Column("95 % interval", formats.INTERVAL, "page"),
+    _UNIT,
+    Column("change", formats.CHANGE_OF_VALUE, is_optional=True),
+    Column("rel. s.e.", formats.RELATIVE),
+    Column("note", formats.NOTE, "page"),
+)
+_VALUE = (
+    Column("value", formats.VALUE),
+    Column("std. error", formats.ERROR),
+    Column("95 % interval", formats.INTERVAL),
+    _UNIT,
+)
+"""Columns of one measured value: nominal and identified, and of a value that has no nominal one."""
+
+
+def measured(
+    estimate: Estimate | StaticCalibration, nominal: Mapping[str, float] | None = None
+) -> Iterator[tuple[str, Measured]]:
+    """Yield the parameters of an estimate by name, with their nominal values."""
+    every = estimate.intervals if hasattr(estimate, "intervals") else estimate.interval()
+    numbers = zip(estimate.values.tolist(), estimate.standard_errors.tolist(), strict=True)
+    before = nominal or {}
+    for name, (value, error), (low, high), unit in zip(
+        estimate.names, numbers, every.tolist(), estimate.units, strict=True
+    ):
+        yield name, Measured(value, error, low, high, unit, before.get(name, math.nan))
+
+
+def drive_table(identification: Identification, nominal: Robot | None = None) -> Table:
+    """Return the parameters of all drives, nominal and identified: Table 1 of the paper."""
+    rows = [
+        (joint, name, *[value] * len(_ESTIMATE))
+        for joint, estimate in identification.drives.items()
+        for name, value in measured(
+            estimate, None if nominal is None else nominal.drives[joint].own_values
+        )
+    ]
+    caption = "Parameters of the drives; friction and rotor inertia are at the motor."
+    return table_of("drives", caption, (*_JOINT, _PARAMETER, *_ESTIMATE), rows)
+
+
+_GROUPINGS_ROOM, _LEAST_ROOM = 1_000_000, 64
+"""Characters of the page for all groupings, and for each; beyond them they are shortened."""
+
+
+def load_table(estimate: Estimate, nominal: Array | None = None, head: str = "grouping") -> Table:
+    """Return the base parameters, or others, by their groupings; `nominal` (p,)."""
+    before = None if nominal is None else dict(zip(estimate.names, nominal.tolist(), strict=True))
+    room = max(_LEAST_ROOM, _GROUPINGS_ROOM // max(len(estimate.names), 1))
+    is_full = sum(map(len, estimate.names)) > _GROUPINGS_ROOM
+    rows = [
+        (_fitting(name, room) if is_full else name, *[value] * (1 + len(_ESTIMATE)))
+        for name, value in measured(estimate, before)
+    ]
+    off = Column("off by", formats.OFF, "text", is_optional=True)
+    columns = (Column(head, formats.GROUPING), *_ESTIMATE, off)
+    return table_of("base parameters", "Base parameters of the load.", columns, rows)
+
+
+def _fitting(grouping: str, room: int) -> str:
+    """Return a grouping, shortened with a note if it has no room."""
+    if len(grouping) <= room:
+        return grouping
+    terms = 1 + grouping.count(" + ") + grouping.count(" - ")
+    kept = grouping[:room].rsplit(" ", 2)[0]
+    return f"{kept} … ({terms} terms; parameters.json has them all)"
+
+
+def calibration_table(calibration: StaticCalibration) -> Table:
+    """Return the parameters of a calibration from statics."""
+    rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration)]
+    caption = "Parameters of the law, and friction."
+    return table_of("calibration", caption, (_PARAMETER, *_VALUE), rows)
+
+
+def response_table(response: FrequencyResponse) -> Table:
+    """Return resonance, antiresonance, damping and spring of every elastic joint."""
+    rows = [
+        (joint, name, *[value] * len(_VALUE))
+        for joint, estimate in response.drives.items()
+        for name, value in measured(estimate)
+    ]
+    caption = (
+        "From the response of motor angles to motor torques; frequencies with all motors free "
+        "(resonance) and held (antiresonance)."
+    )
+    return table_of("response", caption, (*_JOINT, _PARAMETER, *_VALUE), rows)
+
+
+def whole_body_table(identification: Identification) -> Table:
+    """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
+    rows = [
+        (
+            quantity.name.capitalize(),
+            quantity.value if quantity.is_determined else "not determined",
+            quantity.standard_error if quantity.is_determined else "",
+            quantity.unit,
+        )
+        for quantity in whole_body(identification)
+    ]
+    caption = "The whole robot, in the frame of its base at the mean posture of the logs."
+    columns = (
+        *words("quantity"),
+        Column("identified", formats.FOUR_DIGITS),
+        Column("std. error", formats.DEVIATION),
+        _UNIT,
+    )
+    return table_of("whole", caption, columns, rows)
+
+
+_FORCES = (
+    "rms_force",
+    "rms_error",
+    "relative_error",
+    "mean_normal",
+    "least_normal",
+    "standard_error",
+    "friction_used",
+)
+
+
+def contact_table(name: str, forces: ContactForces) -> Table:
+    """Return the predicted and measured contact forces of a validation of this name."""
+    rows = zip(forces.links, forces.basis, *(getattr(forces, x) for x in _FORCES), strict=True)
+    columns = (
+        *words("contact", "parameters"),
+        *numbers("measured (rms)", "error (rms)"),
+        Column("error", formats.SHARE),
+        *numbers("normal (mean)", "normal (least)", "std. error"),
+        Column("friction used", formats.QUOTIENT),
+    )
+    sums = {
+        "predicted": forces.vertical,
+        "measured": forces.measured_vertical,
+        "weight": forces.weight,
+    }
+    known = [f"{x} {powers_of_ten(number(f))} N" for x, f in sums.items() if np.isfinite(f)]
+    caption = f"Contact forces [N] of the {name}"
+    caption += f". Normal forces in sum: {', '.join(known)}." if known else "."
+    return table_of(f"contacts {name}", caption, columns, rows)
+
+
+def bodies_table(identification: Identification, nominal: Robot) -> Table:
+    """Return mass, centre of mass and moments of every body, nominal and identified."""
+    robots = (nominal, identification.robot)
+    pairs = zip(*(robot.parameters.reshape(-1, 10) for robot in robots), strict=True)
+    rows = [
+        (
+            name,
+            *(float(body[0]) for body in both),
+            change(float(both[0][0]), float(both[1][0])),
+            *(describe(body) for describe in (_center, _moments) for body in both),
+        )
+        for name, both in zip(identification.robot.body_names, pairs, strict=True)
+    ]
+    columns = (
+        *words("link"),
+        Column("mass in the file [kg]", formats.FOUR_DIGITS),
+        Column("mass identified [kg]", formats.FOUR_DIGITS),
+        Column("change", formats.CHANGE),
+        *words("centre in the file [m]", "centre identified [m]"),
+        *words("moments in the file [kg m²]", "moments identified [kg m²]"),
+    )
+    caption = (
+        "Links in the robot file and as exported: mass, centre of mass, principal moments of "
+        "inertia about it."
+    )
+    return table_of("links", caption, columns, rows)
+
+
+def _center(body: Array) -> str:
+    """Return the centre of mass of a body as text."""
+    center = center_of_mass(body) if np.all(np.isfinite(body)) else None
+    return NONE if center is None else _vector(center)
+
+
+def _moments(body: Array) -> str:
+    """Return the principal moments of inertia about the centre of mass as text."""
+    if not np.all(np.isfinite(body)) or body[0] <= 0:
+        return NONE
+    return _vector(principal_moments(body))
+
+
+def _vector(values: Array) -> str:
+    """Return numbers with three digits, and those that are nothing but rounding as 0."""
+    least = 1e-9 * float(np.max(np.abs(values)))
+    return " ".join(short(float(value) if abs(value) > least else 0.0) for value in values)
+
+
+def side_name(side: str) -> str:
+    """Return the name of a side of the checks."""
+    return {"load": "load side", "both": "both sides"}.get(side, "actuator side")
+
+
+def place_name(side: str) -> str:
+    """Return the name of a regression: a side, and its joint if it is of one."""
+    return side_name(side) + ("" if side in ("load", "both") else f" of {side}")
+
+
+def term_name(side: str, name: str) -> str:
+    """Return the name of a tested term with its joint."""
+    return name if side in ("load", "both") else JointParameter(name, side)
+
+
+def term_table(identification: Identification) -> Table:
+    """Return each tested term of the drives, and whether the data support it."""
+    rows = [
+        (
+            term_name(side, term.terms[0]),
+            # `growth` is that of the sum of squares, its root that of the residual.
+            math.sqrt(term.growth),
+            *(term.F, term.p_value, term.bic),
+            "yes" if term.bic > 0 else "no",
+        )
+        for side, checks in identification.checks.items()
+        for term in checks.terms
+    ]
+    caption = (
+        "Model comparison: growth of the residual without each term of the drives. The data "
+        "support a term if the difference of the Bayesian information criterion is above zero."
+    )
+    columns = (
+        *(Column("term", formats.TERM), Column("residual without", formats.FACTOR), Column("F")),
+        *(Column("p", formats.PROBABILITY), Column("BIC"), *figures("supported")),
+    )
+    return table_of("terms", caption, columns, rows)
+
+
+def residual_table(identification: Identification) -> Table:
+    """Return the autocorrelation of the residual of every equation."""
+    rows = [
+        (joint, side_name(side), white.first, white.durbin_watson)
+        for side, checks in identification.checks.items()
+        for joint, white in checks.whiteness.items()
+    ]
+    caption = (
+        "Autocorrelation of the residuals at lag 1. A low-pass filter causes some even for a "
+        "complete model, which the standard errors account for; a Durbin-Watson number near 0 "
+        "indicates a missing term."
+    )
+    columns = (*words("joint", "side"), *numbers("autocorrelation", "Durbin-Watson"))
+    return table_of("residuals", caption, columns, rows)
+
+
+def condition_table(result: Identification) -> Table:
+    """Return condition number, residual and number of excluded instants per regression."""
+    rows = []
+    for side, checks in result.checks.items():
+        elastic = side not in ("load", "both")
+        estimate = result.drives[side] if elastic else result.load_side
+        # The residual of a load side with a prismatic joint has rows in N.
+        unit = "" if not elastic and any(result.robot.is_prismatic) else "N m"
+        excluded = sum(result.excluded.values()) if side == "both" else result.excluded.get(side)
+        count = NONE if excluded is None else str(excluded)
+        rows.append((place_name(side), checks.condition_number, estimate.residual_std, unit, count))
+    caption = (
+        "Each regression: condition number of its columns (unit norm), standard deviation of its "
+        "residual below the cutoff, and excluded instants near standstill."
+    )
+    columns = (
+        *words("regression"),
+        Column("condition number", formats.THREE_DIGITS),
+        *(Column("residual"), _UNIT, *figures("excluded")),
+    )
+    return table_of("regressions", caption, columns, rows)
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """The prediction errors of the torque of a joint on one side of a run.
+
+    `before` is the relative error with the values of the robot files, NaN for the `reason`, or
+    without what the reason names. Shares of the samples and errors are those of `Fit`.
+    """
+
+    run: str
+    is_unseen: bool
+    joint: str
+    side: str
+    unit: str
+    relative_error: float
+    counted_share: float = math.nan
+    relative_error_with_standstill: float = math.nan
+    raw_relative_error: float = math.nan
+    rms_error: float = math.nan
+    r_squared: float = math.nan
+    before: float = math.nan
+    reason: str = ""
+
+
+def error_rows(runs: Sequence[Run], robot: Robot | None = None) -> list[ErrorRow]:
+    """Return the prediction errors of every run, by side and joint, if there are traces.
+
+    Without a robot they have no units.
+    """
+    return [
+        _error_row(run, side, joint, units[index], getattr(run.result, side), index)
+        for run in runs
+        for side in SIDES
+        for units in [torque_units(robot, side) if robot else [""] * len(run.result.joints)]
+        for index, joint in enumerate(run.result.joints)
+        if np.isfinite(getattr(run.result, side).relative_error[index])
+    ]
+
+
+def _error_row(run: Run, side: str, name: str, unit: str, fit: Fit, index: int) -> ErrorRow:
+    return ErrorRow(
+        run=run.name,
+        is_unseen=run.is_unseen,
+        joint=name,
+        side=side,
+        unit=unit,
+        relative_error=float(fit.relative_error[index]),
+        counted_share=float(fit.counted_share[index]),
+        relative_error_with_standstill=float(fit.relative_error_with_standstill[index]),
+        raw_relative_error=float(fit.raw_relative_error[index]),
+        rms_error=float(fit.rms_error[index]),
+        r_squared=float(fit.r_squared[index]),
+    )
+
+
+def whole_rows(run: Run) -> list[ErrorRow]:
+    """Return the prediction errors of all joints together by side, and of a floating base."""
+    result = run.result
+    rows = [
+        ErrorRow(run.name, run.is_unseen, "all joints", side, "", error)
+        for side in SIDES
+        for error in [getattr(result, side).whole_relative_error]
+        if len(result.joints) > 1 and np.isfinite(error)
+    ]
+    return [*rows, *base_rows(run)]
+
+
+def base_rows(run: Run) -> list[ErrorRow]:
+    """Return the prediction errors of the force and the moment on a floating base."""
+    fit = run.result.base
+    return [
+        _error_row(run, "base", name, "N" if index < 3 else "N m", fit, index)
+        for index, name in enumerate(BASE_ROWS)
+        if fit is not None and np.isfinite(fit.relative_error[index])
+    ]
+
+
+_MOST_ERRORS = 1500
+
+
+def error_table(rows: Sequence[ErrorRow]) -> Table:
+    """Return the table of the 1500 largest errors, in their order."""
+    largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
+    cells = [
+        (
+            f"{row.run}{' (unseen)' * row.is_unseen}",
+            *(row.joint, row.side, row.relative_error, row.counted_share),
+            *(row.relative_error_with_standstill, row.raw_relative_error),
+            f"{short(row.rms_error)} {row.unit}".strip(),
+            row.r_squared,
+        )
+        for row in (rows[k] for k in sorted(largest))
+    ]
+    # Where all samples count, a terminal has no columns about those at standstill.
+    where: Where = "both" if any(is_partial(row.counted_share) for row in rows) else "page"
+    columns = (
+        *(Column("motion", formats.WORDS, is_optional=True), *words("joint", "side")),
+        *(Column("error", formats.SHARE), Column("counted", formats.SHARE, where)),
+        *(Column("with standstill", formats.SHARE, where), Column("unfiltered", formats.SHARE)),
+        *(Column("RMS error", formats.FIGURE, "page"), Column("R²", formats.CORRELATION, "page")),
+    )
+    return table_of("predictions", "Prediction errors of the torques.", columns, cells)
+
+
+_ALL = {"mrad": "all revolute joints", "mm": "all prismatic joints"}
+
+
+def replay_error_table(result: ReplayComparison) -> Table:
+    """Return the errors of the replays before and after the identification, and their means."""
+    errors = np.array([*result.mean_absolute_errors, *result.rms_errors])
+    over = np.divide(errors[3], result.noise, where=result.noise > 0, out=errors[3] * np.nan)
+    units = ["mm" if slides else "mrad" for slides in result.is_prismatic]
+    rows: list[tuple[Any, ...]] = [
+        (joint, *1e3 * errors[:, index], units[index], over[index])
+        for index, joint in enumerate(result.joints)
+    ]
+    means = result.mean_errors
+    if len(rows) > len(means):
+        for unit, mean in means.items():
+            name = "all joints" if len(means) == 1 else _ALL[unit]
+            rows.append((name, *(1e3 * error for error in mean), unit, ""))
+    heads = ("mean absolute, before", "after", "rms, before", "after")
+    columns = (
+        *_JOINT,
+        *(Column(head, formats.THREE_DIGITS) for head in heads),
+        *(_UNIT, Column("after over noise", formats.TWO_DIGITS)),
+    )
+    caption = "Errors of the replayed joint positions."
+    return table_of("replay", caption, columns, rows)
+
+
+def difference_table(result: Comparison) -> Table:
+    """Return the parameters of two identifications side by side."""
+    first, second = result.names
+    largest = max((abs(x.significance) for x in result.differences), default=1.0)
+    rows = [
+        (
+            x.joint or "load",
+            x.name.replace("_", " ") if x.joint else x.name,
+            Measured(x.first, x.first_error, x.first, x.first),
+            Measured(x.second, x.second_error, x.second, x.second),
+            *(x.unit, x.change, x.relative_change, x.error),
+            *(Scaled(x.significance, largest), x.p_value),
+            "differs" if x.is_significant else "",
+        )
+        for x in result.differences
+    ]
+    columns = (
+        *(*_JOINT, Column("parameter", formats.GROUPING)),
+        *(Column(name, formats.VALUE_AND_ERROR, is_name=True) for name in (first, second)),
+        *(_UNIT, Column("difference", formats.NUMBER, "text"), Column("change", formats.CHANGE)),
+        Column("std. error", formats.TWO_DIGITS, "text"),
+        *(
+            Column("change / s.e.", formats.SIGNIFICANCE),
+            Column("p", formats.PROBABILITY),
+            *words("note"),
+        ),
+    )
+    caption = "All parameters that both identifications have: value ± standard error."
+    return table_of("comparison", caption, columns, rows)

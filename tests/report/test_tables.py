@@ -1,0 +1,130 @@
+"""Tables: made once, and the same numbers in a terminal and on a page."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from seaid.identification import ContactForces
+from seaid.report import formats, tables
+from seaid.report.comparison import comparison_of
+from seaid.report.formats import Cell, Column, Measured, Table, figures, shares, table_of, words
+from seaid.report.html_traces import Run
+from tests.experiments import arm, arm_found, arm_result
+from tests.report.test_comparison import made, of_loads
+from tests.report.test_html_numbers import read
+
+MAKERS: dict[str, Callable[[], Table]] = {
+    "drives": lambda: tables.drive_table(arm_found(), arm()),
+    "load": lambda: tables.load_table(arm_found().load, arm_found().base.project(arm().parameters)),
+    "terms": lambda: tables.term_table(arm_found()),
+    "residuals": lambda: tables.residual_table(arm_found()),
+    "regressions": lambda: tables.condition_table(arm_found()),
+    "predictions": lambda: tables.error_table(
+        tables.error_rows([Run("validation", arm_result(), True)], arm())
+    ),
+}
+
+
+def unit(text: str) -> float:
+    """Return one in the last digit that is written, at most over the number."""
+    digits = re.sub(r"\D", "", re.split("[e·]", text)[0]).lstrip("0")
+    return 10.0 ** (1 - len(digits))
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_a_terminal_and_a_page_show_the_same_numbers(name: str) -> None:
+    table = MAKERS[name]()
+    heads, rows = table.texts
+    assert len(rows) == len(table.cells) == len(table.rows) > 0
+    places = {column.head: place for place, column in enumerate(table.on_page)}
+    compared = 0
+    for texts, cells in zip(rows, table.cells, strict=True):
+        for head, text in zip(heads, texts, strict=True):
+            if head not in places or head in ("95 % interval", "p"):
+                continue
+            number = text.removeprefix("x ").removesuffix(" %")
+            shown = cells[places[head]].text.removeprefix("× ").strip("+%\N{NO-BREAK SPACE}")
+            if re.fullmatch(r"-?[\d.]+(e[-+]\d+)?", number):
+                within = 0.51 * (unit(number) + unit(shown))
+                assert read(shown) == pytest.approx(float(number), rel=within), head
+                compared += 1
+    assert compared >= len(rows)
+
+
+def test_a_unit_is_the_last_column_of_a_terminal_and_stays_in_its_place_on_a_page() -> None:
+    columns = (*words("joint"), Column("unit", formats.UNIT), *shares("error"))
+    table = table_of("a", "", columns, [("knee", "kg m^2", 0.5)])
+    assert table.texts == (["joint", "error", "unit"], [["knee", "50 %", "kg m^2"]])
+    assert [column.page_head for column in table.on_page] == ["Joint", "Unit", "Error"]
+    assert [cell.text for cell in table.cells[0]] == [
+        *("knee", "kg\N{NO-BREAK SPACE}m²", "50\N{NO-BREAK SPACE}%")
+    ]
+
+
+def test_columns_of_one_place_and_columns_without_a_value_are_left_out() -> None:
+    columns = (
+        *words("joint"),
+        Column("nominal", formats.NOMINAL, is_optional=True),
+        Column("interval", formats.INTERVAL, "page"),
+        Column("off", formats.OFF, "text"),
+        *figures("note"),
+    )
+    unknown, known = Measured(2.0, 0.5, 1.0, 3.0), Measured(2.0, 0.5, 1.0, 3.0, nominal=1.0)
+    bare = table_of("a", "", columns, [("knee", *[unknown] * 3, "–")])
+    assert bare.texts == (["joint", "off", "note"], [["knee", "-", "-"]])
+    both = table_of("a", "", columns, [("knee", *[value] * 3, "") for value in (unknown, known)])
+    assert both.texts[1] == [["knee", "-", "-", ""], ["knee", "1", "+2.0 s.e.", ""]]
+    assert [column.head for column in both.on_page] == ["joint", "nominal", "interval", "note"]
+    assert both.cells[1][2] == Cell("1.00 … 3.00")
+
+
+def test_a_page_has_no_capital_in_a_name_of_the_user() -> None:
+    heads = [Column("cold.csv", is_name=True), Column("std. error"), Column("p"), Column("BIC")]
+    assert [head.page_head for head in heads] == ["cold.csv", "Std. error", "p", "BIC"]
+
+
+def test_a_value_and_its_interval_make_its_note() -> None:
+    notes = [Measured(1.0, e, low, 2.0).note for e, low in ((0.05, 0.9), (0.2, 0.6), (0.6, -0.2))]
+    assert notes == ["", "poorly determined", "may be zero"]
+    assert Measured(1.0, math.inf).note == "unidentifiable"
+    assert math.isnan(Measured(0.0, 0.1).relative)
+
+
+def test_the_change_of_a_negative_parameter_has_the_sign_of_its_significance() -> None:
+    """From -2 to -3 is a change by -50 % of the size, in the text and on the page."""
+    first, second = (made([value], [0.1], np.inf) for value in (-2.0, -3.0))
+    table = tables.difference_table(comparison_of(*of_loads(first, second)))
+    places = {column.head: place for place, column in enumerate(table.on_page)}
+    cells = table.cells[0]
+    assert cells[places["change"]].text == "−50\N{NO-BREAK SPACE}%"
+    assert cells[places["change / s.e."]].text == "−7.1"
+    heads, (texts,) = table.texts
+    shown = dict(zip(heads, texts, strict=True))
+    assert (shown["difference"], shown["change"], shown["change / s.e."]) == ("-1", "-50 %", "-7.1")
+
+
+def test_forces_that_are_not_known_are_dashes() -> None:
+    nothing, one = np.full((3, 1, 3), np.nan), np.array([np.nan])
+    forces = ContactForces(
+        ("foot",), ("none",), nothing, nothing, *[one] * 9, 157.8, math.nan, math.nan
+    )
+    table = tables.contact_table("validation", forces)
+    assert table.texts[1] == [["foot", "none", *["-"] * 7]]
+    assert {cell.text for cell in table.cells[0][2:]} == {"–"}
+    assert table.caption.endswith("Normal forces in sum: weight 157.8 N.")
+
+
+def test_a_page_without_room_shortens_groupings_with_a_note(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tables, "_GROUPINGS_ROOM", 10)
+    name = " + ".join(f"0.1 m_{k}" for k in range(40))
+    estimate = made([1.0], [0.1], np.inf).part([0], [name])
+    (row,) = tables.load_table(estimate).cells
+    assert row[0].more.endswith("… (40 terms; parameters.json has them all)")
+    assert len(row[0].more) < 120
