@@ -15,7 +15,7 @@ from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import only_joint, zeros_in_description
-from seaid.checks.experiment import Experiment, Transform, inertial_parameters, moved, near
+from seaid.checks.experiment import Experiment, Transform, moved, near
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
@@ -24,7 +24,7 @@ from seaid.regressor import regressor_at_drives
 def _with_gravity(experiment: Experiment, gravity: Array) -> Experiment:
     model = experiment.robot.model.copy()
     model.gravity.linear = gravity
-    return replace(experiment, robot=replace(experiment.robot, model=model))
+    return experiment.with_changes(robot=replace(experiment.robot, model=model))
 
 
 def gravities(experiment: Experiment) -> Iterator[Transform]:
@@ -151,7 +151,7 @@ def _with_zeros(experiment: Experiment, angles: dict[int, float]) -> Experiment:
     joint = experiment.joint.copy()
     for j, angle in angles.items():
         joint[0, :, j] += angle
-    return replace(experiment, joint=joint)
+    return experiment.with_changes(joint=joint)
 
 
 def _with_length(experiment: Experiment, joint: str, factor: float) -> Experiment:
@@ -161,7 +161,7 @@ def _with_length(experiment: Experiment, joint: str, factor: float) -> Experimen
     placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
     if np.linalg.norm(placement.translation) >= 1e-3:
         placement.translation = factor * placement.translation
-    return replace(experiment, robot=replace(robot, model=model))
+    return experiment.with_changes(robot=replace(robot, model=model))
 
 
 def payloads(experiment: Experiment) -> Iterator[Transform]:
@@ -182,7 +182,7 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
             yield Transform(
                 codes.PAYLOAD,
                 message,
-                replace(experiment, bodies=experiment.bodies + (times - 1) * payload),
+                experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload),
                 robot.joint_of(body),
                 f"option: {option if times else f'without --payload {name}:{mass:g}:{com}'}",
                 penalty=float(times == factor),
@@ -212,7 +212,7 @@ def _placed(
         yield Transform(
             codes.PAYLOAD,
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
-            replace(experiment, bodies=changed),
+            experiment.with_changes(bodies=changed),
             robot.joint_of(body),
             f"option: --payload {link}:{point[0]:.3g}:{com}",
             "wrong" if is_named else "doubtful" if is_beyond else "note",
@@ -231,10 +231,10 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     They are [m, m c, m (c^2 1 - c c^T)] for a mass m at c, of a `mass` or of any; zero for a point
     far from the joint.
     """
-    columns = np.moveaxis(experiment.regressor[:, :, 10 * body : 10 * body + 10], 2, 0)
+    columns = experiment.regressor[:, :, 10 * body : 10 * body + 10]
     y = experiment.target - experiment.regressor @ bodies
     # the triangular factor has the residuals of all rows, in eleven
-    R = triangle(np.column_stack([*map(experiment.weighed, (*columns, y))]))
+    R = triangle(experiment.weighed(np.concatenate([columns, y[..., None]], axis=2)))
 
     def mass_at(x: Array) -> float:
         # The log keeps an unknown mass positive, and the bound its exponential finite.
@@ -242,7 +242,8 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
 
     def point(x: Array) -> Array:
         m, c = mass_at(x), x[:3]
-        return inertial_parameters(m, m * c, m * ((c @ c) * np.eye(3) - np.outer(c, c)))
+        # The integral of the slopes from the joint to c: they are linear, so that half way counts.
+        return np.append(m, (moved(m, 0.5 * m * c) @ c)[1:])
 
     least = max(abs(bodies[10 * body]), 0.1)
     centre = bodies[10 * body + 1 : 10 * body + 4] / least

@@ -584,7 +584,7 @@ def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]
     factors, clear = dict[int, float](), list[int]()
     for j in experiment.used:
         # the rotor has a column of its own, whatever the torque on it is
-        columns = (of_bodies[:, j], experiment.load_columns(j), experiment.motor[2][:, j])
+        columns = (of_bodies[:, j], experiment.loads[j], experiment.motor[2][:, j])
         H, y = np.column_stack(columns), experiment.target[:, j]
         x = scaled_svd(H).solve(y)
         unexplained = float(np.std(y - H @ x))
@@ -660,7 +660,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
             continue
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         rate = experiment.motor[2][:, j]
-        H = np.column_stack([experiment.regressor[:, j], experiment.load_columns(j), rate])
+        H = np.column_stack([experiment.regressor[:, j], experiment.loads[j], rate])
         svd = scaled_svd(H[~at_limit])
         kept, residual = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
         # |reach|^2 = h (H^T H)^-1 h^T: a row h that is not in the fit has the prediction variance

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, white_noise
+from seaid._arrays import Array, IndexArray, white_noise
 from seaid.checks.check import in_drives
 from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING
 from seaid.checks.engine import (
@@ -98,9 +98,14 @@ class Side:
         return (processing and processing.sources) or {}
 
     @cached_property
-    def drive(self) -> Callable[[str], DriveRows]:
-        """The drive of a joint at the rows: `drive(joint)`."""
-        return cache(self.drive_at)
+    def once(self) -> Callable[[Callable[[Side, str], Any], str], Any]:
+        """What a function of this side and a joint returns, computed once."""
+        return cache(lambda function, joint: function(self, joint))
+
+    def drive(self, joint: str) -> DriveRows:
+        """Return the drive of a joint at the rows."""
+        drive: DriveRows = self.once(Side.drive_at, joint)
+        return drive
 
     def drive_at(self, joint: str, *, at_joint: bool = False) -> DriveRows:
         """Return the drive of a joint at the rows, or what acts `at_joint`."""
@@ -119,6 +124,21 @@ class Side:
         """The torque (R, 1) of the fitted bodies at the states of the rows."""
         return self.torques_of(self.bodies)
 
+    @cached_property
+    def _instants(self) -> list[tuple[IndexArray, IndexArray, IndexArray, list[Array]]]:
+        """The rows of each motion, the instant of each row, their samples, and joint states there.
+
+        The states, below the cutoff, are those of the instants.
+        """
+        rows, parts = self.equation.rows, []
+        for run, motion in enumerate(self.motions):
+            places = np.flatnonzero(rows.run == run)
+            times, instants = np.unique(rows.time[places], return_inverse=True)
+            samples = np.searchsorted(motion.time, times)
+            states = [in_band_at(motion, state, samples) for state in motion.joint_states]
+            parts.append((places, instants, samples, states))
+        return parts
+
     def torques_of(
         self, bodies: Array, joint: str = "", angle: float = 0.0, *, filtered: bool = False
     ) -> Array:
@@ -131,13 +151,10 @@ class Side:
         if joint:
             turn[robot.index(joint)] = angle
         torques = np.zeros((len(rows.y), bodies.shape[1]))
-        for run, motion in enumerate(self.motions):
-            places = np.flatnonzero(rows.run == run)
-            times, instants = np.unique(rows.time[places], return_inverse=True)
-            samples = np.searchsorted(motion.time, times)
-            q, v, a = motion.joint_states
-            if not filtered:
-                q, v, a = (in_band_at(motion, state, samples) for state in (q, v, a))
+        for motion, (places, instants, samples, states) in zip(
+            self.motions, self._instants, strict=True
+        ):
+            q, v, a = motion.joint_states if filtered else states
             # (T, n, 10N) @ (10N, k) in parts: the regressor of a long log is too large in memory.
             parts = [slice(start, start + _AT_ONCE) for start in range(0, len(q), _AT_ONCE)]
             columns = np.concatenate(

@@ -695,7 +695,7 @@ def _thinned(experiment: Experiment) -> Experiment:
     rows = ("log", "direction", "torque", "torque_rate", "sensed", "counted")
     changes: dict[str, Any] = {name: getattr(experiment, name)[part] for name in rows}
     changes |= {name: getattr(experiment, name)[:, part] for name in ("motor", "joint")}
-    return replace(experiment, **changes)
+    return experiment.with_changes(**changes)
 
 
 def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
@@ -708,7 +708,7 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
         joint, motor = changed.joint.copy(), changed.motor.copy()
         joint[0, :, j] += offset
         motor[0, :, j] += changed.lever[j] * offset
-        experiment = replace(changed, joint=joint, motor=motor)
+        experiment = changed.with_changes(joint=joint, motor=motor)
     inertia, drives = experiment.inertia.copy(), [*experiment.robot.drives.values()]
     # lever (tau_M - I_M theta_M'') = row of (8) + friction: what the bodies leave of lever tau_M.
     unexplained = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
@@ -716,9 +716,7 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
         if drives[j].motor_inertia_kg_m2 is None:
             columns = np.column_stack([experiment.friction[j], _rotor(experiment, j)])
             inertia[j] = max(float(scaled_svd(columns).solve(unexplained[:, j])[-1]), 0.0)
-    changed = replace(experiment, inertia=inertia)
-    vars(changed)["regressor"] = experiment.regressor  # of the same motion: not computed again
-    return changed
+    return experiment.with_changes(inertia=inertia)
 
 
 def _pose_cost(experiment: Experiment, poses: Poses) -> float:

@@ -179,9 +179,14 @@ class _SharedModel:
     rest: Array
 
     @cached_property
-    def blocks(self) -> list[tuple[Array, Array]]:
-        """The factor of the other blocks and the rows of each one."""
+    def blocks(self) -> tuple[Array, Array]:
+        """The factors of the other blocks, and the rows of each one."""
         return _held_out(self.factors, self.core)
+
+    @cached_property
+    def without(self) -> Array:
+        """The squared error (B,) of the smaller model in predicting each block."""
+        return _squares(*self.blocks, range(len(self.replaced)))
 
     def compared(
         self, model: Alternative, places: Sequence[int], asked: int, in_full: bool
@@ -193,7 +198,10 @@ class _SharedModel:
         larger = [*kept, *(len(base) + k for k in places)]
         # RSS_0 / RSS of the smaller and the larger model: below one if columns that replace others
         # fit worse than these.
-        growth = _squares(self.whole, base) / max(_squares(self.whole, larger), 1e-300)
+        before, after = (
+            float(_squares(self.whole, self.whole, places)) for places in (base, larger)
+        )
+        growth = before / max(after, 1e-300)
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
         acts = np.any(model.columns != 0, axis=1)
         part = equation.squares(acts) / max(equation.squares(), 1e-300)
@@ -206,10 +214,7 @@ class _SharedModel:
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(self.factors))
         if in_full or (bic > 0 and share > LEAST_EXPLAINED):
-            without, within = (
-                np.array([np.sum(_left(*block, columns) ** 2) for block in self.blocks])
-                for columns in (base, larger)
-            )
+            without, within = self.without, _squares(*self.blocks, larger)
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(growth - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
@@ -257,31 +262,32 @@ def _without_core(X: Array, p: int) -> tuple[Array, Array]:
     return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
 
 
-def _held_out(factors: Sequence[Array], core: int) -> list[tuple[Array, Array]]:
-    """Return the factor of the other blocks and the rows of each one, without `core` columns.
+def _held_out(factors: Sequence[Array], core: int) -> tuple[Array, Array]:
+    """Return the factors (B, c, c) of the other blocks and the rows (B, m, c) of each one.
 
-    `factors` are those of [columns y] of the blocks. The coefficients of the shared columns, the
-    first `core` ones, are those of the other blocks.
+    `factors` are those of [columns y] of the blocks; c of their columns are no `core` ones. The
+    coefficients of these, the first ones, are those of the other blocks.
     """
-    pairs = []
+    height, width = max(map(len, factors)), factors[0].shape[1] - core
+    rests, blocks = np.zeros((len(factors), width, width)), np.zeros((len(factors), height, width))
     for place, block in enumerate(factors):
         # Factors add up by stacking: without block b there is no pass over the rows again.
         others = np.concatenate([*factors[:place], *factors[place + 1 :]])
         coefficients, rest = _without_core(others, core)
-        pairs.append((rest, block[:, core:] - block[:, :core] @ coefficients))
-    return pairs
+        # Few rows leave a factor with fewer of them than columns: the others are zero.
+        rests[place, : len(rest)] = rest
+        blocks[place, : len(block)] = block[:, core:] - block[:, :core] @ coefficients
+    return rests, blocks
 
 
-def _squares(R: Array, columns: Sequence[int]) -> float:
-    """Return the squared residual of the last column on some others."""
-    return float(np.sum(_left(R, R, columns) ** 2))
+def _squares(R: Array, rows: Array, columns: Iterable[int]) -> Array:
+    """Return the squares (...) of what some columns of R leave of the last column of rows.
 
-
-def _left(R: Array, rows: Array, columns: Sequence[int]) -> Array:
-    """Return what some columns of R leave of the last column of rows."""
+    Both (..., m, c) may be stacked.
+    """
     places = list(columns)
-    theta = scaled_svd(R[:, places]).solve(R[:, -1])
-    return np.asarray(rows[:, -1] - rows[:, places] @ theta)
+    theta = scaled_svd(R[..., places]).inverses @ R[..., -1:]
+    return np.asarray(np.sum((rows[..., -1:] - rows[..., places] @ theta) ** 2, axis=(-2, -1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,23 +8,23 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
-from seaid.errors import IdentificationError, Severity
+from seaid.errors import Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
 from seaid.log import Motion, changed_source, in_band_at, row_samples
-from seaid.regressor import INPUT_FIELDS, regressor_at_drives
+from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
 
 INSTANTS = 200
@@ -46,23 +46,50 @@ _ARRAYS = {"q": ("joint",), "m": ("motor", "direction"), "t": ("torque", "torque
 """{channel of a joint: the arrays (..., n) that follow from it}."""
 
 
-def inertial_parameters(mass: float, moments: Array, J: Array) -> Array:
-    """Return ten parameters in the order of Pinocchio: m, m c and the inertia at the joint."""
-    # Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-    return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-
-
 def moved(mass: float, moments: Array) -> Array:
     """Return the change (10, 3) of a body by a shift of its centre along each axis, per metre.
 
     A mass m at c that moves by e has m e more as first moments, and m (2 (c.e) 1 - e c^T - c e^T)
     more as inertia.
     """
-    shifts = []
-    for e in np.eye(3):
-        J = 2 * (moments @ e) * np.eye(3) - np.outer(e, moments) - np.outer(moments, e)
-        shifts.append(inertial_parameters(0.0, mass * e, J))
-    return np.column_stack(shifts)
+    return np.asarray(_SHIFTS @ [mass, *moments])
+
+
+def _shift(mass: float, c: Array, e: Array) -> Array:
+    """Return the ten parameters of `moved`, of one axis e."""
+    J = 2 * (c @ e) * np.eye(3) - np.outer(e, c) - np.outer(c, e)
+    # Pinocchio's order of the inertia: Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    return np.array([0.0, *(mass * e), *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+
+
+_SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(3)]).transpose(
+    2, 0, 1
+)
+"""The change (10, 3, 4) by a shift along each axis, per unit of mass and first moments."""
+
+
+_OF_LOADS = ("robot", "joint", "motor", "direction")
+_OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed", "unscaled")
+_SIGNALS = (*_OF_TORQUES, "both", "counted")
+"""Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
+
+Value = TypeVar("Value")
+
+_FIELDS_OF: dict[str, frozenset[str]] = {}
+
+
+def derived(*fields: str) -> Callable[[Callable[[Any], Value]], cached_property[Value]]:
+    """Return the decorator of a property of `Experiment` that is computed once from some fields.
+
+    `Experiment.with_changes` keeps its value if these stay, so that of the hundreds of transforms
+    of an experiment each one computes only what it changes.
+    """
+
+    def decorate(compute: Callable[[Any], Value]) -> cached_property[Value]:
+        _FIELDS_OF[compute.__name__] = frozenset(fields)
+        return cached_property(compute)
+
+    return decorate
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,37 +146,47 @@ class Experiment:
         names = self.logged(j, channels)
         return {name: changed_source(self.source(j, name), **changes) for name in names}
 
+    def with_changes(self, **changes: Any) -> Experiment:
+        """Return the experiment with other fields, and what was derived from those that stay."""
+        stays = {
+            name: value
+            for name, value in vars(self).items()
+            if not _FIELDS_OF.get(name, changes.keys()) & changes.keys()
+        }
+        changed = replace(self, **changes)
+        vars(changed).update(stays)
+        return changed
+
     def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
         """Return the experiment after a change of the arrays (..., n) of channels q, m and t."""
         names = [name for channel in channels for name in _ARRAYS[channel]]
-        arrays: dict[str, Any] = {name: change(getattr(self, name)) for name in names}
-        return replace(self, **arrays)
+        return self.with_changes(**{name: change(getattr(self, name)) for name in names})
 
-    @cached_property
+    @derived("robot", "joint")
     def turned(self) -> Array:
         """Position, velocity and acceleration (3, R, n) behind the gears: phi = C q."""
         return at_drives(self.robot.transmission, self.joint)
 
-    @cached_property
+    @derived("robot", "ratio", "motor", "joint")
     def apart(self) -> Array:
         """Angles (R, n) of the motors behind the gears less those of the joints."""
         # The stretch of the spring in (3) over r_L: r_M / (N r_L) theta_M - theta_L.
         return np.asarray(self.motor[0] / self.lever - self.turned[0])
 
-    @cached_property
+    @derived("robot", "ratio")
     def lever(self) -> Array:
         """N r_L / r_M (n,), positive: the torque on the load per torque of the motor."""
         drives = self.robot.drives.values()
         return np.asarray(self.ratio * [drive.load_radius / drive.motor_radius for drive in drives])
 
-    @cached_property
+    @derived(*_OF_TORQUES)
     def target(self) -> Array:
         """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
         # (7) into (4b) without friction: tau_L = N r_L / r_M (tau_M - I_M theta_M'').
         of_motor = self.lever * (self.torque - self.rotor * self.motor[2])
         return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
 
-    @cached_property
+    @derived(*_OF_TORQUES)
     def rotor(self) -> Array:
         """Inertia (n,) of the rotors: a known one, or that by the motor equation (7) of a spring.
 
@@ -166,24 +203,24 @@ class Experiment:
                 inertia[j] = max(scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
         return inertia
 
-    @cached_property
+    @derived(*_OF_TORQUES)
     def _torque_sizes(self) -> Array:
         """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
         # joint by joint: the mean of a constant torque over several columns is rounded
         return np.array([np.std(torque) for torque in self.target.T])
 
-    @cached_property
+    @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
         """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
         is_fixed = self.robot.floating_base is None
         return np.flatnonzero(self._torque_sizes > 0).tolist() if is_fixed else []
 
-    @cached_property
+    @derived("robot", "joint")
     def regressor(self) -> Array:
         """The regressor (R, n, 10n) of the rigid bodies."""
         return regressor_at_drives(self.robot, *self.joint)
 
-    @cached_property
+    @derived("motor", "direction")
     def friction(self) -> Array:
         """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
         ones = np.ones_like(self.direction)
@@ -191,18 +228,60 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    def load_columns(self, j: int) -> Array:
-        """Return columns (R, k) of what acts on the load of joint j next to bodies: friction first.
+    @derived(*_OF_LOADS)
+    def loads(self) -> Array:
+        """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs.
+        of friction is one of theirs. Columns of springs that do not act on a joint are zero.
         """
         robot = self.robot
-        has_spring = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
+        springs = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
-        at_drive = torques_at_drives(robot.transmission, np.eye(robot.n))[:, j]
-        springs = self.joint[0] * (at_drive * np.array(has_spring))
-        return np.hstack([self.friction[j], springs[:, np.any(springs != 0, axis=0)]])
+        at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[springs]
+        columns = at_drives.T[:, None] * self.joint[0][:, springs]
+        return np.concatenate([self.friction, columns], axis=2)
+
+    @derived(*_OF_LOADS, "counted")
+    def _of_loads(self) -> tuple[Array, Array]:
+        """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
+        svd = scaled_svd(self.loads * self.counted.T[..., None], "friction")
+        return svd.spans, svd.inverses
+
+    @derived("robot")
+    def base(self) -> BaseParameters:
+        """The base parameters of all bodies, known ones included."""
+        robot = replace(self.robot, known_bodies=(), at_rest=FrozenMapping({}, "joint"))
+        return base_parameters(robot)
+
+    @derived("robot", "joint")
+    def columns(self) -> Array:
+        """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
+        return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
+
+    @derived(*_OF_TORQUES)
+    def _further(self) -> Array:
+        """Columns (n, R, 2) of what a torque may have besides bodies and `loads`, zero if not.
+
+        A motor torque may be late, which is no mistake of a value, and the rotor inertia of a stiff
+        drive may be unknown.
+        """
+        rates = np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0)
+        is_free = self._is_open & ~np.isin(np.arange(self.robot.n), self._elastic)
+        return np.stack([rates, is_free * self.motor[2]], axis=-1).swapaxes(0, 1)
+
+    @derived(*_SIGNALS)
+    def _factors(self) -> Array:
+        """Triangular factors (u, m, p + 3) of the used joints, without their `loads`.
+
+        Their columns are the base columns of bodies, the torque, and what `_further` may be in it.
+        All sums of squares of misfits are in them (Frisch and Waugh 1933).
+        """
+        used, U = self.used, self._of_loads[0][self.used]
+        torques = self.target.T[used, :, None]
+        Z = np.concatenate([self.columns[used], torques, self._further[used]], axis=2)
+        Z *= self.counted.T[used, :, None]
+        return np.asarray(np.linalg.qr(Z - U @ (U.swapaxes(1, 2) @ Z), mode="r"))
 
     @cached_property
     def nominal(self) -> Array:
@@ -213,9 +292,7 @@ class Experiment:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
-            residual = self.target - self.regressor @ bodies
-            for j in self.used:
-                misfit[j] = self._misfit(j, residual[:, j], self.load_columns(j))
+            misfit[self.used] = self._left(self.base.project(bodies))[1]
         return misfit
 
     @property
@@ -223,27 +300,35 @@ class Experiment:
         """Misfit (n,) of any bodies with any friction."""
         return self._by_any_bodies[0]
 
-    @cached_property
+    @derived(*_SIGNALS)
     def _by_any_bodies(self) -> tuple[Array, Array]:
         """Misfit (n,) of any bodies with any friction, and rows per independent one of it."""
-        misfit = np.full(self.robot.n, np.nan)
+        misfit, used = np.full(self.robot.n, np.nan), self.used
         per_row = np.full_like(misfit, tol.CORRELATED_ROWS)
-        if not self.used:
+        if not used:
             return misfit, per_row
-        loads = [self.load_columns(j) for j in self.used]
-        # the triangular factor has the singular values and the solution of all rows
-        A, b = self._next_to_bodies(self.used, self.counted[:, self.used], loads)
-        factor = triangle(np.column_stack([A, b]))
-        x = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
-        residual, start = (b - A @ x).reshape(len(self.used), -1), 0
-        for j, columns, rows in zip(self.used, loads, residual, strict=True):
-            rows = rows[self.counted[:, j]]
-            # A and b are over the size of the torque, so that x, and not b, is in N m.
-            friction = x[start : start + 2]
-            misfit[j] = self._size(j, self._torque_sizes[j] * rows, friction)
-            per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows))
-            start += columns.shape[1]
+        # Each joint counts alike: its equations are over the size of its torque.
+        R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
+        factor = triangle(R.reshape(-1, R.shape[2]))
+        theta = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
+        residual, misfit[used] = self._left(theta)
+        for j, rows in zip(used, residual, strict=True):
+            per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
+
+    def _left(self, theta: Array) -> tuple[Array, Array]:
+        """Return what base parameters (p,) leave of the torques (u, R) of used joints, and misfits.
+
+        The misfits (u,) are those with the friction that explains most.
+        """
+        used, counted = self.used, self.counted.T[self.used]
+        y = self.target.T[used] - self.columns[used] @ theta
+        x = self._of_loads[1][used] @ y[..., None]
+        residual = y - (self.loads[used] @ x)[..., 0]
+        # The mean is zero, because a constant is among the loads.
+        rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
+        sizes = np.maximum(self._torque_sizes[used], _LEAST)
+        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes
 
     def _next_to_bodies(
         self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
@@ -253,8 +338,9 @@ class Experiment:
         The first `columns` (R, k) are each of one joint alone. Equations that are not among the
         `rows` (R, joints), and columns that are nothing but rounding, are zero.
         """
-        parts = [self.regressor[:, j] for j in joints]
-        A = np.hstack([*(block_diag(*each) for each in columns), np.concatenate(parts)])
+        A = np.hstack(
+            [*(block_diag(*each) for each in columns), np.concatenate(self.columns[joints])]
+        )
         # (R, joints) -> (joints R,): the equations are joint by joint.
         weight = (rows / self._torque_sizes[joints]).T.ravel()
         A *= weight[:, None]
@@ -262,7 +348,7 @@ class Experiment:
         A[:, norms < _TINY * np.max(norms)] = 0.0
         return A, weight * self.target[:, joints].T.ravel()
 
-    @cached_property
+    @derived(*_SIGNALS)
     def of_motors(self) -> Array:
         """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
         misfit = np.full(self.robot.n, np.nan)
@@ -274,10 +360,10 @@ class Experiment:
                 # tau_L / lever = k r_M / N stretch + c, with the zeros of all sensors in c.
                 y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]
             H = np.column_stack([*columns, self.apart[:, j]])
-            misfit[j] = self._misfit(j, y, H, is_spring=True)
+            misfit[j] = self._of_spring_law(j, y, H)
         return misfit
 
-    @cached_property
+    @derived(*_SIGNALS)
     def of_encoders(self) -> Array:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         misfit = np.full(self.robot.n, np.nan)
@@ -297,7 +383,7 @@ class Experiment:
         torque = self.target[:, j] / max(self._torque_sizes[j], _LEAST)
         return np.column_stack([self.friction[j][:, :2], torque])
 
-    @cached_property
+    @derived("robot")
     def _is_open(self) -> BoolArray:
         """Whether the rotor inertia (n,) of a drive is unknown, or the drive itself."""
         drives = self.robot.drives.values()
@@ -401,7 +487,7 @@ class Experiment:
         """All misfits (n,) by kind."""
         return {kind: getattr(self, name) for kind, (name, _) in _KINDS.items()}
 
-    @cached_property
+    @derived("robot")
     def widths(self) -> Array:
         """Columns (10N, 5N): one standard deviation of each body of the robot file.
 
@@ -423,7 +509,7 @@ class Experiment:
         known = np.where(self.robot.is_known, tol.POOR, 1.0)
         return np.asarray(known[:, None] * block_diag(*blocks))
 
-    @cached_property
+    @derived("robot")
     def common(self) -> Array:
         """Columns (10N, 1 + N + 4P): standard deviations that no log makes smaller.
 
@@ -440,61 +526,73 @@ class Experiment:
             columns.append(np.kron(np.eye(len(payloads))[:, [body]], spread))
         return np.column_stack(columns)
 
-    @cached_property
-    def _nuisances(self) -> list[Array]:
-        """Orthonormal columns (R, k) of each used joint: what a torque has besides bodies.
-
-        The rotor of a stiff drive is among it if its inertia is unknown, and that a motor torque
-        may be late, which is no mistake of a value.
-        """
-        bases = []
-        for j in self.used:
-            columns, late = [self.load_columns(j)], self.torque_rate[:, [j]]
-            if self._is_open[j] and j not in self._elastic:
-                columns.append(self.motor[2][:, [j]])
-            if np.all(np.isfinite(late)):
-                columns.append(late)
-            bases.append(np.linalg.qr(np.hstack(columns))[0])
-        return bases
-
-    @cached_property
-    def _noise(self) -> Array:
-        """Standard deviation (n,) of a torque that is no error of bodies, per independent row."""
-        misfit, per_row = self._by_any_bodies
-        # R rows with a noise that is sqrt(r) times as large have the information of R / r rows.
-        return np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
-
     @property
     def independent_rows(self) -> Array:
         """Independent rows (n,) of each joint, by the correlation of what any bodies leave."""
         return len(self.target) / self._by_any_bodies[1]
 
+    @derived(*_SIGNALS)
+    def _noise(self) -> Array:
+        """Standard deviation (u, 1, 1) of a torque that is no error of bodies, per independent row.
+
+        It is that of the used joints.
+        """
+        misfit, per_row = self._by_any_bodies
+        # R rows with a noise that is sqrt(r) times as large have the information of R / r rows.
+        noise = np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
+        return noise[self.used, None, None]
+
+    @derived(*_SIGNALS)
+    def _nuisances(self) -> Array:
+        """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
+        return scaled_svd(np.concatenate([self.loads, self._further], axis=2)[self.used]).spans
+
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
-        parts = []
-        for j, Q in zip(self.used, self._nuisances, strict=True):
-            parts.append((torques[:, j] - Q @ (Q.T @ torques[:, j])) / self._noise[j])
-        return np.concatenate(parts)
+        parts, Q = torques.swapaxes(0, 1)[self.used], self._nuisances
+        columns = parts.reshape(*parts.shape[:2], -1)
+        columns = (columns - Q @ (Q.swapaxes(1, 2) @ columns)) / self._noise
+        return columns.reshape(-1, *torques.shape[2:])
 
-    @cached_property
-    def _of_common(self) -> tuple[Array, Array]:
-        return _effects(self.over_noise(self.regressor @ self.common))
+    @derived(*_SIGNALS)
+    def _seen(self) -> Array:
+        """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
+        bodies, further = self._factors[..., :-2], scaled_svd(self._factors[..., -2:]).spans
+        R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
+        return triangle(R.reshape(-1, R.shape[2]))
 
-    @cached_property
-    def _errors(self) -> tuple[Array, Array]:
-        """Orthonormal effects U (rows, k) of errors of the robot file, and their sizes (k,).
+    @derived(*_SIGNALS)
+    def _effects(self) -> list[tuple[Array, Array]]:
+        """Base parameters (p, k) of `common` errors, and of those of the file next to these.
 
-        A size is that of the torques over their noise for one standard deviation.
+        The torques of each are orthonormal, over the noise. Sizes (k,) are those of the torques for
+        one standard deviation.
         """
-        return _effects(_whitened(self.over_noise(self.regressor @ self.widths), *self._of_common))
+        R, effects = self._seen[:, :-1], list[tuple[Array, Array]]()
+        for errors in (self.common, self.widths):
+            # (1 - R T S T^T R^T) R W = R (W - T S T^T R^T R W), see `_whitened`
+            W = self.base.project(errors)
+            for theta, sizes in effects:
+                W = W - _shrunk(theta, sizes) @ (R.T @ (R @ W))
+            squares, V = safely(np.linalg.eigh, W.T @ R.T @ R @ W, what="nominal bodies")
+            # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
+            kept = squares > RANK_TOLERANCE * squares[-1]
+            sizes = np.sqrt(squares[kept])
+            effects.append((W @ V[:, kept] / sizes, sizes))
+        return effects
+
+    @derived(*_SIGNALS)
+    def _rows(self) -> Array:
+        """The base columns (u R, p) `over_noise`."""
+        return self.over_noise(self.columns.swapaxes(0, 1))
 
     def weighed(self, torques: Array) -> Array:
-        """Return torques (R, n) as one column, weighed by noise and the errors of the robot file.
+        """Return torques (R, n, ...) as columns, weighed by noise and the errors of the robot file.
 
         That is generalised least squares. A joint whose torque is mostly that of a payload says
         more about it than one that carries the whole robot.
         """
-        return _whitened(_whitened(self.over_noise(torques), *self._of_common), *self._errors)
+        return _whitened(self.over_noise(torques), self._rows, self._effects)
 
     @cached_property
     def unexplained(self) -> Array:
@@ -521,9 +619,9 @@ class Experiment:
         """
         if not self.used or not np.all(np.isfinite(self.bodies)):
             return 0.0
-        U, sizes = self._errors
-        y = self.over_noise(self.target - self.regressor @ self.bodies)
-        along = U.T @ _whitened(y, *self._of_common)
+        R, torque, (common, (errors, sizes)) = self._seen[:, :-1], self._seen[:, -1], self._effects
+        y = torque - R @ self.base.project(self.bodies)
+        along = errors.T @ R.T @ _whitened(y, R, [common])
         # An effect y is most likely at a scale s < |y| / z: beyond the largest of these all effects
         # become less likely.
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
@@ -540,36 +638,32 @@ class Experiment:
         such instants has all.
         """
         few = np.sum(self._moving, axis=0) < _FEWEST_ROWS
-        return replace(self, counted=np.asarray(self._moving | few))
+        return self.with_changes(counted=np.asarray(self._moving | few))
 
     @property
     def _elastic(self) -> list[int]:
         return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]
 
-    def _misfit(self, j: int, y: Array, columns: Array, is_spring: bool = False) -> float:
-        """Return the misfit of joint j: of y (R,) by columns (R, k), friction first.
+    def _of_spring_law(self, j: int, y: Array, columns: Array) -> float:
+        """Return the misfit of y (R,) by columns (R, k), the last one of a spring.
 
-        The last column may be that of a spring.
+        Without the torque of a motor there is no friction among them, which are two of three.
         """
         rows = self.counted[:, j]
         x = scaled_svd(columns[rows]).solve(y[rows])
-        residual = (y - columns @ x)[rows]
-        if not is_spring:
-            return self._size(j, residual, x[:2])
         # a spring of negative stiffness explains nothing
         wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] < 0 else 0.0
-        size = max(float(np.std(y)), _LEAST)
         friction = x[:2] if len(x) > 2 else np.zeros(2)
-        return float(np.hypot(self._size(j, residual, friction, size), wrong / size))
+        drives = float(self._driving([j], friction[None, :, None])[0])
+        rms = math.hypot(float(np.std((y - columns @ x)[rows])), drives, wrong)
+        return rms / max(float(np.std(y)), _LEAST)
 
-    def _size(self, j: int, residual: Array, friction: Array, size: float = 0.0) -> float:
-        """Return the rms of a residual and of friction that drives, over that of the torque."""
-        torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
+    def _driving(self, joints: Sequence[int], friction: Array) -> Array:
+        """Return the size (u,) of friction (u, 2, 1) of joints that drives."""
+        torque, speed = self.friction[joints, :, :2] @ friction, self.motor[1].T[joints]
         # A friction torque of the sign of the speed takes power; one that gives power drives.
-        power = float(np.mean(torque * speed))
-        drives = max(-power, 0.0) / max(float(np.std(speed)), _LEAST)
-        rms = float(np.hypot(np.std(residual), drives))
-        return rms / max(size or self._torque_sizes[j], _LEAST)
+        power = np.mean(torque[..., 0] * speed, axis=1)
+        return np.asarray(np.maximum(-power, 0.0) / np.maximum(np.std(speed, axis=1), _LEAST))
 
     def cost(self, kind: str, rows: Array | float = 2.0) -> float:
         """Return minus the log likelihood of one kind of misfit, of Gaussian residuals of any size.
@@ -587,25 +681,26 @@ def correlated_rows(residual: Array) -> float:
     """Return rows per independent one: the long-run variance over the variance (Bartlett)."""
     x = residual - np.mean(residual)
     power, lags = float(x @ x), round(2 * math.sqrt(len(x)))
-    sums = [(1 - lag / (lags + 1)) * float(x[lag:] @ x[:-lag]) for lag in range(1, lags + 1)]
+    products = np.correlate(x, x, "full")[len(x) : len(x) + lags]
+    sums = (1 - np.arange(1, lags + 1) / (lags + 1)) * products
     # 1 + 2 sum_l (1 - l / (L + 1)) rho_l, with the autocorrelation rho_l (Newey and West 1987)
-    return 1 + 2 * sum(sums) / power if power > 0 else 1.0
+    return 1 + 2 * float(np.sum(sums)) / power if power > 0 else 1.0
 
 
-def _effects(B: Array) -> tuple[Array, Array]:
-    """Return orthonormal effects U (rows, k) of columns (rows, m), and their sizes (k,)."""
-    squares, V = safely(np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError)
-    # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
-    kept = squares > RANK_TOLERANCE * squares[-1]
-    sizes = np.sqrt(squares[kept])
-    return B @ V[:, kept] / sizes, sizes
+def _shrunk(theta: Array, sizes: Array) -> Array:
+    """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
+    return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
 
 
-def _whitened(y: Array, U: Array, sizes: Array) -> Array:
-    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = U diag(sizes)."""
-    # (1 + U S^2 U^T)^(-1/2) = 1 - U (1 - (1 + S^2)^(-1/2)) U^T
-    shrunk = ((1 - 1 / np.hypot(1, sizes)) * U) @ (U.T @ y)
-    return np.asarray(y - shrunk)
+def _whitened(y: Array, X: Array, effects: Iterable[tuple[Array, Array]]) -> Array:
+    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = X T diag(sizes), of each effect.
+
+    The columns of U = X T are orthonormal.
+    """
+    for theta, sizes in effects:
+        # (1 + U Z^2 U^T)^(-1/2) = 1 - U S U^T, with S = 1 - (1 + Z^2)^(-1/2)
+        y = y - X @ (_shrunk(theta, sizes) @ (X.T @ y))
+    return y
 
 
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
@@ -729,6 +824,8 @@ def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experime
     if experiment.robot.floating_base is not None:
         return experiment
     kept = np.isin(experiment.robot.joint_names, [*joints])
+    if np.all(kept):
+        return experiment
     return experiment.with_channels("t", lambda torque: np.where(kept, torque, np.nan))
 
 
@@ -834,4 +931,4 @@ def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) 
     changed = experiment.with_channels(channels, lambda values: values * factor)
     # `with_channels` has multiplied the direction by the whole factor, of which it has the sign.
     direction = experiment.direction * np.sign(factor)
-    return replace(changed, direction=direction) if "m" in channels else changed
+    return changed.with_changes(direction=direction) if "m" in channels else changed

@@ -165,7 +165,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             yield Transform(
                 codes.GEAR_RATIO,
                 f"the gear ratio of {joint} is {ratio * factor:.4g}{by} not {ratio:.4g}",
-                replace(experiment, ratio=experiment.ratio * factor_of, joint=output),
+                experiment.with_changes(ratio=experiment.ratio * factor_of, joint=output),
                 joint,
                 in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
                 evidence=evidence,
@@ -227,7 +227,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
             codes.COUPLED_JOINTS,
             f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
             f"{mover}: it drives both, by a differential, a tendon or a parallel linkage",
-            replace(experiment, robot=changed),
+            experiment.with_changes(robot=changed),
             joint,
             in_drives({(joint,): f"transmission = {{ {table} }}"}),
             evidence={f"turns with {mover}": turns},
@@ -244,7 +244,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
                 coupled,
                 message=f"the encoder of {joint} measures its angle against another link than the "
                 f"one before it: the joint moves as its encoder {added}",
-                changed=replace(experiment, joint=angles),
+                changed=experiment.with_changes(joint=angles),
                 remedy=f"write the angle of {joint} {added} into the log, as that of {joint}",
             )
 
@@ -302,4 +302,4 @@ def _with_constant_ratio(experiment: Experiment, j: int, x: Array, factor: Array
     # The same power: tau N g q' = (g tau) N q'. The torque of a sensor is behind the linkage and
     # stays, which is why it is replaced below: `with_channels` multiplies it too.
     changed = experiment.with_channels("t", lambda torque: torque * factors)
-    return replace(changed, motor=motor, sensed=experiment.sensed)
+    return changed.with_changes(motor=motor, sensed=experiment.sensed)

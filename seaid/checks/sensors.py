@@ -43,12 +43,12 @@ def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
 
 def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
-    slope, alike = _late_columns(side, joint)
+    slope, alike = side.once(_late_columns, joint)
     weighted = side.equation.weight[:, None] * np.hstack([slope, alike])
     # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
     # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
     rest = side.equation.residual_of(weighted)
-    return slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None]
+    return np.asarray(slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None])
 
 
 def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
@@ -158,7 +158,7 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     equation = side.equation.with_alternatives(
         x.trial.alternative for x in selection.accepted if x.trial.candidate.about.code is not DELAY
     )
-    columns = [_late_columns(side, joint) for joint in joints]
+    columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
     values, errors = equation.with_alternatives([Alternative(late, 0)]).last(len(joints))
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))

@@ -150,7 +150,7 @@ def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         experiment = _described(trials[0].transform.changed, findings[-1].remedy)
         # The file is contradicted as a whole: nothing else is compared with its bodies.
         if trials[0].transform.code == codes.NOMINAL_VALUES:
-            experiment = replace(experiment, bodies=np.full_like(experiment.bodies, np.nan))
+            experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
     return findings, experiment
 
 
@@ -167,7 +167,7 @@ def _described(experiment: Experiment, remedy: str) -> Experiment:
         {joint: {**entries, **changed.get(joint, {})} for joint, entries in log.items()}
         for log in experiment.sources
     )
-    return replace(experiment, sources=tuple(sources))
+    return experiment.with_changes(sources=tuple(sources))
 
 
 def transforms(experiment: Experiment) -> Iterator[Transform]:
@@ -386,7 +386,7 @@ def _slopes(experiment: Experiment) -> dict[int, tuple[float, float, float]]:
     """
     slopes = {}
     for j in experiment.used:
-        columns = [experiment.regressor[:, j] @ experiment.bodies, experiment.load_columns(j)]
+        columns = [experiment.regressor[:, j] @ experiment.bodies, experiment.loads[j]]
         y = experiment.lever[j] * experiment.torque[:, j]
         has_rotor = experiment.inertia[j] > 0 and bool(np.all(np.isfinite(y)))
         if has_rotor:
@@ -407,7 +407,7 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     if not _has_bodies(experiment):
         return
     # a payload that is named and not there has no torque, of a joint that measures well
-    slopes = _slopes(replace(experiment, bodies=experiment.robot.parameters))
+    slopes = _slopes(experiment.with_changes(bodies=experiment.robot.parameters))
     shown = [
         j for j, (slope, error, _) in slopes.items() if slope > max(tol.POOR, tol.SURE * error)
     ]
@@ -500,7 +500,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         codes.NOMINAL_VALUES,
         f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
         "nominal values, or a payload that was not given",
-        replace(experiment, bodies=heavier),
+        experiment.with_changes(bodies=heavier),
         severity="note",
         remedy="correct the masses in the robot file, or name the payload",
         evidence={"factor": middle},
@@ -523,7 +523,7 @@ def _behind_gears(experiment: Experiment, factor: float) -> Transform:
     return Transform(
         codes.UNIT,
         "the torques of all joints are those behind the gears, not those of the motors",
-        replace(experiment, torque=torque, sensed=sensed),
+        experiment.with_changes(torque=torque, sensed=sensed),
         remedy=f"{in_description(sources)}\n{note}",
         evidence={"factor": factor},
     )
@@ -543,7 +543,7 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
             yield Transform(
                 codes.ROTOR_INERTIA,
                 f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {inertias[j]:.3g}",
-                replace(experiment, inertia=inertia),
+                experiment.with_changes(inertia=inertia),
                 joint,
                 in_drives({(joint,): f"motor_inertia_kg_m2 = {inertia[j]:.4g}"}),
                 evidence={"ratio": factor},
@@ -562,8 +562,7 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
             codes.TIME_UNIT,
             f"the time of the log is {max(factor, 1 / factor):.0f} times too {times}, so that "
             f"speeds are too {speeds}",
-            replace(
-                experiment,
+            experiment.with_changes(
                 joint=powers * experiment.joint,
                 motor=powers * experiment.motor,
                 torque_rate=factor * experiment.torque_rate,
@@ -605,7 +604,7 @@ def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experim
     # the side without an encoder was computed from the motor's
     is_computed = np.isin(order, [i, j]) & ~experiment.both
     joint = np.where(is_computed, changed.motor / experiment.ratio, changed.joint)
-    return replace(changed, joint=joint)
+    return changed.with_changes(joint=joint)
 
 
 # What shows that a mistake is possible

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import toml_table
 from seaid.checks.engine import (
     Alternative,
@@ -205,16 +205,23 @@ class DriveRows:
         """
         placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
         is_elastic = self.robot.drives[self.joint].is_elastic
-        for index, factor in self.factors.items():
-            for run, (motion, part) in enumerate(zip(self.motions, parts, strict=True)):
-                chosen = (self.rows.joint == index) & (self.rows.run == run)
-                # The times of rows are among those of the samples: this is their index.
-                samples = np.searchsorted(motion.time, self.rows.time[chosen])
-                known = part if is_elastic or in_band else motion.where_known(index, part)
-                placed[chosen] = factor * (
-                    known[samples] if in_band else in_band_at(motion, known, samples)
-                )
+        for index, run, chosen, samples in self._by_equation:
+            motion, part = self.motions[run], parts[run]
+            known = part if is_elastic or in_band else motion.where_known(index, part)
+            filtered = known[samples] if in_band else in_band_at(motion, known, samples)
+            placed[chosen] = self.factors[index] * filtered
         return placed
+
+    @cached_property
+    def _by_equation(self) -> list[tuple[int, int, IndexArray, IndexArray]]:
+        """Equation, motion, rows, and their samples, for each equation and motion."""
+        places = []
+        for index, run in product(self.factors, range(len(self.motions))):
+            chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
+            # The times of rows are among those of the samples: this is their index.
+            samples = np.searchsorted(self.motions[run].time, self.rows.time[chosen])
+            places.append((index, run, chosen, samples))
+        return places
 
 
 def _deflection_zero(

@@ -151,17 +151,28 @@ def states(x: Array, width: float) -> tuple[Array, Array]:
     if not len(moves):
         return history[0], history[1]
     turns = moves[np.flatnonzero(np.diff(sign[moves])) + 1]  # the first steps after a reversal
-    z = slope = 0.0
-    for first, last in zip([0, *turns], [*turns, len(step)], strict=True):
-        stroke = slice(first + 1, last + 1)
-        # A stroke may begin with samples that stand still: the first that moves decides.
-        toward = float(sign[moves[np.searchsorted(moves, first)]])
-        u = np.abs(x[stroke] - x[first]) / width
-        # By the chain rule: the state at the start of the stroke depends on the width, too.
-        history[0, stroke], by_z, by_u = _dahl(z, toward, u)
-        history[1, stroke] = by_z * slope - by_u * u / width  # du/dwidth = -u/width
-        z, slope = history[:, last].tolist()
+    starts, ends = np.array([[0, *turns], [*turns, len(step)]])
+    # A stroke may begin with samples that stand still: the first that moves decides.
+    toward = sign[moves[np.searchsorted(moves, starts)]]
+    stroke = np.repeat(np.arange(len(starts)), ends - starts)  # of each sample but the first one
+    u = np.abs(x[1:] - x[starts][stroke]) / width
+    # z and its slope at the start of each stroke, from stroke to stroke
+    at_start, state = np.zeros((2, len(starts))), (0.0, 0.0)
+    for place, (s, travel) in enumerate(zip(toward.tolist(), u[ends - 1].tolist(), strict=True)):
+        at_start[:, place] = state
+        state = _after(*state, s, travel, width)
+    z, slope = at_start[:, stroke]
+    history[:, 1:] = _after(z, slope, toward[stroke], u, width)
     return history[0], history[1]
+
+
+def _after(z: Any, slope: Any, sign: Any, u: Any, width: float) -> tuple[Any, Any]:
+    """Return the state after a travel u, in units of the width, and its slope by the width.
+
+    By the chain rule the latter has that of the state before, too: du/dwidth = -u/width.
+    """
+    state, by_z, by_u = _dahl(z, sign, u)
+    return state, by_z * slope - by_u * u / width
 
 
 class Dahl(sp.Function):  # type: ignore[misc]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, frozen, safely
+from seaid._arrays import Array, BoolArray, frozen, safely
 from seaid.errors import IdentificationError, SeaidError
 
 if TYPE_CHECKING:
@@ -263,7 +263,8 @@ class ScaledSVD:
     """The singular value decomposition of columns (R, p) scaled to unit norm.
 
     `left` (R, m), `sizes` (m,) in decreasing order and `vectors` (m, p), which has the right
-    singular vectors as rows; `norms` (p,) are those of the columns, 1 for columns of zeros.
+    singular vectors as rows; `norms` (p,) are those of the columns, 1 for columns of zeros. Of
+    stacked columns (..., R, p) each array is stacked, and `spans` and `inverses` are for these.
     """
 
     left: Array
@@ -279,6 +280,25 @@ class ScaledSVD:
         """Return an orthonormal basis (R, rank) of the range of the columns."""
         return self.left[:, : self.rank(tolerance)]
 
+    @property
+    def spans(self) -> Array:
+        """Orthonormal bases (..., R, m) of the ranges, zero beyond the ranks."""
+        return np.asarray(self.left * self._kept[..., None, :])
+
+    @property
+    def inverses(self) -> Array:
+        """The pseudo-inverses (..., p, R) of the columns."""
+        scaled = (
+            self.vectors.swapaxes(-1, -2) / np.where(self._kept, self.sizes, np.inf)[..., None, :]
+        )
+        return np.asarray(scaled @ self.left.swapaxes(-1, -2) / self.norms[..., None])
+
+    @property
+    def _kept(self) -> BoolArray:
+        """Whether singular values (..., m) are above rounding."""
+        largest = np.max(self.sizes, axis=-1, keepdims=True, initial=0.0)
+        return np.asarray(self.sizes > ROUNDING * largest)
+
     def solve(self, y: Array, tolerance: float = ROUNDING) -> Array:
         """Return theta (p,) of least squares to y (R,), least in norm in the scaled parameters."""
         kept = slice(self.rank(tolerance))
@@ -289,10 +309,10 @@ class ScaledSVD:
 def scaled_svd(
     columns: Array, what: str = "the equations", error: type[SeaidError] = IdentificationError
 ) -> ScaledSVD:
-    """Return the decomposition of columns (R, p); `what` names them in an `error`."""
-    norms = np.linalg.norm(columns, axis=0)
+    """Return the decomposition of columns (..., R, p); `what` names them in an `error`."""
+    norms = np.linalg.norm(columns, axis=-2)
     norms[norms == 0] = 1.0
-    U, sizes, vectors = safely(_svd, columns / norms, what=what, error=error)
+    U, sizes, vectors = safely(_svd, columns / norms[..., None, :], what=what, error=error)
     return ScaledSVD(U, sizes, vectors, norms)
 
 
@@ -302,10 +322,10 @@ def _svd(matrix: Array) -> tuple[Array, Array, Array]:
     Divide and conquer (gesdd) is faster, but sometimes does not converge for a finite matrix.
     """
     try:
-        factors = linalg.svd(matrix, full_matrices=False, check_finite=False)
-    except linalg.LinAlgError:
-        factors = linalg.svd(matrix, full_matrices=False, check_finite=False, lapack_driver="gesvd")
-    U, sizes, vectors = factors
+        U, sizes, vectors = np.linalg.svd(matrix, full_matrices=False)
+    except np.linalg.LinAlgError:
+        gesvd = {"full_matrices": False, "check_finite": False, "lapack_driver": "gesvd"}
+        U, sizes, vectors = linalg.svd(matrix, **gesvd)
     return U, sizes, vectors
 
 

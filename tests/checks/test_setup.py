@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain, islice
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,10 +14,12 @@ import pytest
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
 from seaid.checks.echoes import consequences
-from seaid.checks.setup import mistakes
+from seaid.checks.experiment import _FIELDS_OF, with_torques_of
+from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
+from seaid.regressor import BaseParameters
 from seaid.robot.robot import Payload, Robot, load_robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.representatives import quick_first
@@ -136,6 +140,33 @@ def test_misfits_do_not_depend_on_the_unit_of_torques(factor: float) -> None:
         return experiment(arm().with_drives(drives), log).free
 
     np.testing.assert_allclose(free(factor), free(1.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_stays_of_a_transformed_experiment_is_what_a_new_one_derives(case: str) -> None:
+    """A property that depends on a field which it does not declare would keep an old value."""
+    before = experiment(CASES[case][0](), CASES[case][1]())
+    for name in _FIELDS_OF:
+        getattr(before, name)
+    changed = [before.in_motion, with_torques_of(before, before.robot.joint_names[1:])]
+    for generator in chain(*MISTAKES.values()):
+        changed += [transform.changed for transform in islice(generator(before), 0, None, 7)]
+    for after in changed:
+        fresh = replace(after)
+        for name in _FIELDS_OF:
+            kept, derived = (
+                [*vars(x).values()] if isinstance(x, BaseParameters) else x
+                for x in (getattr(after, name), getattr(fresh, name))
+            )
+            for x, y in zip(_arrays(kept), _arrays(derived), strict=True):
+                np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12, err_msg=name)
+
+
+def _arrays(value: Any) -> list[np.ndarray]:
+    """Return the arrays in a value, which may be in nested lists or tuples of different lengths."""
+    if isinstance(value, list | tuple):
+        return [array for part in value for array in _arrays(part)]
+    return [] if isinstance(value, str) else [np.asarray(value)]
 
 
 @pytest.mark.parametrize("case", ["leg", "arm"])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,11 +13,14 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.log.filtering import (
     decimation,
+    in_band,
+    in_band_at,
     is_friction_known,
     low_pass,
     mean_directions,
     spline_derivatives,
 )
+from seaid.log.motion import Motion
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ
@@ -53,6 +59,34 @@ def test_time_backwards_gives_the_same_backwards() -> None:
     signal = np.random.default_rng(0).normal(size=(4000, 2)).cumsum(axis=0)
     forward, backward = low_pass(signal, RATE_HZ, 8.0), low_pass(signal[::-1], RATE_HZ, 8.0)[::-1]
     assert np.allclose(forward[INSIDE], backward[INSIDE], rtol=0, atol=1e-4 * np.std(signal))
+
+
+@pytest.mark.parametrize(
+    ("samples", "cutoff_hz"),
+    [
+        (np.arange(130, 3900, 25), 10.0),
+        (np.delete(np.arange(0, 4000, 25), [3, 4, 80]), 10.0),
+        (np.arange(7, 4000, 160), 1.5),
+        (np.array([1000, 3000]), 40.0),
+        (np.arange(3999, 0, -43)[:5], 10.0),
+        (np.array([2000]), 10.0),
+        (np.arange(500, 900, 3), 90.0),
+        (np.arange(0, 4000, 20), np.inf),
+    ],
+)
+def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz: float) -> None:
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(4000, 3, 4)).cumsum(axis=0)
+    columns[:, 1] = 0.0
+    motion = cast(Motion, SimpleNamespace(rate_hz=RATE_HZ, cutoff_hz=cutoff_hz))
+    every, some = in_band(motion, columns), in_band_at(motion, columns, samples)
+    # One period of the cutoff from the ends, where there are no rows, transients are below 1e-6.
+    np.testing.assert_allclose(some, every[samples], rtol=0, atol=1e-6 * float(np.std(columns)))
+    margin = 3 * RATE_HZ / cutoff_hz
+    inside = (samples > margin) & (samples < 4000 - margin)
+    np.testing.assert_allclose(some[inside], every[samples[inside]], rtol=0, atol=1e-8)
+    single = in_band_at(motion, columns[:, 0, 0], samples)
+    np.testing.assert_allclose(single, some[:, 0, 0], rtol=0, atol=1e-10)
 
 
 @given(seed=st.integers(0, 1000), cutoff_hz=st.floats(1.0, 100.0))
