@@ -100,7 +100,7 @@ CALLS: dict[str, Call] = {
     "a misspelled method": (
         "identify",
         lambda x: ([x.robot, "nowhere.csv"], {"method": "twostep"}),
-        r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: two-step, sim",
+        r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step, sim",
     ),
     "a misspelled estimator": (
         "identify",
@@ -115,7 +115,7 @@ CALLS: dict[str, Call] = {
     "no text for a choice": (
         "identify",
         lambda x: ([x.robot, x.log], {"method": 2}),
-        "method= must be 'two-step' or 'simultaneous', found 2",
+        "method= must be 'auto', 'two-step' or 'simultaneous', found 2",
     ),
     "a misspelled argument": (
         "identify",

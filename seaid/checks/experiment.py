@@ -23,7 +23,7 @@ from seaid.checks.check import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
-from seaid.log import Motion, changed_source, in_band_at, row_samples
+from seaid.log import Motion, changed_source, in_band_at, moving, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
 
@@ -195,7 +195,8 @@ class Experiment:
         """
         inertia = self.inertia.copy()
         for j in map(self.robot.index, self.robot.elastic_joints):
-            if inertia[j] or not np.all(np.isfinite(self.torque[:, j])):
+            turns = np.any(moving(self.motor[1][:, j]))
+            if inertia[j] or not turns or not np.all(np.isfinite(self.torque[:, j])):
                 continue
             rows, y, others = self._of_spring(j)
             columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])

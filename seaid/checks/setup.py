@@ -431,7 +431,10 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
+    rounding = float(np.finfo(float).eps)
     for j, (slope, error, _) in _slopes(experiment).items():
+        if not rounding < abs(slope) < 1 / rounding:
+            continue  # one of the torques is nothing but rounding next to the other
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
         if abs(slope) > tol.SURE * error and not is_reversed_only:
             slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)

@@ -179,7 +179,9 @@ def test_a_rotor_of_unknown_inertia_does_not_look_like_bodies(case: str) -> None
             for joint in robot.elastic_joints
         }
     )
-    known, estimated = experiment(robot, log), experiment(unknown, log)
+    known = experiment(robot, log)
+    cutoff_hz = reconstruct_motions(robot, log)[0].cutoff_hz
+    estimated = experiment_of(unknown, [reconstruct_motions(unknown, log, cutoff_hz)])
     for joint in robot.elastic_joints:
         j = robot.index(joint)
         for misfit in ("nominal", "free", "of_motors"):

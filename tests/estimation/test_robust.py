@@ -221,7 +221,8 @@ def test_spikes_in_a_log(name: LinearEstimator) -> None:
     torque[bad] += (10 * np.std(torque, axis=0) * rng.choice([-1.0, 1.0], torque.shape))[bad]
     known = arm().without_nominal()
     spiky, clean = (
-        identify(known, one, estimator=name) for one in (replace(log, motor_torque=torque), log)
+        identify(known, recorded, method="two-step", estimator=name)
+        for recorded in (replace(log, motor_torque=torque), log)
     )
     for joint in known.elastic_joints:
         off = spiky.drives[joint].value("stiffness") / true_value(arm(), joint, "stiffness")

@@ -159,7 +159,7 @@ def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.Mo
     found = identify(ROBOT, long_log)
     first_pieces = 3  # asked which torques there are
     assert len(reconstructed) <= pieces + first_pieces
-    whole = identify(ROBOT, log(), cutoff_hz=CUTOFF_HZ)
+    whole = identify(ROBOT, log(), method="two-step", cutoff_hz=CUTOFF_HZ)
     assert_same(found.load, whole.load)
     for joint in ROBOT.elastic_joints:
         assert_same(found.drives[joint], whole.drives[joint])
