@@ -144,14 +144,14 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
     truth = load_leg((TEST_MASS,))
     log = measure(truth, motion, sensors(1000 + run), run)
     known, zeros = truth.without_nominal(), ENCODER_OFFSET_STD_RAD
+    identified = partial(seaid.identify, known, log, encoder_offset_std=zeros)
     try:
         if way == "simultaneous":
-            found = seaid.identify(known, log, method="simultaneous", encoder_offset_std=zeros)
+            found = identified(method="simultaneous")
         elif way == "refine":
-            found = seaid.identify(known, log, encoder_offset_std=zeros)
-            found = seaid.refine(found, log, encoder_offset_std=zeros)
+            found = seaid.refine(identified(method="two-step"), log, encoder_offset_std=zeros)
         else:
-            found = seaid.identify(known, log, estimator=cast(Any, way), encoder_offset_std=zeros)
+            found = identified(method="two-step", estimator=cast(Any, way))
     except seaid.SeaidError as problem:
         print(f"{way}, experiment {run}: {problem}", file=sys.stderr)
         return None

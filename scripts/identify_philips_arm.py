@@ -59,7 +59,7 @@ def main(output: Path, drives: str, seed: int) -> None:
         seaid.simulate(truth, one.trajectory, noise=sensors(truth), seed=seed + run, progress=True)
         for run, one in enumerate(plans)
     )
-    found = seaid.identify(known, log, progress=True)
+    found = seaid.identify(known, log, method="two-step", progress=True)  # the paper's
     result = seaid.validate(found, other_log)
 
     print(drive_table("Drives of the Philips arm", found, truth))

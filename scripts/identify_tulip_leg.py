@@ -16,6 +16,7 @@ import sys
 import time
 import warnings
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -118,11 +119,12 @@ def main(output: Path, seed: int, anew: bool) -> None:
             future.result() for future in track(futures, "simulating three runs", True)
         )
 
-    found = seaid.identify(
+    in_turn = partial(seaid.identify, method="two-step")  # the paper's
+    found = in_turn(
         known, log, feasible=True, encoder_offset_std=ENCODER_OFFSET_STD_RAD, progress=True
     )
-    elastic = seaid.identify(known, log, torque_joints=known.elastic_joints)
-    free = seaid.identify(load_leg(()).without_nominal(), free_log)
+    elastic = in_turn(known, log, torque_joints=known.elastic_joints)
+    free = in_turn(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
 
     condition = condition_number(known, plan)

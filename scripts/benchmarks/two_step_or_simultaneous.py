@@ -51,7 +51,7 @@ KEYS = tuple(f"{name} of {joint}" for name in NAMES for joint in load_leg(()).el
 
 def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Array, Array]:
     """Return values and standard errors (3, parameters): KEYS, then base parameters, by WAYS."""
-    first = seaid.identify(known, log, encoder_offset_std=zero_std)
+    first = seaid.identify(known, log, method="two-step", encoder_offset_std=zero_std)
     motion, springs = reconstruct_motion(known, log), tuple(first.springs)
     regress = partial(simultaneous_regression, known, model=first.model, springs=springs)
     # `identify` may have added terms that the log supports, such as an offset of a torque
