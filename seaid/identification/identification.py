@@ -110,6 +110,12 @@ from seaid.identification.gear import (
     with_rigid_gears,
 )
 from seaid.identification.instrumental import estimate_instrumental
+from seaid.identification.known_constants import (
+    check_known_std,
+    exact_constants,
+    scaled_by_bodies,
+    with_known_std,
+)
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_side import (
     cutoff_of,
@@ -119,14 +125,7 @@ from seaid.identification.motor_side import (
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
-from seaid.identification.sensitivity import (
-    check_known_std,
-    constants_of,
-    exact_constants,
-    scaled_by_bodies,
-    sensitivity_findings,
-    with_known_std,
-)
+from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (
@@ -485,7 +484,9 @@ class _Problem:
     @cached_property
     def two_step(self) -> RobotEstimate:
         """The estimate of both sides in turn."""
-        return self._in_two_steps(self.robot, self.datasets)
+        further = None if self.bias is None else (self.bias.columns, self.bias.covariance)
+        options = self.options.of_two_steps
+        return estimate_two_step(self.robot, self.datasets, self.model, *options, further=further)
 
     @property
     def identified(self) -> Robot:
@@ -495,11 +496,15 @@ class _Problem:
     @cached_property
     def estimate(self) -> RobotEstimate:
         """The estimate by the method of the options, which continues from two steps."""
-        solver, offset_std, executor, _ = self.options.of_two_steps
-        if self.options.method != "auto" or self.options.estimator == "iv":
-            return self._continued(self.robot, self.datasets, self.two_step, self.options.method)
         equations = self.robot, self.datasets, self.model, self.two_step
-        return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
+        solver, offset_std, executor, _ = self.options.of_two_steps
+        if self.options.estimator == "iv":
+            return estimate_instrumental(*equations, offset_std, executor)
+        if self.options.method == "simultaneous":
+            return estimate_simultaneous(*equations, solver, offset_std, executor)
+        if self.options.method == "auto":
+            return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
+        return self.two_step
 
     @property
     def _lacks(self) -> str:
@@ -525,27 +530,6 @@ class _Problem:
         if self.bias is None:
             return self.run.experiment
         return experiment_of(self.declared, [self.bias.removed(group) for group in self.run.moved])
-
-    def estimate_of(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        """Return the estimate with other constants, in the same columns."""
-        method: Method = "two-step" if self.estimate.whole is None else "simultaneous"
-        return self._continued(robot, datasets, self._in_two_steps(robot, datasets), method)
-
-    def _in_two_steps(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        options, bias = self.options.of_two_steps, self.bias
-        further = None if bias is None else (bias.columns, bias.covariance)
-        return estimate_two_step(robot, datasets, self.model, *options, further=further)
-
-    def _continued(
-        self, robot: Robot, datasets: Sequence[Dataset], first: RobotEstimate, method: Method
-    ) -> RobotEstimate:
-        equations = robot, datasets, self.model, first
-        solver, offset_std, executor, _ = self.options.of_two_steps
-        if self.options.estimator == "iv":
-            return estimate_instrumental(*equations, offset_std, executor)
-        if method == "simultaneous":
-            return estimate_simultaneous(*equations, solver, offset_std, executor)
-        return first
 
 
 def _identify(robot: Robot, logs: Source | Sequence[Source], options: _Options) -> Identification:
@@ -651,8 +635,8 @@ def _concluded(problem: _Problem, findings: list[Finding]) -> Identification:
         steps = problem.two_step
         findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
     # Only now, since the findings above compare estimates by the noise of the logs alone.
-    constants = constants_of(robot, datasets, options.known_std)
-    estimate = with_known_std(estimate, constants, problem.estimate_of)
+    constants = options.known_std, options.executor
+    estimate = with_known_std(robot, datasets, model, estimate, *constants)
     searched = with_searched_values(estimate.drives, problem.nominal, robot)
     estimate = replace(estimate, drives=searched)
     consistent = _feasible(robot, model, estimate) if options.feasible else None

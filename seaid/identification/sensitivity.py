@@ -1,17 +1,13 @@
-"""What an estimate depends on: the estimator, the cutoff, and the constants that were given.
+"""What an estimate depends on: the estimator and the cutoff.
 
 Two ways of the same fit have the same noise, so that the standard error of their difference is far
 below that of independent ones (Hausman 1978): it is that of the sum over time of the difference of
 the influences of the rows. A difference beyond it is a bias of one of the estimates.
-
-A constant that was given is not exact. The derivative of an estimate by it is a difference quotient
-of the whole identification, so that it contains the way through the springs. A scale error of the
-torques changes all parameters together: their covariance says so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
-from seaid.errors import ExcitationError, Finding, IdentificationError, unknown_name
+from seaid.checks import CODES, disagreement, homogeneous
+from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
     FittedRows,
@@ -39,13 +34,12 @@ from seaid.estimation import (
 from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import has_only_spring_torque
-from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
+from seaid.identification.two_step import LOAD, RobotEstimate, rows_of_fit
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
     Regress,
     Regression,
-    actuator_regression,
     load_regression,
     stacked,
 )
@@ -257,7 +251,7 @@ def _compared_equations(
     equations: dict[str, tuple[Regress, FittedRows]] = {}
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
-            regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
+            regress = partial(rows_of_fit, robot, joint=joint, fit=fit)
             equations[joint] = regress, _with_shared_delays(robot, fit, joint)
     equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
     return equations
@@ -280,12 +274,6 @@ def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
     return narrower
 
 
-def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
-    """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
-    rows = actuator_regression(robot, motion, joint)
-    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
-
-
 def _decimated(motion: Motion) -> Motion:
     """Return a motion with fewer samples, torques and directions without what these would alias."""
     step = max(1, int(motion.rate_hz / (_SAMPLES_PER_PERIOD * motion.cutoff_hz)))
@@ -297,191 +285,3 @@ def _decimated(motion: Motion) -> Motion:
         if (signal := getattr(motion, name)) is not None
     }
     return replace(motion, **smooth).samples(slice(None, None, step))
-
-
-KNOWN_STD = {
-    "torque": "the torques, with one scale error common to all",
-    "payload": "the mass of the payloads",
-    "bodies": "the known bodies, each with a scale of its own",
-    "motor_inertia_kg_m2": "rotor inertias",
-    "gear_ratio": "gear ratios",
-    "motor_pulley_radius_m": "motor pulley radii",
-    "load_pulley_radius_m": "load pulley radii",
-}
-"""Names in `known_std`: relative standard deviations of what."""
-
-TYPICAL_STD = {
-    "torque": 0.03,
-    "payload": 0.01,
-    "bodies": 0.05,
-    "motor_inertia_kg_m2": 0.05,
-    "gear_ratio": 0.001,
-    "motor_pulley_radius_m": 0.005,
-    "load_pulley_radius_m": 0.005,
-}
-"""Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, of
-masses by CAD, and of turned pulleys with their cable."""
-
-_STEP = 1e-3
-"""Relative change of a constant in difference quotients."""
-
-_CHANNELS = ("motor_torque", "motor_current", "motor_voltage", "joint_torque")
-
-
-@dataclass(frozen=True, eq=False)
-class Constant:
-    """A constant with a relative standard deviation, and inputs in which it is larger by `_STEP`.
-
-    `joint` is "" if it is common to all joints, or that of a body.
-    """
-
-    name: str
-    joint: str
-    std: float
-    robot: Robot
-    datasets: Sequence[Dataset]
-
-
-def check_known_std(known_std: Mapping[str, float]) -> None:
-    """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
-    for name, std in known_std.items():
-        if name not in KNOWN_STD:
-            wrong = unknown_name("constant", name, KNOWN_STD)
-            raise IdentificationError(f"known_std=: {wrong}", "known_std=")
-        if not 0 <= std <= 1:
-            raise IdentificationError(
-                f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
-                f"{std}",
-                "known_std=",
-            )
-
-
-def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:
-    """Return the constants in use without a standard deviation, with their `TYPICAL_STD`."""
-    drives = [drive for drive in robot.drives.values() if drive != IDEAL_DRIVE]
-    is_scaled = bool(robot.known_bodies) and all(map(_has_unknown_scale, robot.drives.values()))
-    is_exact = {name: _is_exact(drives, name) for name in TYPICAL_STD} | {
-        "torque": not is_scaled and _lacks_std(drives or [IDEAL_DRIVE], STD_OF_TORQUE),
-        "payload": bool(np.any(robot.payload_parameters)),
-        "bodies": bool(robot.known_bodies),
-    }
-    return {x: std for x, std in TYPICAL_STD.items() if is_exact[x] and not known_std.get(x)}
-
-
-def _is_exact(drives: Sequence[Drive], name: str) -> bool:
-    """Whether drives have a constant, and one of them no standard deviation of it."""
-    return any(getattr(x, name, None) for x in drives) and _lacks_std(drives, name)
-
-
-def _lacks_std(drives: Sequence[Drive], name: str) -> bool:
-    return any(name not in drive.std for drive in drives)
-
-
-_INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
-
-
-def scaled_by_bodies(drives: Mapping[str, Estimate], exact: Mapping[str, float]) -> list[str]:
-    """Return the joints whose motor constants rest on known bodies, if these are `exact`."""
-    constants = (joint for joint, x in drives.items() if _INPUT_CONSTANTS & set(x.names))
-    return list(constants) if "bodies" in exact else []
-
-
-def _has_unknown_scale(drive: Drive) -> bool:
-    return drive.motor_input != "torque" and _INPUT_CONSTANTS.isdisjoint(drive.known)
-
-
-def constants_of(
-    robot: Robot, datasets: Sequence[Dataset], known_std: Mapping[str, float]
-) -> Iterator[Constant]:
-    """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
-    if known_std.get("torque"):
-        louder = _with_torques(datasets, range(robot.n))
-        yield Constant("torque", "", known_std["torque"], robot, louder)
-    if known_std.get("payload"):
-        heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
-        yield Constant("payload", "", known_std["payload"], heavier, datasets)
-    for body in robot.known_bodies if known_std.get("bodies") else ():
-        factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + _STEP, 1.0)
-        heavier = robot.with_values(factor * robot.parameters, robot.drives)
-        yield Constant("bodies", body, known_std["bodies"], heavier, datasets)
-    for joint in robot.drives:
-        yield from _constants_of_drive(robot, datasets, joint, known_std)
-
-
-def _constants_of_drive(
-    robot: Robot, datasets: Sequence[Dataset], joint: str, known_std: Mapping[str, float]
-) -> Iterator[Constant]:
-    """Yield the constants of a drive that have a standard deviation, by `known_std` or its own."""
-    drive = robot.drives[joint]
-    stds = {name: std for name, std in known_std.items() if hasattr(drive, name)}
-    for name, std in {**stds, **drive.std}.items():
-        value, is_delay = getattr(drive, name, None) or 0.0, name == "command_delay_s"
-        if not std or (is_delay and "command_delay" not in drive.known):
-            continue  # the latter is the range of an unknown delay
-        if name == STD_OF_TORQUE:
-            louder = _with_torques(datasets, [robot.index(joint)])
-            yield Constant(name, joint, std, robot, louder)
-        elif is_delay:
-            later = _with_constant(robot, joint, name, value + _STEP * std)  # value may be zero
-            yield Constant(name, joint, 1.0, later, datasets)
-        elif value:
-            relative = std / abs(value) if name in drive.std else std
-            larger = _with_constant(robot, joint, name, (1 + _STEP) * value)
-            yield Constant(name, joint, relative, larger, datasets)
-
-
-def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
-    """Return the robot with a constant of one drive changed."""
-    changes: dict[str, Any] = {name: value}
-    return robot.with_drives({joint: replace(robot.drives[joint], **changes)})
-
-
-def _with_torques(datasets: Sequence[Dataset], joints: Sequence[int]) -> list[Dataset]:
-    """Return the motions with the logged inputs of some joints larger by `_STEP`."""
-    louder: list[Dataset] = []
-    for dataset in datasets:
-        if not isinstance(dataset, Motion):
-            raise IdentificationError(
-                "a standard deviation of the torques needs logs in memory: read them with read_log",
-                "known_std=",
-            )
-        factor = np.ones(dataset.joint_position.shape[1])
-        factor[list(joints)] += _STEP
-        logged = [name for name in _CHANNELS if getattr(dataset, name) is not None]
-        changes = {name: getattr(dataset, name) * factor for name in logged}
-        louder.append(replace(dataset, **changes))
-    return louder
-
-
-def with_known_std(
-    sides: RobotEstimate,
-    constants: Iterator[Constant],
-    estimate: Callable[[Robot, Sequence[Dataset]], RobotEstimate],
-) -> RobotEstimate:
-    """Return the estimates with the uncertainty of the constants in their covariances."""
-    for constant in constants:
-        changed = estimate(constant.robot, constant.datasets)
-        # Steps are relative, as the standard deviations are; for a delay both are parts of its std.
-        size = constant.std / _STEP
-        sides = replace(
-            sides,
-            drives={
-                joint: _propagated(side, changed.drives[joint].values, size)
-                for joint, side in sides.drives.items()
-            },
-            load=_propagated(sides.load, changed.load.values, size),
-            load_side=_propagated(sides.load_side, changed.load_side.values, size),
-            whole=None
-            if sides.whole is None or changed.whole is None
-            else _propagated(sides.whole, changed.whole.values, size),
-        )
-        if constant.name == "torque":
-            sides = replace(sides, findings=(*sides.findings, shared_scale(constant.std)))
-    return sides
-
-
-def _propagated(estimate: Estimate, changed: Array, size: float) -> Estimate:
-    """Return the estimate with the covariance of a change to `changed` values, times `size`."""
-    # (std / step) (theta(c + step) - theta(c)) = std d theta / dc: one independent error each.
-    change = size * (changed - estimate.values)
-    return replace(estimate, covariance=estimate.covariance + np.outer(change, change))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.drives.drives import SeriesElasticDrive
-from seaid.estimation.instrumental_variables import deming, errors_in_variables
+from seaid.estimation.instrumental_variables import deming, deflection_instruments, instrumental
 from seaid.estimation.least_squares import ordinary
 from seaid.identification.drive_estimates import noise_ratio
 from seaid.log.motion import reconstruct_motion
@@ -64,7 +64,7 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
 ) -> None:
     ratio = (torque_std / deflection_std) ** 2
     found = [
-        errors_in_variables(rows(torque_std, deflection_std, seed), ratio) for seed in range(400)
+        spring_estimate(rows(torque_std, deflection_std, seed), ratio) for seed in range(400)
     ]
     values = np.array([one.value("stiffness") for one in found])
     error = np.std(values) / np.sqrt(len(values))
@@ -78,14 +78,13 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
 def test_least_squares_would_be_far_off() -> None:
     noisy = rows(0.05, 0.03)
     assert ordinary(noisy).value("stiffness") < 0.75 * STIFFNESS
-    assert errors_in_variables(noisy, (0.05 / 0.03) ** 2).value("stiffness") == pytest.approx(
-        70.0, rel=0.03
-    )
+    estimate = spring_estimate(noisy, (0.05 / 0.03) ** 2)
+    assert estimate.value("stiffness") == pytest.approx(70.0, rel=0.03)
 
 
 def test_an_exact_deflection_is_plain_least_squares() -> None:
     noisy = rows(0.5, 0.0)
-    plain, both = ordinary(noisy), errors_in_variables(noisy, np.inf)
+    plain, both = ordinary(noisy), spring_estimate(noisy, np.inf)
     np.testing.assert_allclose(both.values, plain.values, rtol=1e-9)
 
 
