@@ -33,7 +33,6 @@ from seaid.identification.two_step import (
     LOAD,
     STIFFNESS,
     RobotEstimate,
-    rows_of_fit,
     scales_with_torque,
     sensed_spring,
     without_torque,
@@ -43,6 +42,7 @@ from seaid.regressor import (
     LoadModel,
     Regress,
     Regression,
+    actuator_regression,
     load_regression,
     spring_regression,
     spring_regressor,
@@ -271,13 +271,11 @@ def _equations(
     """Return the functions for the rows of two steps, which propagate errors of the constants."""
     equations: dict[str, Regress] = {}
     for joint, fit in sides.actuators.items():
-        of_joint = partial(rows_of_fit, joint=joint, fit=fit)
-        equations[joint] = partial(_drive_rows, robot, constants, joint, fit, of_joint)
-    for joint, fit in sides.scaling.items():
-        if STIFFNESS in fit.estimate.names:  # by a torque sensor, else by the load
-            of_spring = partial(spring_regression, joint=joint)
-            sensed = partial(_drive_rows, robot, constants, joint, fit, of_spring)
-            equations[sensed_spring(joint)] = sensed
+        of_drive = partial(_drive_rows, robot, constants, joint)
+        equations[joint] = partial(of_drive, fit, actuator_regression)
+        by_sensor = sides.scaling.get(joint)
+        if by_sensor is not None and STIFFNESS in by_sensor.estimate.names:
+            equations[sensed_spring(joint)] = partial(of_drive, by_sensor, spring_regression)
     return equations | {LOAD: partial(_load_rows, robot, model, sides, constants)}
 
 
@@ -286,16 +284,21 @@ def _drive_rows(
     constants: Sequence[Constant],
     joint: str,
     fit: FittedRows,
-    regress: Any,
+    regress: Callable[[Robot, Motion, str], Regression],
     motion: Motion,
 ) -> Regression:
     """Return the rows of a drive's equation with the derivatives of their residual."""
-    rows = regress(robot, motion)
+    rows = regress(robot, motion, joint)
     changed = (
-        regress(constant.robot, constant.motion(motion)) if constant.is_in_drive(joint) else rows
+        regress(constant.robot, constant.motion(motion), joint)
+        if constant.is_in_drive(joint)
+        else rows
         for constant in constants
     )
-    return with_changes(rows, changed, fit.estimate.values, _STEP)
+    # The unknown constant of a motor, which the estimate lacks, is 1 in a fit without its scale.
+    values = dict(zip(fit.estimate.names, fit.estimate.values, strict=True))
+    theta = np.array([values.get(name, 1.0) for name in rows.names])
+    return with_changes(rows, changed, theta, _STEP)
 
 
 def _load_rows(

@@ -34,12 +34,13 @@ from seaid.estimation import (
 from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import has_only_spring_torque
-from seaid.identification.two_step import LOAD, RobotEstimate, rows_of_fit
+from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
     Regress,
     Regression,
+    actuator_regression,
     load_regression,
     stacked,
 )
@@ -251,7 +252,7 @@ def _compared_equations(
     equations: dict[str, tuple[Regress, FittedRows]] = {}
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
-            regress = partial(rows_of_fit, robot, joint=joint, fit=fit)
+            regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
             equations[joint] = regress, _with_shared_delays(robot, fit, joint)
     equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
     return equations
@@ -272,6 +273,12 @@ def _other_cutoff(robot: Robot, cutoff_hz: float) -> str:
     if robot.has_controllers:
         return f"cutoff_hz={WIDER * cutoff_hz:.2g}, if joints stick at their reversals; {narrower}"
     return narrower
+
+
+def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
+    """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
+    rows = actuator_regression(robot, motion, joint)
+    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
 
 
 def _decimated(motion: Motion) -> Motion:

@@ -26,8 +26,8 @@ from seaid.estimation import (
     ModelChecks,
     QRFactor,
     Rows,
-    equal_weights,
     deflection_instruments,
+    equal_weights,
     fit,
     instrumental,
     projected_columns,
@@ -344,12 +344,6 @@ def fit_actuator(
     if not has_only_spring_torque(robot, motions, joint):
         return fitted
     return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
-
-
-def rows_of_fit(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
-    """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
-    rows = actuator_regression(robot, motion, joint)
-    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
 
 
 def _with_noisy_deflection(
