@@ -260,7 +260,9 @@ def _rows_at_once(
     motion: Motion,
 ) -> Regression:
     """Return both sides at once, with the derivatives of their residual by the constants."""
-    regress = partial(simultaneous_regression, model=model, springs=tuple(sides.springs))
+    offsets = [joint for joint in sides.springs if TORQUE_OFFSET in sides.drives[joint].names]
+    springs = tuple(sides.springs)
+    regress = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
     changed = (regress(constant.robot, constant.motion(motion)) for constant in constants)
     return with_changes(regress(robot, motion), changed, sides.fit.estimate.values, _STEP)
 
