@@ -313,9 +313,11 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
     band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
-    behind = (*layout.unseen, *layout.followed)
-    # Torque noise < noise of I_M w': a wider band would only add that of the encoder.
-    if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
+    behind, start = (*layout.unseen, *layout.followed), layout.identification
+    # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
+    # the column w' of an unknown I_M makes it too small (errors in variables).
+    is_noisy = any(np.less(*_motor_noise(start, joint, log, motion)) for joint in behind)
+    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
         motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
@@ -868,7 +870,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
-            np.hypot(*_motor_noise(identification.known, joint, log, run.motion))
+            np.hypot(*_motor_noise(identification, joint, log, run.motion))
             for log in logs
             for run in point.runs
         )
@@ -881,10 +883,15 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
 
-def _motor_noise(robot: Robot, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
+def _motor_noise(
+    start: Identification, joint: str, log: Log, motion: Motion
+) -> tuple[float, float]:
     """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
-    index, inertia = robot.index(joint), robot.drives[joint].values.get("motor_inertia", 0.0)
-    rotor = inertia * white_noise(motion.motor_acceleration[:, index])
+    # The robot has the rotor inertia of a start that does not know it, too.
+    index, drive = start.known.index(joint), start.robot.drives[joint]
+    rotor = drive.values.get("motor_inertia", 0.0) * white_noise(
+        motion.motor_acceleration[:, index]
+    )
     return white_noise(log.motor_torque[:, index]), rotor
 
 
