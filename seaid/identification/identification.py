@@ -192,6 +192,8 @@ class Identification(Result):
         without contact forces: in the own logs, and in blocks of them excluded from the fit.
     exact_constants : mapping {constant: float}
         Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
+    known_std : mapping {constant: float}
+        Relative standard deviations of known constants that are in the standard errors.
     setup : mapping {joint: JointCheck}
         What the logs say of the set-up: gear ratios between encoders, delays of torques.
     nominal : Robot or None
@@ -222,6 +224,7 @@ class Identification(Result):
     joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
     residual: tuple[float, float] = (float("nan"), float("nan"))
     exact_constants: Mapping[str, float] = field(default_factory=dict)
+    known_std: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
     not_shared: str = ""
@@ -677,6 +680,7 @@ def _with_fit(
         joint_fits=explains.joints,
         residual=explains.residual,
         exact_constants=exact,
+        known_std=FrozenMapping(dict(problem.options.known_std)),
         setup=joint_checks(experiment, list(map(first_motion, problem.datasets))),
         nominal=problem.nominal,
     )

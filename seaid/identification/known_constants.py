@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from seaid.identification.two_step import (
     sensed_spring,
     without_torque,
 )
-from seaid.log import Motion
+from seaid.log import Log, Motion
 from seaid.regressor import (
     LoadModel,
     Regress,
@@ -74,38 +74,41 @@ TYPICAL_STD = {
 """Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, of
 masses by CAD, and of turned pulleys with their cable."""
 
-_STEP = 1e-5
+STEP = 1e-5
 """Relative change of a constant in difference quotients of residuals."""
 
 _CHANNELS = ("motor_torque", "motor_current", "motor_voltage", "joint_torque")
 
 
+Recorded = TypeVar("Recorded", Log, Motion)
+
+
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """A constant with a relative standard deviation, and a robot in which it is larger by `_STEP`.
+    """A constant with a relative standard deviation, and a robot in which it is larger by `STEP`.
 
-    `joint` is "" if it is common to all joints, or that of a body. `scaled` are the indices of the
-    joints whose logged inputs are larger instead.
+    `joint` is "" if it is common to all joints, or that of a body. `inputs` are the joints whose
+    logged inputs are larger instead.
     """
 
     name: str
     joint: str
     std: float
     robot: Robot
-    scaled: tuple[int, ...] = ()
+    inputs: tuple[str, ...] = ()
 
-    def motion(self, motion: Motion) -> Motion:
-        """Return a motion with the larger inputs, itself for a constant of the robot."""
-        if not self.scaled:
-            return motion
-        factor = np.ones(motion.joint_position.shape[1])
-        factor[list(self.scaled)] += _STEP
-        logged = [name for name in _CHANNELS if getattr(motion, name) is not None]
-        return replace(motion, **{name: getattr(motion, name) * factor for name in logged})
+    def scaled(self, data: Recorded) -> Recorded:
+        """Return a log or motion with the larger inputs, itself for a constant of the robot."""
+        if not self.inputs:
+            return data
+        factor = 1 + STEP * np.isin(data.joint_names, self.inputs)
+        logged = [name for name in _CHANNELS if getattr(data, name) is not None]
+        changes: dict[str, Any] = {name: getattr(data, name) * factor for name in logged}
+        return replace(data, **changes)
 
     def is_in_drive(self, joint: str) -> bool:
         """Whether the equations of a joint's drive may contain it."""
-        return bool(self.scaled) or (self.joint == joint and self.name != "bodies")
+        return bool(self.inputs) or (self.joint == joint and self.name != "bodies")
 
 
 def check_known_std(known_std: Mapping[str, float]) -> None:
@@ -159,12 +162,12 @@ def _has_unknown_scale(drive: Drive) -> bool:
 def constants_of(robot: Robot, known_std: Mapping[str, float]) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
     if known_std.get("torque"):
-        yield Constant("torque", "", known_std["torque"], robot, tuple(range(robot.n)))
+        yield Constant("torque", "", known_std["torque"], robot, robot.joint_names)
     if known_std.get("payload"):
-        heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
+        heavier = replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier)
     for body in robot.known_bodies if known_std.get("bodies") else ():
-        factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + _STEP, 1.0)
+        factor = np.where(np.repeat([x == body for x in robot.body_names], 10), 1 + STEP, 1.0)
         heavier = robot.with_values(factor * robot.parameters, robot.drives)
         yield Constant("bodies", body, known_std["bodies"], heavier)
     for joint in robot.drives:
@@ -182,13 +185,13 @@ def _constants_of_drive(
         if not std or (is_delay and "command_delay" not in drive.known):
             continue  # the latter is the range of an unknown delay
         if name == STD_OF_TORQUE:
-            yield Constant(name, joint, std, robot, (robot.index(joint),))
+            yield Constant(name, joint, std, robot, (joint,))
         elif is_delay:
-            later = _with_constant(robot, joint, name, value + _STEP * std)  # value may be zero
+            later = _with_constant(robot, joint, name, value + STEP * std)  # value may be zero
             yield Constant(name, joint, 1.0, later)
         elif value:
             relative = std / abs(value) if name in drive.std else std
-            larger = _with_constant(robot, joint, name, (1 + _STEP) * value)
+            larger = _with_constant(robot, joint, name, (1 + STEP) * value)
             yield Constant(name, joint, relative, larger)
 
 
@@ -263,8 +266,8 @@ def _rows_at_once(
     offsets = [joint for joint in sides.springs if TORQUE_OFFSET in sides.drives[joint].names]
     springs = tuple(sides.springs)
     regress = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
-    changed = (regress(constant.robot, constant.motion(motion)) for constant in constants)
-    return with_changes(regress(robot, motion), changed, sides.fit.estimate.values, _STEP)
+    changed = (regress(constant.robot, constant.scaled(motion)) for constant in constants)
+    return with_changes(regress(robot, motion), changed, sides.fit.estimate.values, STEP)
 
 
 def _equations(
@@ -292,7 +295,7 @@ def _drive_rows(
     """Return the rows of a drive's equation with the derivatives of their residual."""
     rows = regress(robot, motion, joint)
     changed = (
-        regress(constant.robot, constant.motion(motion), joint)
+        regress(constant.robot, constant.scaled(motion), joint)
         if constant.is_in_drive(joint)
         else rows
         for constant in constants
@@ -300,7 +303,7 @@ def _drive_rows(
     # The unknown constant of a motor, which the estimate lacks, is 1 in a fit without its scale.
     values = dict(zip(fit.estimate.names, fit.estimate.values, strict=True))
     theta = np.array([values.get(name, 1.0) for name in rows.names])
-    return with_changes(rows, changed, theta, _STEP)
+    return with_changes(rows, changed, theta, STEP)
 
 
 def _load_rows(
@@ -316,9 +319,9 @@ def _load_rows(
     """
 
     def changes(piece: Motion) -> Array:
-        changed = [(constant.robot, constant.motion(piece)) for constant in constants]
+        changed = [(constant.robot, constant.scaled(piece)) for constant in constants]
         values = sides.springs, sides.load_side.values
-        return torque_changes(robot, piece, model, *values, changed) / _STEP
+        return torque_changes(robot, piece, model, *values, changed) / STEP
 
     return load_regression(robot, motion, model, without_torque(robot, sides.springs), changes)
 
@@ -403,4 +406,4 @@ def _separate(
     offset = sides.fit.estimate.value(key)
     own["spring_offset"] = own["spring_offset"] - lever * load[key]
     # (8) gives b_0 N/r_M: for a larger lever b_0 is smaller.
-    own[TORQUE_OFFSET] = load[key] = load[key] - offset * np.array(changes) / _STEP
+    own[TORQUE_OFFSET] = load[key] = load[key] - offset * np.array(changes) / STEP

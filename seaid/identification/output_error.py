@@ -54,6 +54,7 @@ from seaid.identification.drive_estimates import (
     with_estimate,
     with_values,
 )
+from seaid.identification.known_constants import STEP, constants_of
 from seaid.identification.motor_side import (
     SAMPLES,
     with_angles,
@@ -313,10 +314,11 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
     band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
     motion = finer_side(known, reconstruct_motion(known, log, band))
-    behind, start = (*layout.unseen, *layout.followed), layout.identification
+    behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
-    is_noisy = any(np.less(*_motor_noise(start, joint, log, motion)) for joint in behind)
+    noises = [_motor_noise(layout.identification, joint, log, motion) for joint in behind]
+    is_noisy = any(torque < rotor for torque, rotor in noises)
     if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
         motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
     if layout.unseen:
@@ -780,11 +782,11 @@ def refined_with_logs(
         noise, p = _noise_of_states(wider, wider_point), len(point.x)
         terms = _tested_terms(wider, wider_point, noise)
         refined = with_motor_side_findings(
-            _refined(layout, point, noise[:p, :p]), terms, point.runs[0].motion
+            _refined(layout, point, logs, noise[:p, :p]), terms, point.runs[0].motion
         )
         return refined, _simulated_logs(layout, logs, point)
     point = _with_noisy_deflections(layout, point, logs)
-    refined = _refined(layout, point)
+    refined = _refined(layout, point, logs)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
     if point.step.merit > start.step.merit + _EQUAL_MERIT:
         reason = "its likelihood is lower than that of the start"
@@ -905,18 +907,29 @@ def _iterated(
 ) -> tuple[Point, Point]:
     """Return the first and the last point of an iteration from the values x (p,)."""
     settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
-    shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
-    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in enumerate(parts))))
-    compared = {*layout.simulated, *layout.followed}
-    has_others = bool({*layout.drives, *layout.identification.model.torque_joints} - compared)
-    fixed = [measured(layout, part) for part in parts if has_others]
+    parts = enumerate(_parts(layout, logs))
+    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in parts)))
+    fixed = _measured_parts(layout, logs)
     start = point = _simulated(layout, _point(layout, runs, fixed, x))
     for _ in track(range(iterations), "refining", progress):
         point, better = _improved(layout, point)
         if _size(point.step) < settled or not better:
             break
     return start, point
+
+
+def _parts(layout: Layout, logs: Sequence[Log]) -> list[Log]:
+    """Return the parts of logs without gaps that are long enough."""
+    shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
+    return [part for log in logs for part in stretches(usable(log), shortest_s)]
+
+
+def _measured_parts(layout: Layout, logs: Sequence[Log]) -> list[Callable[[Array], Residuals]]:
+    """Return the residuals of what is not simulated, if there is any, per part of the logs."""
+    compared = {*layout.simulated, *layout.followed}
+    if not {*layout.drives, *layout.identification.model.torque_joints} - compared:
+        return []
+    return [measured(layout, part) for part in _parts(layout, logs)]
 
 
 def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
@@ -1221,10 +1234,31 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     return replace(run, motion=moved)
 
 
-def _refined(layout: Layout, point: Point, noise: Array | None = None) -> Identification:
+def _of_constants(layout: Layout, point: Point, logs: Sequence[Log]) -> Array:
+    """Return the covariance (p, p) of a point by errors of the known constants.
+
+    A constant changes the residuals at the same values, and the next step by its derivative.
+    """
+    start, total = layout.identification, np.zeros((len(point.x), len(point.x)))
+    for constant in constants_of(start.known, start.known_std):
+        changed = replace(layout, identification=replace(start, known=constant.robot))
+        runs = [
+            replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
+            for run in point.runs
+        ]
+        others = _measured_parts(changed, [constant.scaled(log) for log in logs])
+        change = _point(changed, runs, others, point.x).step.change - point.step.change
+        total += (constant.std / STEP) ** 2 * np.outer(change, change)
+    return total
+
+
+def _refined(
+    layout: Layout, point: Point, logs: Sequence[Log], noise: Array | None = None
+) -> Identification:
     """Return the identification with the values of a point, less information that is noise."""
     start, x = layout.identification, point.x
     step = point.step if noise is None else without_information(point.step, noise)
+    step = replace(step, covariance=step.covariance + _of_constants(layout, point, logs))
     actuators, load_side = _estimates(layout, point.x, step)
     load, load_drives = split_load_side(start.model, load_side)
     refined = merged_estimates(actuators, load_drives)
