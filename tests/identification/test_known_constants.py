@@ -15,6 +15,7 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.identification.identification import Identification, identify
+from seaid.identification.output_error import refine
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.report.html_experiment import settings_facts
@@ -141,7 +142,7 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
     doubted = replace(drive, std={"motor_inertia_kg_m2": 0.2 * drive.motor_inertia_kg_m2})
     log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
     robot = TRUTH.without_nominal().with_drives({"knee_pitch": doubted})
-    stated, plain = identify(robot, log, cutoff_hz=4.0), found()
+    stated, plain = identify(robot, log, method="two-step", cutoff_hz=4.0), found(method="two-step")
     for joint in ELASTIC:
         ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
         ratio = ratio[:3]  # by (7); (8) couples the torque offsets
@@ -272,6 +273,7 @@ def changed(experiment: Experiment, name: str, joint: str) -> Experiment:
 
 def moved(experiment: Experiment, name: str, joint: str, **options: Any) -> tuple[Array, ...]:
     """Return errors by a constant as stated, by whole identifications, and all standard errors."""
+    options = {"method": "two-step", **options}
     robot, known_std = stated(experiment, name, joint)
     plain = identify(*experiment, cutoff_hz=4.0, **options)
     doubted = identify(robot, experiment[1], cutoff_hz=4.0, known_std=known_std, **options)
@@ -330,7 +332,8 @@ def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None
     write_log(log, tmp_path / "log.npz")
     opened = open_long_log(tmp_path / "log.npz", robot, cutoff_hz=4.0, chunk_samples=3000)
     known_std = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
-    pieces, whole = (identify(robot, x, cutoff_hz=4.0, known_std=known_std) for x in (opened, log))
+    options: dict[str, Any] = {"method": "two-step", "cutoff_hz": 4.0}
+    pieces, whole = (identify(robot, x, known_std=known_std, **options) for x in (opened, log))
     np.testing.assert_allclose(pieces.load.standard_errors, whole.load.standard_errors, rtol=1e-6)
     for joint in ELASTIC:
         of_pieces, of_whole = pieces.drives[joint], whole.drives[joint]
@@ -341,3 +344,24 @@ def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None
 @pytest.mark.parametrize("estimator", ["huber", "iv"])
 def test_errors_of_a_payload_by_other_estimators(estimator: Any) -> None:
     check_moved(by_torque(), "payload", "", estimator=estimator)
+
+
+@pytest.mark.slow  # refinements of the leg
+def test_a_refinement_has_the_errors_of_known_constants() -> None:
+    robot = TRUTH.without_nominal()
+    noisy = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    plain, stated, other = (
+        refine(identify(one, data, cutoff_hz=4.0, known_std=known_std), data)
+        for one, data, known_std in (
+            (robot, noisy, {}),
+            (robot, noisy, {"torque": 0.03}),
+            (robot, replace(noisy, motor_torque=1.001 * noisy.motor_torque), {}),
+        )
+    )
+    np.testing.assert_allclose(stated.load.values, plain.load.values)
+    added = np.sqrt(np.maximum(np.diag(stated.load.covariance - plain.load.covariance), 0.0))
+    moved = 30 * np.abs(other.load.values - plain.load.values)
+    assert np.max(moved / plain.load.standard_errors) > 5
+    np.testing.assert_array_less(
+        np.abs(added - moved), 0.05 * moved + 0.1 * plain.load.standard_errors
+    )
