@@ -110,12 +110,6 @@ from seaid.identification.gear import (
     with_rigid_gears,
 )
 from seaid.identification.instrumental import estimate_instrumental
-from seaid.identification.known_constants import (
-    check_known_std,
-    exact_constants,
-    scaled_by_bodies,
-    with_known_std,
-)
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_side import (
     cutoff_of,
@@ -125,7 +119,13 @@ from seaid.identification.motor_side import (
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
-from seaid.identification.sensitivity import sensitivity_findings
+from seaid.identification.sensitivity import (
+    check_known_std,
+    exact_constants,
+    scaled_by_bodies,
+    sensitivity_findings,
+    with_known_std,
+)
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (

@@ -54,7 +54,6 @@ from seaid.identification.drive_estimates import (
     with_estimate,
     with_values,
 )
-from seaid.identification.known_constants import STEP, constants_of
 from seaid.identification.motor_side import (
     SAMPLES,
     with_angles,
@@ -63,6 +62,7 @@ from seaid.identification.motor_side import (
     with_rigid_angles,
     without_joint_encoder,
 )
+from seaid.identification.sensitivity import STEP, constants_of
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,

@@ -366,9 +366,8 @@ def estimate_simultaneous(
     )
     check_simultaneous(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
-    regress: Regress = partial(
-        simultaneous_regression, robot, model=model, springs=springs, offsets=offsets
-    )
+    of_robot = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
+    regress: Regress = partial(of_robot, robot)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
     zeros: Array | None = None
@@ -404,6 +403,7 @@ def estimate_simultaneous(
         checks={"both": both.checks(optional)},
         fit=both,
         whole=whole,
+        regress=of_robot,
     )
 
 

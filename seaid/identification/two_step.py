@@ -185,7 +185,7 @@ class RobotEstimate:
     motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
     motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
     the way to the estimates, and `not_shared` is why the data do not support an estimate of both
-    sides at once.
+    sides at once, whose rows `regress` returns.
     """
 
     drives: Mapping[str, Estimate]
@@ -200,6 +200,7 @@ class RobotEstimate:
     scaling: Mapping[str, FittedRows] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    regress: Callable[[Robot, Motion], Regression] | None = None
 
 
 def estimate_two_step(
