@@ -112,8 +112,9 @@ if TYPE_CHECKING:
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
 It is that of the identification where no encoder is behind a spring and the noise of the motor's,
-twice differentiated, would exceed that of the torque; and where a spring has hysteresis, whose
-states add up the travel of the noise: at three times that cutoff widths were 12 to 23 % large."""
+twice differentiated, would exceed that of the torque, or the rotor inertia is unknown; and where a
+spring has hysteresis, whose states add up the travel of the noise: at three times that cutoff
+widths were 12 to 23 % large."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -309,18 +310,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     if not layout.simulated:
         return []
-    known = layout.identification.known
-    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
-    band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
-    motion = finer_side(known, reconstruct_motion(known, log, band))
-    behind = (*layout.unseen, *layout.followed)
-    # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
-    # the column w' of an unknown I_M makes it too small (errors in variables).
-    noises = [_motor_noise(layout.identification, joint, log, motion) for joint in behind]
-    is_noisy = any(torque < rotor for torque, rotor in noises)
-    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
-        motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
+    known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
         # The angles behind the springs are simulated, so that the samples must resolve the
@@ -348,6 +338,23 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         before = motion.samples(slice(part.stop))
         runs.append(Run(motion.samples(part), reading, still[part], count, block, number, before))
     return runs
+
+
+def _in_wider_band(layout: Layout, log: Log) -> Motion:
+    """Return the motion of a log at the wider cutoff, where `WIDER` has no reason against it."""
+    start, known = layout.identification, layout.identification.known
+    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
+    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
+    band = min(wider * start.cutoff_hz, rate_hz / 8)
+    motion = finer_side(known, reconstruct_motion(known, log, band))
+    behind = (*layout.unseen, *layout.followed)
+    # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
+    # the column w' of an unknown I_M makes it too small (errors in variables).
+    noises = [_motor_noise(start, joint, log, motion) for joint in behind]
+    is_noisy = any(torque < rotor for torque, rotor in noises)
+    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
+        return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
+    return motion
 
 
 def _zeros(layout: Layout, x: Array) -> Array:
