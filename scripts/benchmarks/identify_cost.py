@@ -2,6 +2,7 @@
 
 `--against TREE` alternates the runs with those of another checkout, each in a process of its own on
 one core, after a run that fills the caches. Robots and logs are the same files for both.
+`--known-std` states typical standard deviations of all constants.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from unittest.mock import patch
 
 import seaid
 from seaid.identification import identification
+from seaid.identification.sensitivity import TYPICAL_STD
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("leg", "stiff", "scara", "arm", "elastic arm")
@@ -79,9 +81,13 @@ def read_experiment(path: Path) -> tuple[seaid.Robot, seaid.Log]:
     return robot, seaid.read_log(path.with_suffix(".csv"), robot)
 
 
+KNOWN_STD: dict[str, float] = {}
+"""Standard deviations of constants that the identifications state."""
+
+
 def identified(robot: seaid.Robot, log: seaid.Log) -> Any:
     """Return all warnings of an identification; "flags" before they had codes."""
-    found = seaid.identify(robot, log)
+    found = seaid.identify(robot, log, known_std=KNOWN_STD)
     return getattr(found, "warnings" if hasattr(found, "warnings") else "flags")
 
 
@@ -154,6 +160,7 @@ def compared(folder: Path, names: Sequence[str], trees: list[Path], runs: int) -
 
 def _server(folder: Path, tree: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-W", "ignore", __file__, "--serve", str(folder)]
+    command += ["--known-std"] if KNOWN_STD else []
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
     return subprocess.Popen(
         command,
@@ -183,8 +190,10 @@ if __name__ == "__main__":
     parser.add_argument("--against", type=Path, help="another checkout of seaid")
     parser.add_argument("--runs", type=int, default=7)
     parser.add_argument("--robot", action="append", choices=NAMES, help="may be repeated")
+    parser.add_argument("--known-std", action="store_true", help="of all constants")
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    KNOWN_STD |= TYPICAL_STD if arguments.known_std else {}
     warnings.simplefilter("ignore")
     if arguments.serve is None:
         main(arguments.against, arguments.robot or NAMES, arguments.runs)

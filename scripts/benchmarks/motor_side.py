@@ -7,6 +7,7 @@ spring in its link, which no model of seaid has: its error is the bias of the tw
 
 python scripts/benchmarks/motor_side.py [draws]
 python scripts/benchmarks/motor_side.py --coverage [draws] [first seed]
+python scripts/benchmarks/motor_side.py --rotor [draws] [first seed], with unknown rotor inertias
 python scripts/benchmarks/motor_side.py --lacking [draws] [first seed]
 """
 
@@ -226,7 +227,11 @@ def moved(x: State, step: float, slope: State) -> State:
 
 
 def robot_of(
-    joint: Joint, folder: str | Path, spring: tuple[SpringTerm, ...] = ("linear",)
+    joint: Joint,
+    folder: str | Path,
+    spring: tuple[SpringTerm, ...] = ("linear",),
+    *,
+    knows_rotor: bool = True,
 ) -> seaid.Robot:
     """Return the robot with geometry, gear and rotor of a joint, and nothing else."""
     path = Path(folder) / "arm.urdf"
@@ -238,7 +243,7 @@ def robot_of(
     )
     drive = seaid.SeriesElasticDrive(
         gear_ratio=joint.ratio,
-        motor_inertia_kg_m2=joint.rotor,
+        motor_inertia_kg_m2=joint.rotor if knows_rotor else None,
         friction=("viscous", "coulomb"),
         spring=spring,
     )
@@ -261,7 +266,10 @@ def errors(joint: Joint, found: seaid.Identification) -> dict[str, float]:
 
 
 def scores(joint: Joint, found: seaid.Identification) -> Array:
-    """Return the errors of k, F_v, F_C, J and the first moment in standard errors."""
+    """Return the errors of k, F_v, F_C, J, first moment and rotor in standard errors.
+
+    That of the rotor inertia is missing if it was known.
+    """
     drive, load = found.drives["arm"], found.load
     parts: list[tuple[seaid.Estimate, str, float]] = [
         (drive, "stiffness", joint.k),
@@ -269,11 +277,13 @@ def scores(joint: Joint, found: seaid.Identification) -> Array:
         (drive, "coulomb_friction", joint.coulomb),
         (load, "Iyy_body", joint.load),
         (load, "mz_body", -joint.mass * joint.length),
+        (drive, "motor_inertia", joint.rotor),
     ]
+    parts = [part for part in parts if part[1] in part[0].names]
     return np.array([(one.value(x) - true) / one.standard_error(x) for one, x, true in parts])
 
 
-def coverage(draws: int = 20, first: int = 1000) -> None:
+def coverage(draws: int = 20, first: int = 1000, *, knows_rotor: bool = True) -> None:
     """Print how many 95 % intervals hold the truth, and the root mean squares of the scores."""
     seeds = list(range(first, first + draws))
     cases = {name: [joint] * draws for name, joint in JOINTS.items()}
@@ -283,8 +293,9 @@ def coverage(draws: int = 20, first: int = 1000) -> None:
         found, failed = [], 0
         for joint, log in zip(joints, simulated_together(joints, seeds, duration_s()), strict=True):
             with tempfile.TemporaryDirectory() as folder:
+                robot = robot_of(joint, folder, knows_rotor=knows_rotor)
                 try:
-                    found.append(scores(joint, seaid.identify(robot_of(joint, folder), log)))
+                    found.append(scores(joint, seaid.identify(robot, log)))
                 except seaid.errors.SeaidError:
                     failed += 1
         held = np.mean(np.abs(found) < 1.96, axis=0)
@@ -292,7 +303,8 @@ def coverage(draws: int = 20, first: int = 1000) -> None:
         cells = (f"{percent(a)} ({b:.2f})" for a, b in zip(held, rms, strict=True))
         rows.append((name, *cells, str(failed)))
     title = f"95 % intervals with the truth of {draws} draws from seed {first} (rms score)"
-    print(table(title, ("joint", "k", "F_v", "F_C", "J", "first moment", "failed"), rows))
+    heads = ("joint", "k", "F_v", "F_C", "J", "first moment", *(() if knows_rotor else ("rotor",)))
+    print(table(title, (*heads, "failed"), rows))
 
 
 def lacking(draws: int = 20, first: int = 500) -> None:
@@ -393,8 +405,8 @@ def main(draws: int = 3) -> None:
 
 if __name__ == "__main__":
     given = words()
-    if given[:1] == ["--coverage"]:
-        coverage(*map(int, given[1:3]))
+    if given[:1] in (["--coverage"], ["--rotor"]):
+        coverage(*map(int, given[1:3]), knows_rotor=given[0] == "--coverage")
     elif given[:1] == ["--lacking"]:
         lacking(*map(int, given[1:3]))
     else:

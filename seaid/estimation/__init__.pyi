@@ -28,9 +28,11 @@ from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
 from .fitting import qr_factor_of_rows as qr_factor_of_rows
 from .fitting import stored_rows as stored_rows
+from .fitting import with_columns as with_columns
 from .fitting import with_further_columns as with_further_columns
-from .instrumental_variables import errors_in_variables as errors_in_variables
+from .instrumental_variables import deflection_instruments as deflection_instruments
 from .instrumental_variables import instrumental as instrumental
+from .instrumental_variables import projected_columns as projected_columns
 from .instrumental_variables import unattenuated as unattenuated
 from .instrumental_variables import with_predicted_columns as with_predicted_columns
 from .least_squares import equal_weights as equal_weights

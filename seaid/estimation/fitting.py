@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import groupby
 from typing import IO, TYPE_CHECKING, Any, Literal, Union
 
@@ -199,12 +199,14 @@ class Estimator:
 
     `solve` estimates from rows and the propagated covariance; `weigh` gives the weights of the
     equations if a QR factor is sufficient; `effective_rows` returns the rows as the estimate
-    weights them, for its checks.
+    weights them, for its checks; `columns` those (R, p) to which its residual is orthogonal, if
+    they are not those of the rows.
     """
 
     solve: Callable[[Regression, Array | None], Estimate]
     weigh: Callable[[QRFactor], Array] | None = None
     effective_rows: Callable[[Regression, Estimate], Regression] = unweighted
+    columns: Callable[[Regression], Array] | None = None
 
 
 LinearEstimator = Literal["ols", "wls", "huber", "tukey"]
@@ -229,6 +231,11 @@ def estimator_named(name: LinearEstimator) -> Estimator:
 
 
 Change = Callable[["Regression"], "Regression"]
+
+
+def unchanged(rows: Regression) -> Regression:
+    """Return the rows as they are."""
+    return rows
 
 
 @dataclass(eq=False)
@@ -379,7 +386,9 @@ class FittedRows:
     """An estimate with its QR factor, and the rows as it weights them if they are in memory.
 
     `settled` are the converged weights (E,) of the equations, if the estimate has used them;
-    `equal` says whether it has weighted all of them equally.
+    `equal` says whether it has weighted all of them equally. `change` returns plain rows with the
+    weights of the estimate and the columns to which its residual is orthogonal; `constraint`
+    (p, p) of the values of least squares, if any, makes those of the estimate.
     """
 
     estimate: Estimate
@@ -388,6 +397,8 @@ class FittedRows:
     propagated: Array | None
     settled: Array | None = None
     equal: bool = False
+    change: Change = unchanged
+    constraint: Array | None = None
 
     @cached_property
     def weights(self) -> Array:
@@ -397,10 +408,24 @@ class FittedRows:
     @cached_property
     def sensitivity(self) -> Array:
         """The derivative (p, s) of the values by the propagated parameters."""
+        return self._slopes(self.qr_factor)
+
+    def slopes(self, rows: Rows) -> Array:
+        """Return the derivative (p, s) of the values by what `rows` propagate.
+
+        `rows` are the plain ones, before `change`. Their propagated columns C are derivatives of
+        the residual y - H theta at the values of the estimate.
+        """
+        return self._slopes(qr_factor_of_rows(rows, self.change))
+
+    def _slopes(self, qr_factor: QRFactor) -> Array:
+        """Return the derivative by the propagated columns of a factor of the same rows."""
         weights = equal_weights(self.qr_factor) if self.equal else self.weights
-        # theta = (H^T W^2 H)^-1 H^T W^2 (y + C d) for errors d of the propagated parameters.
-        moments = np.einsum("e,eps->ps", weights**2, self.qr_factor.propagated)
-        return np.asarray(solve(self.qr_factor, weights).inverse @ moments)
+        # H^T W^2 (y - H theta^) = 0, and the residual of the true parameters is noise e and errors
+        # C d: theta^ - theta = (H^T W^2 H)^-1 H^T W^2 (e + C d), whatever made H and W.
+        moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
+        slopes = solve(qr_factor, weights).inverse @ moments
+        return np.asarray(slopes if self.constraint is None else self.constraint @ slopes)
 
     @property
     def white_covariance(self) -> Array:
@@ -467,7 +492,7 @@ def fit(
         check(qr_factor)
         return equal_weights(qr_factor) if weigh is None else weigh(qr_factor)
 
-    in_memory = None
+    in_memory, changed = None, change or unchanged
     if isinstance(rows, StoredRows):
         assert weigh is not None
         estimate, qr_factor, weights = stored_estimate(rows, checked, propagated, change, cutoff_hz)
@@ -477,6 +502,10 @@ def fit(
         weights = checked(qr_factor)
         if weigh is None:
             estimate = estimator.solve(in_memory, propagated)
+            if estimator.columns is None:
+                changed = partial(_effective, estimator, estimate, changed)
+            else:
+                changed = partial(with_columns, estimator.columns(in_memory))
             # The checks are of the rows as the M-estimate weights them, without its outliers.
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
@@ -484,4 +513,16 @@ def fit(
             estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated, cutoff_hz)
     settled = weights if weigh is settled_weights else None
     equal = weigh is equal_weights
-    return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal)
+    return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal, changed)
+
+
+def with_columns(columns: Array, rows: Regression) -> Regression:
+    """Return rows with other columns (R, p)."""
+    return replace(rows, H=columns)
+
+
+def _effective(
+    estimator: Estimator, estimate: Estimate, change: Change, rows: Regression
+) -> Regression:
+    """Return rows after a change as an estimate weights them."""
+    return estimator.effective_rows(change(rows), estimate)

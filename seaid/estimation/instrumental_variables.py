@@ -55,12 +55,9 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     that may be too short. `propagated` as in `ordinary`. Raises IdentificationError for instruments
     of another shape, not finite, or zero.
     """
-    Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
     qr_factor = qr_factor_of(rows)
     weights = settled_weights(qr_factor)
-    weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
-    first_stage = _first_stage(weight * Z, weight * rows.H, rows.names)
-    projected = replace(rows, H=Z @ first_stage)
+    projected = replace(rows, H=_projected(rows, instruments, qr_factor, weights))
     solution = solve(qr_factor_of(projected), weights)
     # the residual is that of the measured columns, not of their projections
     linear = replace(projected, y=rows.y - (rows.H - projected.H) @ solution.values)
@@ -71,6 +68,22 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     estimate = estimate_of_rows(linear, of_linear, weights, propagated)
     shares = FrozenMapping(dict(zip(rows.names, partial.tolist(), strict=True)), "parameter")
     return replace(estimate, diagnostics=replace(estimate.diagnostics, instruments=shares))
+
+
+def projected_columns(rows: Regression, instruments: Array) -> Array:
+    """Return the columns (R, p) by which least squares has the estimate of `instrumental`.
+
+    They are the projections of the columns of rows on the instruments.
+    """
+    qr_factor = qr_factor_of(rows)
+    return _projected(rows, instruments, qr_factor, settled_weights(qr_factor))
+
+
+def _projected(rows: Regression, instruments: Array, qr_factor: QRFactor, weights: Array) -> Array:
+    """Return the projections of the columns of rows with these weights of their equations."""
+    Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
+    weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
+    return np.asarray(Z @ _first_stage(weight * Z, weight * rows.H, rows.names))
 
 
 def unattenuated(
@@ -134,11 +147,11 @@ def with_predicted_columns(rows: Regression, theta: Array, noisy: Sequence[int])
     return replace(rows, H=H, y=rows.y + (H - rows.H) @ theta)
 
 
-def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
-    """Return stiffness and offset from rows of (4b) with noise in column and torque.
+def deflection_instruments(rows: Regression, ratio: float) -> Array:
+    """Return instruments for stiffness and offset from (4b) with noise in column and torque.
 
-    `ratio` is the noise variance of the torque over that of the deflection. It is least squares
-    with the deflection estimated from both measurements as the instrument of the measured one.
+    `ratio` is the noise variance of the torque over that of the deflection. The deflection
+    estimated from both measurements is the instrument of the measured one.
     """
     # What the offset explains is projected out of both: `deming` needs values without a mean.
     column = rows.names.index("stiffness")
@@ -156,7 +169,7 @@ def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
         # the best estimate of the true deflection from both measurements (Deming 1943)
         deflection = (ratio * d + stiffness * tau) / (ratio + stiffness**2)
         instruments[:, column] += deflection - d
-    return instrumental(rows, instruments)
+    return instruments
 
 
 def deming(x: Array, y: Array, ratio: float) -> float:

@@ -77,7 +77,8 @@ def with_shared_delays(
     for bus in buses:  # the same but for rounding
         is_nominal = any(rows[row][bus.places[0]] == 1 for row in stds)
         values[list(bus.places)] = bus.nominal_s if is_nominal else values[bus.places[0]]
-    return replace(fitted, estimate=replace(estimate, values=values))
+    constraint = _projection(white, rows)[0]
+    return replace(fitted, estimate=replace(estimate, values=values), constraint=constraint)
 
 
 _FREE = 1e-8

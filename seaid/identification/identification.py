@@ -121,7 +121,6 @@ from seaid.identification.nonlinear_terms import linearised_robot, with_searched
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
 from seaid.identification.sensitivity import (
     check_known_std,
-    constants_of,
     exact_constants,
     scaled_by_bodies,
     sensitivity_findings,
@@ -193,6 +192,8 @@ class Identification(Result):
         without contact forces: in the own logs, and in blocks of them excluded from the fit.
     exact_constants : mapping {constant: float}
         Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
+    known_std : mapping {constant: float}
+        Relative standard deviations of known constants that are in the standard errors.
     setup : mapping {joint: JointCheck}
         What the logs say of the set-up: gear ratios between encoders, delays of torques.
     nominal : Robot or None
@@ -223,6 +224,7 @@ class Identification(Result):
     joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
     residual: tuple[float, float] = (float("nan"), float("nan"))
     exact_constants: Mapping[str, float] = field(default_factory=dict)
+    known_std: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
     not_shared: str = ""
@@ -485,7 +487,9 @@ class _Problem:
     @cached_property
     def two_step(self) -> RobotEstimate:
         """The estimate of both sides in turn."""
-        return self._in_two_steps(self.robot, self.datasets)
+        further = None if self.bias is None else (self.bias.columns, self.bias.covariance)
+        options = self.options.of_two_steps
+        return estimate_two_step(self.robot, self.datasets, self.model, *options, further=further)
 
     @property
     def identified(self) -> Robot:
@@ -495,11 +499,15 @@ class _Problem:
     @cached_property
     def estimate(self) -> RobotEstimate:
         """The estimate by the method of the options, which continues from two steps."""
-        solver, offset_std, executor, _ = self.options.of_two_steps
-        if self.options.method != "auto" or self.options.estimator == "iv":
-            return self._continued(self.robot, self.datasets, self.two_step, self.options.method)
         equations = self.robot, self.datasets, self.model, self.two_step
-        return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
+        solver, offset_std, executor, _ = self.options.of_two_steps
+        if self.options.estimator == "iv":
+            return estimate_instrumental(*equations, offset_std, executor)
+        if self.options.method == "simultaneous":
+            return estimate_simultaneous(*equations, solver, offset_std, executor)
+        if self.options.method == "auto":
+            return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
+        return self.two_step
 
     @property
     def _lacks(self) -> str:
@@ -525,27 +533,6 @@ class _Problem:
         if self.bias is None:
             return self.run.experiment
         return experiment_of(self.declared, [self.bias.removed(group) for group in self.run.moved])
-
-    def estimate_of(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        """Return the estimate with other constants, in the same columns."""
-        method: Method = "two-step" if self.estimate.whole is None else "simultaneous"
-        return self._continued(robot, datasets, self._in_two_steps(robot, datasets), method)
-
-    def _in_two_steps(self, robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
-        options, bias = self.options.of_two_steps, self.bias
-        further = None if bias is None else (bias.columns, bias.covariance)
-        return estimate_two_step(robot, datasets, self.model, *options, further=further)
-
-    def _continued(
-        self, robot: Robot, datasets: Sequence[Dataset], first: RobotEstimate, method: Method
-    ) -> RobotEstimate:
-        equations = robot, datasets, self.model, first
-        solver, offset_std, executor, _ = self.options.of_two_steps
-        if self.options.estimator == "iv":
-            return estimate_instrumental(*equations, offset_std, executor)
-        if method == "simultaneous":
-            return estimate_simultaneous(*equations, solver, offset_std, executor)
-        return first
 
 
 def _identify(robot: Robot, logs: Source | Sequence[Source], options: _Options) -> Identification:
@@ -651,8 +638,8 @@ def _concluded(problem: _Problem, findings: list[Finding]) -> Identification:
         steps = problem.two_step
         findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
     # Only now, since the findings above compare estimates by the noise of the logs alone.
-    constants = constants_of(robot, datasets, options.known_std)
-    estimate = with_known_std(estimate, constants, problem.estimate_of)
+    constants = options.known_std, options.executor
+    estimate = with_known_std(robot, datasets, model, estimate, *constants)
     searched = with_searched_values(estimate.drives, problem.nominal, robot)
     estimate = replace(estimate, drives=searched)
     consistent = _feasible(robot, model, estimate) if options.feasible else None
@@ -693,6 +680,7 @@ def _with_fit(
         joint_fits=explains.joints,
         residual=explains.residual,
         exact_constants=exact,
+        known_std=FrozenMapping(dict(problem.options.known_std)),
         setup=joint_checks(experiment, list(map(first_motion, problem.datasets))),
         nominal=problem.nominal,
     )

@@ -29,7 +29,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import instruments_without_effect, smoothed_instruments
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, instrumental
+from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
@@ -220,7 +220,9 @@ def _settled(
     executor: Executor | None,
 ) -> RobotEstimate:
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
-    estimator = Estimator(_solve, effective_rows=lambda rows, _: split_instruments(rows)[0])
+    estimator = Estimator(
+        _solve, effective_rows=lambda rows, _: split_instruments(rows)[0], columns=_columns
+    )
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, estimate)
         equations: dict[str, Regress] = {
@@ -276,6 +278,11 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
 
 def _solve(rows: Regression, propagated: Array | None) -> Estimate:
     return instrumental(*split_instruments(rows), propagated)
+
+
+def _columns(rows: Regression) -> Array:
+    """Return the columns to which the residual of the estimate from rows is orthogonal."""
+    return projected_columns(*split_instruments(rows))
 
 
 def _same_names(old: Estimate, new: Estimate) -> Estimate:

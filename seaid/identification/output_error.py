@@ -62,6 +62,7 @@ from seaid.identification.motor_side import (
     with_rigid_angles,
     without_joint_encoder,
 )
+from seaid.identification.sensitivity import STEP, constants_of
 from seaid.identification.simulated_joints import (
     Response,
     TorqueJacobians,
@@ -111,8 +112,9 @@ if TYPE_CHECKING:
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
 It is that of the identification where no encoder is behind a spring and the noise of the motor's,
-twice differentiated, would exceed that of the torque; and where a spring has hysteresis, whose
-states add up the travel of the noise: at three times that cutoff widths were 12 to 23 % large."""
+twice differentiated, would exceed that of the torque, or the rotor inertia is unknown; and where a
+spring has hysteresis, whose states add up the travel of the noise: at three times that cutoff
+widths were 12 to 23 % large."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -308,15 +310,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     if not layout.simulated:
         return []
-    known = layout.identification.known
-    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
-    band = min(wider * layout.identification.cutoff_hz, rate_hz / 8)
-    motion = finer_side(known, reconstruct_motion(known, log, band))
-    behind = (*layout.unseen, *layout.followed)
-    # Torque noise < noise of I_M w': a wider band would only add that of the encoder.
-    if any(np.less(*_motor_noise(known, joint, log, motion)) for joint in behind):
-        motion = finer_side(known, reconstruct_motion(known, log, layout.identification.cutoff_hz))
+    known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
         # The angles behind the springs are simulated, so that the samples must resolve the
@@ -344,6 +338,23 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         before = motion.samples(slice(part.stop))
         runs.append(Run(motion.samples(part), reading, still[part], count, block, number, before))
     return runs
+
+
+def _in_wider_band(layout: Layout, log: Log) -> Motion:
+    """Return the motion of a log at the wider cutoff, where `WIDER` has no reason against it."""
+    start, known = layout.identification, layout.identification.known
+    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
+    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
+    band = min(wider * start.cutoff_hz, rate_hz / 8)
+    motion = finer_side(known, reconstruct_motion(known, log, band))
+    behind = (*layout.unseen, *layout.followed)
+    # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
+    # the column w' of an unknown I_M makes it too small (errors in variables).
+    noises = [_motor_noise(start, joint, log, motion) for joint in behind]
+    is_noisy = any(torque < rotor for torque, rotor in noises)
+    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
+        return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
+    return motion
 
 
 def _zeros(layout: Layout, x: Array) -> Array:
@@ -778,11 +789,11 @@ def refined_with_logs(
         noise, p = _noise_of_states(wider, wider_point), len(point.x)
         terms = _tested_terms(wider, wider_point, noise)
         refined = with_motor_side_findings(
-            _refined(layout, point, noise[:p, :p]), terms, point.runs[0].motion
+            _refined(layout, point, logs, noise[:p, :p]), terms, point.runs[0].motion
         )
         return refined, _simulated_logs(layout, logs, point)
     point = _with_noisy_deflections(layout, point, logs)
-    refined = _refined(layout, point)
+    refined = _refined(layout, point, logs)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
     if point.step.merit > start.step.merit + _EQUAL_MERIT:
         reason = "its likelihood is lower than that of the start"
@@ -868,7 +879,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
-            np.hypot(*_motor_noise(identification.known, joint, log, run.motion))
+            np.hypot(*_motor_noise(identification, joint, log, run.motion))
             for log in logs
             for run in point.runs
         )
@@ -881,10 +892,15 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
 
-def _motor_noise(robot: Robot, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
+def _motor_noise(
+    start: Identification, joint: str, log: Log, motion: Motion
+) -> tuple[float, float]:
     """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
-    index, inertia = robot.index(joint), robot.drives[joint].values.get("motor_inertia", 0.0)
-    rotor = inertia * white_noise(motion.motor_acceleration[:, index])
+    # The robot has the rotor inertia of a start that does not know it, too.
+    index, drive = start.known.index(joint), start.robot.drives[joint]
+    rotor = drive.values.get("motor_inertia", 0.0) * white_noise(
+        motion.motor_acceleration[:, index]
+    )
     return white_noise(log.motor_torque[:, index]), rotor
 
 
@@ -898,18 +914,29 @@ def _iterated(
 ) -> tuple[Point, Point]:
     """Return the first and the last point of an iteration from the values x (p,)."""
     settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
-    shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
-    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in enumerate(parts))))
-    compared = {*layout.simulated, *layout.followed}
-    has_others = bool({*layout.drives, *layout.identification.model.torque_joints} - compared)
-    fixed = [measured(layout, part) for part in parts if has_others]
+    parts = enumerate(_parts(layout, logs))
+    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in parts)))
+    fixed = _measured_parts(layout, logs)
     start = point = _simulated(layout, _point(layout, runs, fixed, x))
     for _ in track(range(iterations), "refining", progress):
         point, better = _improved(layout, point)
         if _size(point.step) < settled or not better:
             break
     return start, point
+
+
+def _parts(layout: Layout, logs: Sequence[Log]) -> list[Log]:
+    """Return the parts of logs without gaps that are long enough."""
+    shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
+    return [part for log in logs for part in stretches(usable(log), shortest_s)]
+
+
+def _measured_parts(layout: Layout, logs: Sequence[Log]) -> list[Callable[[Array], Residuals]]:
+    """Return the residuals of what is not simulated, if there is any, per part of the logs."""
+    compared = {*layout.simulated, *layout.followed}
+    if not {*layout.drives, *layout.identification.model.torque_joints} - compared:
+        return []
+    return [measured(layout, part) for part in _parts(layout, logs)]
 
 
 def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
@@ -1214,10 +1241,31 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     return replace(run, motion=moved)
 
 
-def _refined(layout: Layout, point: Point, noise: Array | None = None) -> Identification:
+def _of_constants(layout: Layout, point: Point, logs: Sequence[Log]) -> Array:
+    """Return the covariance (p, p) of a point by errors of the known constants.
+
+    A constant changes the residuals at the same values, and the next step by its derivative.
+    """
+    start, total = layout.identification, np.zeros((len(point.x), len(point.x)))
+    for constant in constants_of(start.known, start.known_std):
+        changed = replace(layout, identification=replace(start, known=constant.robot))
+        runs = [
+            replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
+            for run in point.runs
+        ]
+        others = _measured_parts(changed, [constant.scaled(log) for log in logs])
+        change = _point(changed, runs, others, point.x).step.change - point.step.change
+        total += (constant.std / STEP) ** 2 * np.outer(change, change)
+    return total
+
+
+def _refined(
+    layout: Layout, point: Point, logs: Sequence[Log], noise: Array | None = None
+) -> Identification:
     """Return the identification with the values of a point, less information that is noise."""
     start, x = layout.identification, point.x
     step = point.step if noise is None else without_information(point.step, noise)
+    step = replace(step, covariance=step.covariance + _of_constants(layout, point, logs))
     actuators, load_side = _estimates(layout, point.x, step)
     load, load_drives = split_load_side(start.model, load_side)
     refined = merged_estimates(actuators, load_drives)

@@ -31,6 +31,7 @@ from seaid.estimation import (
     Estimate,
     Estimator,
     FittedRows,
+    equal_weights,
     estimate_of_rows,
     qr_factor_of,
     settled_weights,
@@ -365,9 +366,8 @@ def estimate_simultaneous(
     )
     check_simultaneous(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
-    regress: Regress = partial(
-        simultaneous_regression, robot, model=model, springs=springs, offsets=offsets
-    )
+    of_robot = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
+    regress: Regress = partial(of_robot, robot)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
     zeros: Array | None = None
@@ -379,14 +379,16 @@ def estimate_simultaneous(
         whole, _ = settled(robot, rows, theta, estimation(estimator, zeros))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
-    solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+    change = partial(_solved_rows, robot, estimator, whole)
+    solved = change(rows)
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
     if estimator.weigh is settled_weights:
         cutoff_hz = datasets[0].cutoff_hz
         whole = with_drifts_of(solved, weights, solve(qr_factor, weights), whole, cutoff_hz)
     drives, load, load_side = split_estimate(robot, model, whole)
-    both = FittedRows(whole, qr_factor, solved, zeros, weights)
+    equal = estimator.weigh is equal_weights
+    both = FittedRows(whole, qr_factor, solved, zeros, weights, equal, change)
     optional = [
         name
         for name in whole.names
@@ -401,7 +403,15 @@ def estimate_simultaneous(
         checks={"both": both.checks(optional)},
         fit=both,
         whole=whole,
+        regress=of_robot,
     )
+
+
+def _solved_rows(
+    robot: Robot, estimator: Estimator, whole: Estimate, rows: Regression
+) -> Regression:
+    """Return rows as an estimate of both sides whitens and weights them."""
+    return estimator.effective_rows(whitened(robot, rows, whole.values), whole)
 
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:

@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array
-from seaid.drives import JointParameter, parameter_of, unit_of
+from seaid._arrays import Array, BoolArray
+from seaid.drives import DELAY_PARAMETER, JointParameter, parameter_of, unit_of
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -26,12 +26,15 @@ from seaid.estimation import (
     ModelChecks,
     QRFactor,
     Rows,
+    deflection_instruments,
     equal_weights,
-    errors_in_variables,
     fit,
+    instrumental,
+    projected_columns,
     qr_factor_of_rows,
     scaled_svd,
     unattenuated,
+    with_columns,
     with_predicted_columns,
 )
 from seaid.identification.command_delays import with_shared_delays
@@ -168,8 +171,8 @@ def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
 LOAD = ""
 """Key of the load side among equations named by joint."""
 
-_STIFFNESS = "stiffness"
-_NEEDED = (_STIFFNESS, "spring_offset", "deflection_zero")
+STIFFNESS = "stiffness"
+_NEEDED = (STIFFNESS, "spring_offset", "deflection_zero")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +182,10 @@ class RobotEstimate:
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
     were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn. `findings` are about the way to the estimates,
-    and `not_shared` is why the data do not support an estimate of both sides at once.
+    motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
+    motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
+    the way to the estimates, and `not_shared` is why the data do not support an estimate of both
+    sides at once, whose rows `regress` returns.
     """
 
     drives: Mapping[str, Estimate]
@@ -192,8 +197,10 @@ class RobotEstimate:
     fit: FittedRows
     whole: Estimate | None = None
     actuators: Mapping[str, FittedRows] = field(default_factory=dict)
+    scaling: Mapping[str, FittedRows] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    regress: Callable[[Robot, Motion], Regression] | None = None
 
 
 def estimate_two_step(
@@ -222,7 +229,8 @@ def estimate_two_step(
     equations = {**equations, **_sensed_springs(robot, sensed)}
     stored, cutoff_hz = estimator.weigh is not None, datasets[0].cutoff_hz
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
-        actuators, estimates = _actuator_side(robot, datasets, rows, estimator, joints, sensed)
+        sides = _actuator_side(robot, datasets, rows, estimator, joints, sensed)
+        actuators, estimates, scaling = sides
         springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
         fit_rows = partial(fit_load, robot, springs, estimator, cutoff_hz, free)
         load = fit_rows(_with_columns(rows[LOAD], further), known_errors)
@@ -250,6 +258,7 @@ def estimate_two_step(
         checks=_checks(actuators) | {"load": load.checks(model.names[len(model.expressions) :])},
         fit=load,
         actuators=actuators,
+        scaling=scaling,
     )
 
 
@@ -260,13 +269,13 @@ def _actuator_side(
     estimator: Estimator,
     joints: Sequence[str],
     sensed: Sequence[str],
-) -> tuple[dict[str, FittedRows], dict[str, Estimate]]:
-    """Return the fits of the motor equations, and estimates that have their motor constants.
+) -> tuple[dict[str, FittedRows], dict[str, Estimate], dict[str, FittedRows]]:
+    """Return fits of the motor equations, estimates with motor constants, and the fits of these.
 
     Unknown constants are those of a torque sensor for `sensed` joints, else those of the load,
     which has the torques of the springs of `joints`.
     """
-    actuators, unscaled = {}, {}
+    actuators, unscaled, scaling = {}, {}, {}
     for joint in robot.elastic_joints:
         try:
             actuators[joint] = fit_actuator(robot, datasets, joint, rows[joint], estimator)
@@ -280,12 +289,17 @@ def _actuator_side(
             actuators[joint] = fit(rows[joint], estimator, change=change, cutoff_hz=cutoff_hz)
     estimates = {joint: side.estimate for joint, side in actuators.items()}
     for joint in [joint for joint in unscaled if joint in sensed]:
-        spring = _fit_spring(robot, datasets, joint, rows[_sensed_spring(joint)], estimator)
-        constant = unscaled.pop(joint).parameter
-        estimates[joint] = scaled_by_sensor(robot, estimates[joint], joint, constant, spring)
+        spring = _fit_spring(robot, datasets, joint, rows[sensed_spring(joint)], estimator)
+        constant, scaling[joint] = unscaled.pop(joint).parameter, spring
+        scaled = scaled_by_sensor(robot, estimates[joint], joint, constant, spring.estimate)
+        estimates[joint] = scaled
     if unscaled:
-        estimates |= scaled_by_load(robot, estimates, joints, rows[LOAD], estimator, unscaled)
-    return actuators, estimates
+        scaled_ones, fitted = scaled_by_load(
+            robot, estimates, joints, rows[LOAD], estimator, unscaled
+        )
+        estimates |= scaled_ones
+        scaling |= dict.fromkeys(unscaled, fitted)
+    return actuators, estimates, scaling
 
 
 def _checks(actuators: Mapping[str, FittedRows]) -> dict[str, ModelChecks]:
@@ -340,8 +354,9 @@ def _with_noisy_deflection(
     plain = fitted.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or fitted.rows is None:
         return fitted
-    ratio = noise_ratio(robot, motions, joint)
-    return replace(fitted, estimate=errors_in_variables(fitted.rows, ratio))
+    instruments = deflection_instruments(fitted.rows, noise_ratio(robot, motions, joint))
+    change = partial(with_columns, projected_columns(fitted.rows, instruments))
+    return replace(fitted, estimate=instrumental(fitted.rows, instruments), change=change)
 
 
 def _joints_scaled_by_sensors(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
@@ -351,7 +366,7 @@ def _joints_scaled_by_sensors(robot: Robot, datasets: Sequence[Dataset]) -> tupl
         joint
         for joint in robot.elastic_joints
         if set(CONSTANTS) & set(motor_regressor(robot, joint).names)
-        and _STIFFNESS in spring_regressor(robot, joint).names
+        and STIFFNESS in spring_regressor(robot, joint).names
         and _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         and _all_measured(robot, motions, joint, "joint_torque")
     )
@@ -365,32 +380,32 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
     sensed = _joints_scaled_by_sensors(robot, datasets)
     for joint in (joint for joint in locked if joint not in sensed):
         names = set(motor_regressor(robot, joint).names)
-        if names & set(CONSTANTS) and {_STIFFNESS, "motor_inertia"} <= names:
+        if names & set(CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
             (name,) = names & set(CONSTANTS)
             raise IdentificationError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
                 "and its output is locked. Give one of: the torque of a sensor behind the gear "
-                f"(joint_torque), the stiffness of its spring (known = ['{_STIFFNESS}']), its "
+                f"(joint_torque), the stiffness of its spring (known = ['{STIFFNESS}']), its "
                 f"rotor inertia, or the constant itself (known = ['{name}'])"
             )
 
 
-def _sensed_spring(joint: str) -> str:
+def sensed_spring(joint: str) -> str:
     """Return the key of (4b) of a joint among equations named by joint."""
     return f"spring of {joint}"
 
 
 def _sensed_springs(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
-    return {_sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
+    return {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
 
 
 def _fit_spring(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
-) -> Estimate:
+) -> FittedRows:
     """Fit (4b) of a spring whose torque was measured."""
     motions = [first_motion(dataset) for dataset in datasets]
     fitted = fit(rows, estimator, cutoff_hz=datasets[0].cutoff_hz)
-    return _with_noisy_deflection(robot, motions, joint, fitted, estimator).estimate
+    return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
 
 
 def with_unit_constant(rows: Regression) -> Regression:
@@ -413,11 +428,12 @@ def scaled_by_load(
     rows: Rows,
     estimator: Estimator,
     unscaled: Mapping[str, UnknownScaleError],
-) -> dict[str, Estimate]:
-    """Return the estimates of `unscaled` joints, with the motor constants that (8) determines.
+) -> tuple[dict[str, Estimate], FittedRows]:
+    """Return the estimates of `unscaled` joints with the motor constants that (8) determines.
 
-    Their spring torque for a constant of 1 is a column of (8), whose parameter is the constant:
-    known bodies give its scale. Raises UnknownScaleError if they do not.
+    The second result is the fit of these. Their spring torque for a constant of 1 is a column of
+    (8), whose parameter is the constant: known bodies give its scale. Raises UnknownScaleError if
+    they do not.
     """
     springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
     constants = {x: JointParameter(problem.parameter, x) for x, problem in unscaled.items()}
@@ -426,10 +442,11 @@ def scaled_by_load(
         fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
         raise next(iter(unscaled.values())) from None
-    return {
+    scaled = {
         joint: scaled_with_springs(robot, estimates[joint], name, fitted, springs)
         for joint, name in constants.items()
     }
+    return scaled, fitted
 
 
 def with_constant_columns(
@@ -495,10 +512,15 @@ def scaled_by_sensor(
     It is K = k / k_1: the stiffness by the torque sensor in (4b) over that of (7) for a constant of
     1. The errors of both count, so that K k_1 has that of k.
     """
-    of_unit, of_sensor = unit.value(_STIFFNESS), spring.value(_STIFFNESS)
-    slopes = np.where(np.array(unit.names) == _STIFFNESS, -of_sensor / of_unit**2, 0.0)
-    error = spring.standard_error(_STIFFNESS) / abs(of_unit)
+    of_unit, of_sensor = unit.value(STIFFNESS), spring.value(STIFFNESS)
+    slopes = np.where(np.array(unit.names) == STIFFNESS, -of_sensor / of_unit**2, 0.0)
+    error = spring.standard_error(STIFFNESS) / abs(of_unit)
     return _scaled(robot, unit, joint, name, of_sensor / of_unit, error, slopes)
+
+
+def scales_with_torque(estimate: Estimate) -> BoolArray:
+    """Return which parameters (p,) of a drive scale with its torque: all but a delay [s]."""
+    return np.array([name != DELAY_PARAMETER for name in estimate.names])
 
 
 def _scaled(
@@ -514,7 +536,7 @@ def _scaled(
 
     The constant has the derivative `by_unit` by the values of the latter.
     """
-    is_scaled = np.array([x != "command_delay" for x in unit.names])
+    is_scaled = scales_with_torque(unit)
     factors = np.where(is_scaled, constant, 1.0)
     values = np.append(factors * unit.values, constant)
     # The values are (K x, K), with dK = by_unit^T dx + an error that is independent of x:

@@ -35,6 +35,7 @@ from .load import load_torques as load_torques
 from .load import measured_contact_torques as measured_contact_torques
 from .load import offset_sensitivity as offset_sensitivity
 from .load import radius_rows as radius_rows
+from .load import torque_changes as torque_changes
 from .load import unknown_friction as unknown_friction
 from .load import usable_rows as usable_rows
 from .load import with_gear_torque as with_gear_torque
@@ -62,6 +63,7 @@ from .regression import spring_regressor as spring_regressor
 from .regression import stacked as stacked
 from .regression import under_load as under_load
 from .regression import unknown_actuator_friction as unknown_actuator_friction
+from .regression import with_changes as with_changes
 from .rigid_body import joint_torques as joint_torques
 from .rigid_body import regressor_at_drives as regressor_at_drives
 from .rigid_body import rigid_body_regressor as rigid_body_regressor

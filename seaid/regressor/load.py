@@ -60,6 +60,7 @@ from seaid.regressor.regression import (
     signals,
     spring_regressor,
     unknown_motor_friction,
+    with_changes,
 )
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import (
@@ -276,11 +277,18 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
 
 
 def load_columns(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    further: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
+    """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta.
+
+    `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
+    """
     if robot.floating_base is not None:
-        return _floating_columns(robot, motion, model, springs)
+        return _floating_columns(robot, motion, model, springs, further=further)
     known = [robot.index(joint) for joint in model.torque_joints]
     Y = regressor_at_drives(robot, *motion.joint_states)
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
@@ -291,10 +299,49 @@ def load_columns(
     if model.drives:
         H = np.concatenate([base, drive_columns(robot, motion, model)], axis=2)
     torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
+    propagated = _joined(propagated, further)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
         payload = (Y @ robot.known_parameters)[:, known]
     return torque, payload, H, propagated
+
+
+def _joined(columns: Array, further: Array | None) -> Array:
+    """Return columns (T, rows, s) and further ones, if any."""
+    return columns if further is None else np.concatenate([columns, further], axis=2)
+
+
+def torque_changes(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    theta: Array,
+    changed: Sequence[tuple[Robot, Motion]],
+) -> Array:
+    """Return by how much torque - payload - H theta (T, rows, k) differs in k changed experiments.
+
+    Their robots differ in constants of drives and in known bodies, their motions in logged inputs,
+    so that the regressor of the bodies is the same. The rows of a floating base come first, and
+    contact forces are not yet eliminated.
+    """
+    states, joints = motion.joint_states, [robot.index(joint) for joint in model.torque_joints]
+    before = drive_torques(robot, motion, model, springs, theta)
+    changes = np.stack(
+        [drive_torques(*experiment, model, springs, theta) - before for experiment in changed], 2
+    )
+    changes = changes if motion.base is None else below_base(changes)
+    bodies = np.stack([other.known_parameters - robot.known_parameters for other, _ in changed], 1)
+    columns = np.flatnonzero(np.any(bodies, axis=1))
+    if not len(columns):
+        return changes
+    if motion.base is None:
+        Y = regressor_at_drives(robot, *states)[:, joints][:, :, columns]
+    else:
+        Y = floating_regressor(robot, *states, motion.base.states, columns.tolist())
+        Y = floating_rows(robot, Y, joints)
+    # Heavier known bodies take more of the torque: they are on its side with a minus.
+    return np.asarray(changes - Y @ bodies[columns])
 
 
 _RATES = 16.0
@@ -333,6 +380,7 @@ def _floating_columns(
     model: LoadModel,
     springs: Mapping[str, Array],
     thetas: Array | None = None,
+    further: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Return the `load_columns` of a floating base, without contact forces, block by block.
 
@@ -347,7 +395,8 @@ def _floating_columns(
     # M v' + h = S^T tau + sum J_c^T w: the base has no motor, so that its rows begin with zeros.
     torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
     unknown = unknown_frictions(robot, motion, joints)
-    drives, propagated = drive_columns(robot, motion, model), below_base(propagated)
+    drives = drive_columns(robot, motion, model)
+    propagated = _joined(below_base(propagated), further)
     if thetas is not None:
         drives = drives @ thetas[p:]
     drives, count = below_base(drives), len(model.names) if thetas is None else thetas.shape[1]
@@ -522,13 +571,18 @@ def below_base(columns: Array) -> Array:
 
 
 def load_regression(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    further: Callable[[Motion], Array] | None = None,
 ) -> Regression:
     """Return the load side (8) over time, with the columns of `model`.
 
     `springs` {joint: parameters of (4b)} gives the load torques of elastic joints; an elastic joint
     that it does not contain takes its joint torque from the log. The torque of known bodies and
-    payloads is on the known side y.
+    payloads is on the known side y. `further` returns columns (T, rows, k) as of `torque_changes`
+    for a piece of the motion; they follow those of the springs in `propagated`.
     """
     samples = PIECE_SAMPLES
     if robot.floating_base is not None:  # has more rows and columns
@@ -536,7 +590,8 @@ def load_regression(
         samples = _piece_samples(model)
 
     def regress(piece: Motion) -> Regression:
-        return _load_rows(robot, piece, model, load_columns(robot, piece, model, springs))
+        columns = None if further is None else further(piece)
+        return _load_rows(robot, piece, model, load_columns(robot, piece, model, springs, columns))
 
     return rows_by_pieces(motion, regress, samples)
 
@@ -871,13 +926,9 @@ def offset_sensitivity(robot: Robot, motion: Motion, regress: Regress, theta: Ar
 
     It is that of the residual y - H theta at the parameters `theta`, by difference quotients.
     """
-    reference, changes = regress(motion), []
-    for index in range(robot.n):
-        shifted = regress(shifted_encoder(robot, motion, index))
-        # The encoder moves H as well as y: what counts is the residual at fixed parameters.
-        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / OFFSET_STEP)
-    return replace(reference, propagated=np.column_stack(changes))
+    # The encoder moves H as well as y: what counts is the residual at fixed parameters.
+    shifted = (regress(shifted_encoder(robot, motion, index)) for index in range(robot.n))
+    return with_changes(regress(motion), shifted, theta, OFFSET_STEP)
 
 
 def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:

@@ -6,7 +6,7 @@ by the same low pass and then decimated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -390,6 +390,19 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
 
 Regress = Callable[[Motion], Regression]
 """A function from a motion to its rows."""
+
+
+def with_changes(
+    rows: Regression, changed: Iterable[Regression], theta: Array, step: float
+) -> Regression:
+    """Return rows whose `propagated` (R, k) are the changes of their residual to k others.
+
+    The residual is y - H theta, at fixed parameters; the changes are divided by `step`.
+    """
+    residual = rows.y - rows.H @ theta
+    changes = [other.y - other.H @ theta - residual for other in changed]
+    columns = np.array(changes).reshape(len(changes), len(residual))
+    return replace(rows, propagated=columns.T / step)
 
 
 def regressions_of_parts(

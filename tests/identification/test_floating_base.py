@@ -126,6 +126,26 @@ def test_bias_of_an_accelerometer_is_identified_with_the_bodies() -> None:
     assert "base-bias" not in {one.code for one in found_standing().warnings}
 
 
+@pytest.mark.slow  # fits of a whole quadruped
+@pytest.mark.parametrize("name", ["torque", "bodies"])
+def test_errors_of_known_constants_are_those_of_whole_identifications(name: str) -> None:
+    """Contact forces are eliminated from the derivatives as from the equations."""
+    robot, log, std, step = with_known_trunk().without_nominal(), swayed(), 0.01, 1e-4
+    heavier = np.where(robot.is_known, 1 + step, 1.0) * robot.parameters
+    changed = {
+        "torque": (robot, replace(log, motor_torque=(1 + step) * log.motor_torque)),
+        "bodies": (robot.with_values(heavier, robot.drives), log),
+    }
+    options: dict[str, Any] = {"cutoff_hz": 4.0, "estimator": "ols"}
+    plain = seaid.identify(robot, log, **options)
+    stated = seaid.identify(robot, log, known_std={name: std}, **options)
+    other = seaid.identify(*changed[name], **options)
+    variance = np.diag(stated.load.covariance - plain.load.covariance)
+    moved = std / step * np.abs(other.load.values - plain.load.values)
+    assert np.max(moved / plain.load.standard_errors) > 100
+    np.testing.assert_allclose(np.sqrt(np.maximum(variance, 0.0)), moved, rtol=1e-3, atol=1e-9)
+
+
 @cache
 def measured() -> seaid.Log:
     """The motion of `swayed` with force sensors at its feet, and torques that belong to them."""

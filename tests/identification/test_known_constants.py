@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.identification.identification import Identification, identify
+from seaid.identification.output_error import refine
+from seaid.log.long_log import open_long_log
+from seaid.log.reading import Log, write_log
 from seaid.report.html_experiment import settings_facts
-from seaid.robot.robot import load_robot
+from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,
@@ -22,8 +28,10 @@ from tests.experiments import (
     geared_arm_log,
     leg,
     leg_motion,
+    perfect_log,
     true_value,
 )
+from tests.representatives import quick_first
 
 TRUTH = leg(TEST_MASS)
 
@@ -134,7 +142,7 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
     doubted = replace(drive, std={"motor_inertia_kg_m2": 0.2 * drive.motor_inertia_kg_m2})
     log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
     robot = TRUTH.without_nominal().with_drives({"knee_pitch": doubted})
-    stated, plain = identify(robot, log, cutoff_hz=4.0), found()
+    stated, plain = identify(robot, log, method="two-step", cutoff_hz=4.0), found(method="two-step")
     for joint in ELASTIC:
         ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
         ratio = ratio[:3]  # by (7); (8) couples the torque offsets
@@ -187,3 +195,173 @@ def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) 
         for joint, constant in zip(log.joint_names[:5], constants, strict=False)
     ]
     assert (np.max(np.abs(scores)) < 4) == (estimator == "wls")
+
+
+STEP = 1e-4
+"""Relative change of a constant in whole identifications."""
+
+STDS = {"motor_inertia_kg_m2": 0.05}
+"""Relative standard deviations of constants, with which they matter; others have `STD`."""
+
+STD = 1e-3
+
+CONSTANTS = (
+    "torque",
+    "motor_inertia_kg_m2",
+    "payload",
+    "gear_ratio",
+    "motor_pulley_radius_m",
+    "load_pulley_radius_m",
+    "torque_scale",
+)
+
+Experiment = tuple[Robot, Log]
+
+
+@cache
+def by_torque() -> Experiment:
+    """Return the leg with torques of its motors, and a log without any error."""
+    return TRUTH.without_nominal(), perfect_log(TRUTH, leg_motion(TEST_MASS))
+
+
+@cache
+def by_current(*, is_sensed: bool) -> Experiment:
+    """Return the leg with currents of unknown scale, which sensors or known bodies determine."""
+    robot = TRUTH if is_sensed else replace(TRUTH, known_bodies=TRUTH.body_names[-2:])
+    driven = ELASTIC if is_sensed else robot.joint_names
+    drives: dict[str, Drive] = {
+        joint: replace(robot.drives[joint], motor_input="current", nominal={}) for joint in driven
+    }
+    for joint in ELASTIC:
+        drives[joint] = replace(drives[joint], motor_inertia_kg_m2=None)  # type: ignore[call-arg]
+    motion = leg_motion(TEST_MASS)
+    log = perfect_log(TRUTH, motion)
+    is_current = np.isin(robot.joint_names, driven)
+    sensed = np.where(is_current, motion.joint_torque, np.nan)
+    log = replace(
+        log,
+        motor_torque=np.where(is_current, np.nan, log.motor_torque),
+        motor_current=np.where(is_current, 20.0 * log.motor_torque, np.nan),
+        joint_torque=sensed if is_sensed else log.joint_torque,
+    )
+    return robot.with_drives(drives).without_nominal(), log
+
+
+def stated(experiment: Experiment, name: str, joint: str) -> tuple[Robot, dict[str, float]]:
+    """Return the robot and `known_std` with a standard deviation of a constant."""
+    robot, std = experiment[0], STDS.get(name, STD)
+    if name in ("torque", "payload"):
+        return robot, {name: std}
+    size = 1.0 if name == "torque_scale" else getattr(robot.drives[joint], name)
+    doubted = replace(robot.drives[joint], std={name: std * size})
+    return robot.with_drives({joint: doubted}), {}
+
+
+def changed(experiment: Experiment, name: str, joint: str) -> Experiment:
+    """Return the robot and the log with a constant larger by `STEP`."""
+    robot, log = experiment
+    if name in ("torque", "torque_scale"):
+        factor = 1 + STEP * np.isin(robot.joint_names, [joint] if joint else robot.joint_names)
+        channels = ("motor_torque", "motor_current", "joint_torque")
+        given = [channel for channel in channels if getattr(log, channel) is not None]
+        return robot, replace(log, **{x: getattr(log, x) * factor for x in given})
+    if name == "payload":
+        return replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters), log
+    larger = {name: (1 + STEP) * getattr(robot.drives[joint], name)}
+    return robot.with_drives({joint: replace(robot.drives[joint], **larger)}), log
+
+
+def moved(experiment: Experiment, name: str, joint: str, **options: Any) -> tuple[Array, ...]:
+    """Return errors by a constant as stated, by whole identifications, and all standard errors."""
+    options = {"method": "two-step", **options}
+    robot, known_std = stated(experiment, name, joint)
+    plain = identify(*experiment, cutoff_hz=4.0, **options)
+    doubted = identify(robot, experiment[1], cutoff_hz=4.0, known_std=known_std, **options)
+    other = identify(*changed(experiment, name, joint), cutoff_hz=4.0, **options)
+    sides = [[*one.drives.values(), one.load, one.load_side] for one in (plain, doubted, other)]
+    added, quotients, errors = [], [], []
+    for before, with_std, after in zip(*sides, strict=True):
+        variance = np.diag(with_std.covariance - before.covariance)
+        added.append(np.sqrt(np.maximum(variance, 0.0)))
+        quotients.append(STDS.get(name, STD) / STEP * np.abs(after.values - before.values))
+        errors.append(before.standard_errors)
+        np.testing.assert_allclose(with_std.values, before.values)
+    return np.concatenate(added), np.concatenate(quotients), np.concatenate(errors)
+
+
+def check_moved(experiment: Experiment, name: str, joint: str, **options: Any) -> None:
+    """Compare errors by a constant with whole identifications, to a part of all standard errors."""
+    added, quotients, errors = moved(experiment, name, joint, **options)
+    assert np.max(quotients / errors) > 0.05
+    assert np.all(np.abs(added - quotients) < 0.03 * quotients + 0.04 * errors)
+
+
+@pytest.mark.parametrize("name", quick_first(CONSTANTS, 2))
+def test_errors_of_a_constant_are_those_of_whole_identifications(name: str) -> None:
+    """The noise-free log has no residual by which weights or columns could move the estimate."""
+    joint = "" if name in ("torque", "payload") else "knee_pitch"
+    check_moved(by_torque(), name, joint, estimator="ols")
+
+
+@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.parametrize("name", ["gear_ratio", "torque_scale"])
+def test_errors_of_a_constant_of_a_stiff_drive(name: str) -> None:
+    check_moved(by_torque(), name, "hip_yaw", estimator="ols")
+
+
+@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.parametrize("name", ["torque", "payload", "motor_pulley_radius_m"])
+def test_errors_of_a_constant_with_both_sides_at_once(name: str) -> None:
+    joint = "knee_pitch" if name == "motor_pulley_radius_m" else ""
+    check_moved(by_torque(), name, joint, estimator="ols", method="simultaneous")
+
+
+@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.parametrize(
+    ("name", "is_sensed"), [("payload", False), ("gear_ratio", False), ("gear_ratio", True)]
+)
+def test_errors_of_a_constant_reach_the_constants_of_motors(name: str, is_sensed: bool) -> None:
+    joint = "knee_pitch" if name == "gear_ratio" else ""
+    check_moved(by_current(is_sensed=is_sensed), name, joint, estimator="ols")
+
+
+@pytest.mark.slow  # identifications of a log in pieces
+def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None:
+    """A scale of the torques needed logs in memory while it repeated the identification."""
+    robot, log = TRUTH.without_nominal(), measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    write_log(log, tmp_path / "log.npz")
+    opened = open_long_log(tmp_path / "log.npz", robot, cutoff_hz=4.0, chunk_samples=3000)
+    known_std = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
+    options: dict[str, Any] = {"method": "two-step", "cutoff_hz": 4.0}
+    pieces, whole = (identify(robot, x, known_std=known_std, **options) for x in (opened, log))
+    np.testing.assert_allclose(pieces.load.standard_errors, whole.load.standard_errors, rtol=1e-6)
+    for joint in ELASTIC:
+        of_pieces, of_whole = pieces.drives[joint], whole.drives[joint]
+        np.testing.assert_allclose(of_pieces.standard_errors, of_whole.standard_errors, rtol=1e-6)
+
+
+@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.parametrize("estimator", ["huber", "iv"])
+def test_errors_of_a_payload_by_other_estimators(estimator: Any) -> None:
+    check_moved(by_torque(), "payload", "", estimator=estimator)
+
+
+@pytest.mark.slow  # refinements of the leg
+def test_a_refinement_has_the_errors_of_known_constants() -> None:
+    robot = TRUTH.without_nominal()
+    noisy = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    plain, stated, other = (
+        refine(identify(one, data, cutoff_hz=4.0, known_std=known_std), data)
+        for one, data, known_std in (
+            (robot, noisy, {}),
+            (robot, noisy, {"torque": 0.03}),
+            (robot, replace(noisy, motor_torque=1.001 * noisy.motor_torque), {}),
+        )
+    )
+    np.testing.assert_allclose(stated.load.values, plain.load.values)
+    added = np.sqrt(np.maximum(np.diag(stated.load.covariance - plain.load.covariance), 0.0))
+    moved = 30 * np.abs(other.load.values - plain.load.values)
+    assert np.max(moved / plain.load.standard_errors) > 5
+    np.testing.assert_array_less(
+        np.abs(added - moved), 0.05 * moved + 0.1 * plain.load.standard_errors
+    )
