@@ -233,7 +233,7 @@ def by_current(*, is_sensed: bool) -> Experiment:
         joint: replace(robot.drives[joint], motor_input="current", nominal={}) for joint in driven
     }
     for joint in ELASTIC:
-        drives[joint] = replace(drives[joint], motor_inertia_kg_m2=None)  # type: ignore[call-arg]
+        drives[joint] = replace(drives[joint], motor_inertia_kg_m2=None)
     motion = leg_motion(TEST_MASS)
     log = perfect_log(TRUTH, motion)
     is_current = np.isin(robot.joint_names, driven)
