@@ -100,7 +100,7 @@ CALLS: dict[str, Call] = {
     "a misspelled method": (
         "identify",
         lambda x: ([x.robot, "nowhere.csv"], {"method": "twostep"}),
-        r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step, sim",
+        r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step",
     ),
     "a misspelled estimator": (
         "identify",
