@@ -74,7 +74,10 @@ def probability(value: float) -> str:
 
 
 def share(value: float) -> str:
-    """Return a ratio in percent for a page: two digits, no decimals from 100 %, a dash for NaN."""
+    """Return a ratio in percent for a page: two digits, no decimals from 100 %, a dash for NaN.
+
+    It has at most four decimals, since less is nothing and would not fit next to a bar.
+    """
     if not math.isfinite(value):
         return NONE
     per_cent = 100 * value
@@ -83,7 +86,9 @@ def share(value: float) -> str:
     else:
         # Two digits: a value of 10^p has its second one 1 - p places behind the point.
         decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
-        text = f"{per_cent:.{min(decimals, 6)}f}"
+        text = f"{per_cent:.{min(decimals, 4)}f}"
+        if float(text) == 0 < abs(per_cent):
+            text = "< 0.0001"
     return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
 
 

@@ -52,7 +52,10 @@ def read(text: str) -> float:
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0123, "1.2 %"), (0.00073, "0.073 %"), (0.996, "100 %"), (3.28, "328 %"), (0.0, "0 %")],
+    [
+        *((0.0123, "1.2 %"), (0.00073, "0.073 %"), (0.996, "100 %"), (3.28, "328 %"), (0.0, "0 %")),
+        *((2.1e-6, "0.0002 %"), (3e-7, "< 0.0001 %")),
+    ],
 )
 def test_shares_have_two_digits(value: float, text: str) -> None:
     assert share(value).replace("\N{NO-BREAK SPACE}", " ") == text
