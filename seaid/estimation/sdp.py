@@ -147,13 +147,14 @@ def floored_covariance(covariance: Array, white: Array) -> Array:
     """Return the covariance, in no direction smaller than that of white noise.
 
     A long-run covariance from a finite log is far too small in its smallest directions, which would
-    dominate the distance. `white` (p, p) is positive definite.
+    dominate the distance. `white` (p, p) is that, without noise singular but for rounding.
     """
-    ratios, vectors = safely(
-        linalg.eigh, covariance, white, what="the covariance relative to that of white noise"
-    )
-    # covariance v = ratio white v with v^T white v = 1: covariance = sum ratio (white v)(white v)^T
-    half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
+    root, what = covariance_root(white, np.zeros(len(white))), "the covariance of white noise"
+    half = safely(linalg.solve, root, covariance, what=what)
+    relative = safely(linalg.solve, root, half.T, what=what)
+    # root^-1 covariance root^-T = V diag(ratios) V^T: white noise has the ratios 1.
+    ratios, vectors = safely(np.linalg.eigh, relative, what="the covariance over white noise")
+    half = root @ vectors * np.sqrt(np.maximum(ratios, 1.0))
     return np.asarray(half @ half.T)
 
 

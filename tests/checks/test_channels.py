@@ -460,7 +460,12 @@ def test_a_joint_at_its_stop_is_named(case: str, joint: str, share: float, size:
     assert [(x.code, x.joint, x.severity) for x in found] == [("contact", joint, "wrong")]
     assert found[0].evidence["share at the limit"] == pytest.approx(share, abs=0.06)
     logs = (excluded(log, found[0].remedy) for log in (bad, right))
-    repaired, wanted = (seaid.identify(robot, log).verdict.sentence for log in logs)
+    # A log without a fifth of its time may be at the edge of having enough rows.
+    repaired, wanted = (
+        {(x.code, x.joint) for x in seaid.identify(robot, log).warnings if x.severity != "note"}
+        - {("few-rows", "")}
+        for log in logs
+    )
     assert repaired == wanted
 
 

@@ -99,7 +99,8 @@ def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
 @pytest.mark.slow  # identifications of two logs of the leg
 def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
     ankle = together().identifications["cold"].drives["ankle_pitch"]
-    alone = identify(leg().without_nominal(), measure(leg(), leg_motion(), LEG_SENSORS, seed=1))
+    log = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    alone = identify(leg().without_nominal(), log, method="two-step")
     error = alone.drives["ankle_pitch"].standard_error("stiffness")
     assert ankle.standard_error("stiffness") < 0.3 * error
 
@@ -126,7 +127,7 @@ def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.Monke
     monkeypatch.setattr("seaid.identification.two_step.identifiable_offsets", lambda *_: ())
     logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (1, 2)]
     robot = arm().without_nominal()
-    both = identify(robot, logs)
+    both = identify(robot, logs, method="two-step")
     apart = identify_conditions(
         {"a": (robot, logs[0]), "b": (robot, logs[1])}, condition_specific=()
     )

@@ -6,7 +6,7 @@ import pickle
 import re
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -133,11 +133,10 @@ def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
 def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path) -> None:
     write_log(log(2), tmp_path / "second.npz")
     cutoff_hz = found().cutoff_hz
-    here = identify(KNOWN, [log(), log(2)], cutoff_hz=cutoff_hz)
+    in_turn = partial(identify, KNOWN, cutoff_hz=cutoff_hz, method="two-step")
+    here = in_turn([log(), log(2)])
     with executor(2) as pool:  # type: ignore[call-arg]
-        there = identify(
-            KNOWN, [log(), tmp_path / "second.npz"], cutoff_hz=cutoff_hz, executor=pool
-        )
+        there = in_turn([log(), tmp_path / "second.npz"], executor=pool)
     assert_same(there.load, here.load)
     for joint in ELASTIC:
         assert_same(there.drives[joint], here.drives[joint])

@@ -141,16 +141,21 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 
 @pytest.mark.slow  # a refinement of a joint with other terms
 def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
-    """The load of seed 3 stays on one side: only the sum of centre and half width is right."""
+    """The load of seed 3 stays on one side: only the sum of centre and half width is right.
+
+    Which of the two is held at the value of the search is a matter of rounding.
+    """
     truth = robot("dead zone")
     found = identify(truth.without_nominal(), log_of(truth, 3))
     values = found.known.drives["shoulder"].values
     true = truth.drives["shoulder"].values
     assert abs(values["dead_zone"] - true["dead_zone"]) > 1e-3
     shoulder = found.drives["shoulder"]
-    zero, error = (of("deflection_zero") for of in (shoulder.value, shoulder.standard_error))
-    assert abs(zero) > 10 * error
-    assert values["dead_zone"] + zero == pytest.approx(true["dead_zone"], abs=4 * error)
+    (free,) = {"dead_zone", "deflection_zero"} & {*shoulder.names}
+    (held,) = {"dead_zone", "deflection_zero"} - {free}
+    value, error = (of(free) for of in (shoulder.value, shoulder.standard_error))
+    assert abs(value) > 10 * error
+    assert values[held] + value == pytest.approx(true["dead_zone"], abs=4 * error)
     (doubt,) = [one for one in found.warnings if one.code == "unidentifiable"]
     assert (doubt.joint, doubt.severity) == ("shoulder", "doubtful")
     assert "loads the spring of shoulder in both directions" in doubt.remedy

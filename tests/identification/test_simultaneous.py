@@ -244,7 +244,7 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
 
 def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
     """Return the sequential estimate of all columns, and its standard errors."""
-    found = identify(robot, log)
+    found = identify(robot, log, method="two-step")
     drives = [found.drives[joint] for joint in robot.elastic_joints]
     shared = [one.part(range(4), one.names[:4]) for one in drives]  # without torque offsets
     parts = [*shared, found.load_side]
