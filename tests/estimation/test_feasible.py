@@ -216,6 +216,12 @@ def test_no_combination_is_known_better_than_white_noise_allows() -> None:
     np.testing.assert_allclose(floored_covariance(100 * white, white), 100 * white)
 
 
+def test_white_noise_of_a_log_without_any_is_no_error() -> None:
+    np.testing.assert_allclose(floored_covariance(np.eye(2), np.zeros((2, 2))), np.eye(2))
+    rank_one = np.outer([1.0, 2.0], [1.0, 2.0])
+    np.testing.assert_allclose(floored_covariance(rank_one, rank_one), rank_one, rtol=1e-6)
+
+
 def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interior_point, "_MOST_STEPS", 2)
     with pytest.raises(IdentificationError, match=r"with weight 0\.1 were not found: .* payloads"):
