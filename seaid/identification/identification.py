@@ -503,18 +503,14 @@ class _Problem:
         solver, offset_std, executor, _ = self.options.of_two_steps
         if self.options.estimator == "iv":
             return estimate_instrumental(*equations, offset_std, executor)
+        both = partial(estimate_simultaneous, *equations, solver, offset_std, executor)
         if self.options.method == "simultaneous":
-            return estimate_simultaneous(*equations, solver, offset_std, executor)
-        if self.options.method == "auto":
-            return estimate_supported(*equations, solver, offset_std, executor, self._lacks)
-        return self.two_step
-
-    @property
-    def _lacks(self) -> str:
-        """What the equations of two steps lack, in words, "" for nothing that matters."""
-        keys = [key for side in self.lacking for key in side.doubtful]
-        parts = dict.fromkeys(f"{check.code.name} at {joint}" for check, joint in keys)
-        return f"the equations lack something ({', '.join(parts)})" if parts else ""
+            return both()
+        if self.options.method == "two-step":
+            return self.two_step
+        doubtful = [key for side in self.lacking for key in side.doubtful]
+        lacking = sorted({(check.code.name, joint) for check, joint in doubtful})
+        return estimate_supported(self.robot, self.datasets, self.two_step, lacking, both)
 
     @cached_property
     def lacking(self) -> list[SideSelection]:

@@ -16,7 +16,7 @@ acceleration alone. The residuals determine the value between.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -271,32 +271,23 @@ def split_estimate(
 def estimate_supported(
     robot: Robot,
     datasets: Sequence[Dataset],
-    model: LoadModel,
     start: RobotEstimate,
-    estimator: Estimator,
-    encoder_offset_std: float,
-    executor: Executor | None,
-    lacking: str,
+    lacking: Collection[tuple[str, str]],
+    estimate: Callable[[], RobotEstimate],
 ) -> RobotEstimate:
-    """Estimate both sides at once where the data support it, else return the two-step estimate.
+    """Return the `estimate` of both sides at once if the data support it, else that of two steps.
 
     Both at once is the more accurate one, and the first to be wrong where (7) or (8) lacks a term:
-    it then biases the spring that both share. It is not used if the equations
-    are `lacking` something, and not if its values are outside the intervals of two steps, whose
+    it then biases the spring that both share. It is not used if the equations are `lacking`
+    something, by (code, joint), and not if its values are outside the intervals of two steps, whose
     motor equation alone determines the springs (Hausman 1978). `not_shared` of the result says why.
     """
-    springs = tuple(start.springs)
-    if not springs:
+    if not start.springs:
         return start
-    reason = lacking or not_shared(robot, springs)
-    if robot.floating_base is not None:
-        reason = "the base floats"
-    if not all(isinstance(dataset, Motion) for dataset in datasets):
-        reason = "a log is read in pieces"
+    reason = _obstacle(robot, datasets, start, lacking)
     if not reason:
         try:
-            steps = start, estimator, encoder_offset_std, executor
-            both = estimate_simultaneous(robot, datasets, model, *steps)
+            both = estimate()
         except (IdentificationError, ExcitationError):
             reason = "no estimate of both sides at once was found"
         else:
@@ -306,14 +297,38 @@ def estimate_supported(
     return replace(start, not_shared=reason)
 
 
+def _obstacle(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    start: RobotEstimate,
+    lacking: Collection[tuple[str, str]],
+) -> str:
+    """Return why both sides at once are not even tried, "" if they are."""
+    if robot.floating_base is not None:
+        return "the base floats"
+    if not all(isinstance(dataset, Motion) for dataset in datasets):
+        return "a log is read in pieces"
+    if lacking:
+        return f"the equations lack something ({_named(lacking)})"
+    return not_shared(robot, start.springs)
+
+
+def _named(findings: Iterable[tuple[str, str]]) -> str:
+    """Return findings (code, joint) in words; those of the whole robot have no joint."""
+    return listed(
+        dict.fromkeys(f"{code} at {joint}" if joint else code for code, joint in findings)
+    )
+
+
 def _contradiction(first: RobotEstimate, both: RobotEstimate) -> str:
     """Return the parameter for which both sides at once contradict two steps, "" without one."""
     # Var(theta_2 - theta_s) = Var(theta_2) - Var(theta_s) <= Var(theta_2) if the model is complete,
     # theta_s then being the efficient estimate (Hausman 1978).
     differences = {"": _moved(first.load, both.load)}
     differences |= {joint: _moved(x, both.drives[joint]) for joint, x in first.drives.items()}
-    moved = {(joint, name): z for joint, by_name in differences.items() for name, z in by_name}
-    (joint, name), z = max(moved.items(), key=lambda item: item[1])
+    moved = [(z, joint, name) for joint, by_name in differences.items() for name, z in by_name]
+    # Of a log whose estimates have no errors nothing contradicts.
+    z, joint, name = max(moved, default=(0.0, "", ""))
     if z <= SURE:
         return ""
     what = readable(JointParameter(name, joint)) if joint else name
@@ -324,14 +339,9 @@ def _noise(first: RobotEstimate, both: RobotEstimate) -> str:
     """Return what the residual of both sides at once shows and that of two steps does not."""
     before = [first.load, *(side.estimate for side in first.actuators.values())]
     known = {(x.code, x.joint) for estimate in before for x in noise_findings(estimate)}
-    new = [
-        finding
-        for finding in noise_findings(both.load)
-        if finding.severity != "note" and (finding.code, finding.joint) not in known
-    ]
-    where = listed(dict.fromkeys(finding.joint for finding in new if finding.joint))
-    codes = listed(dict.fromkeys(finding.code for finding in new))
-    return f"the residual of both sides at once shows {codes} at {where}" if new else ""
+    shown = {(x.code, x.joint): x for x in noise_findings(both.load) if x.severity != "note"}
+    new = [key for key in shown if key not in known]
+    return f"the residual of both sides at once shows {_named(new)}" if new else ""
 
 
 def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:

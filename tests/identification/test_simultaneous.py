@@ -16,17 +16,21 @@ from seaid.checks import drive_findings
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import estimator_named
+from seaid.estimation.fitting import FittedRows, estimator_named
 from seaid.estimation.least_squares import ordinary, weighted
+from seaid.estimation.qr_factor import QRFactor
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
+    _contradiction,
+    _named,
     estimation,
     settled,
     simultaneous_regression,
     split_estimate,
     whitened,
 )
+from seaid.identification.two_step import RobotEstimate
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
@@ -503,3 +507,24 @@ def test_springs_that_cannot_be_shared_are_identified_in_turn() -> None:
     by_data = identify(known.with_drives({"knee_pitch": knee}), leg_log())
     assert by_data.method == "two-step"
     assert "the spring of knee_pitch has cubic" in by_data.not_shared
+
+
+def test_estimates_without_errors_contradict_nothing() -> None:
+    """Without noise and rounding there is no standard error to measure a difference by."""
+    exact = Estimate(("h",), np.ones(1), np.zeros((1, 1)), ("kg m",), 0.0, 1.0)
+    noisy = replace(exact, covariance=np.eye(1) * 0.01)
+    other = replace(exact, values=np.full(1, 2.0))
+    factors = QRFactor(("h",), ("kg m",), (0,), (3,), np.eye(2)[None], np.zeros((1, 1, 0)))
+    fit = FittedRows(exact, factors, None, None)
+
+    def of(load: Estimate) -> RobotEstimate:
+        return RobotEstimate({}, load, load, {}, {}, {}, fit)
+
+    assert _contradiction(of(exact), of(other)) == ""
+    assert "h by 10 standard errors" in _contradiction(of(noisy), of(other))
+
+
+def test_findings_of_a_whole_robot_are_named_without_a_joint() -> None:
+    assert _named([("drift", "knee"), ("few-rows", ""), ("drift", "knee")]) == (
+        "drift at knee, few-rows"
+    )
