@@ -159,6 +159,7 @@ def _two_conditions(specific: tuple[str, ...]) -> Records:
     found = seaid.identify_conditions(
         {"bare": (_leg(False), _leg_log(False, _PLANS[0], 2)), "loaded": (_leg(), _log())},
         condition_specific=specific,
+        **_OFFSET_STD,
     )
     records: Records = {}
     for name, identification in found.identifications.items():

@@ -27,7 +27,7 @@ from seaid.identification.identification import (
     with_value_findings,
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
-from seaid.identification.two_step import estimate_two_step, joints_with_torque
+from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
@@ -147,7 +147,9 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     used = joints_with_torque(known, [motion]) if rows is None else tuple(rows)
     known, datasets = linearised_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, torque_joints=used), used)
-    sides = estimate_two_step(known, datasets, model, estimator_named("wls"), 0.0, None, False)
+    sides = estimate_two_step({"": Condition(known, datasets, model)}, estimator_named("wls")).of(
+        ""
+    )
     values = value_findings(sides, robot, known)
     sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))
     return with_value_findings(identification_of(known, model, sides, datasets), values)

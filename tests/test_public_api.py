@@ -55,7 +55,7 @@ FUNCTIONS = {
     "executor progress",
     "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
     "identify_conditions": "conditions condition_specific torque_joints estimator cutoff_hz "
-    "progress",
+    "encoder_offset_std progress",
     "cross_validate": "robot logs parts progress",
     "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",

@@ -142,8 +142,8 @@ def _check_usage(options: IdentifyOptions, in_pieces: bool, refine: bool) -> Non
 
 def _refuse_in_conditions(logs: Sequence[Path], output: Path) -> None:
     """Raise BadParameter for what does not go with --condition."""
-    names = ("method", "estimator", "encoder_offset_std", "known_std", "in_pieces", "feasible")
-    refuse("it does not go with --condition", *names, "verbose")
+    names = ("method", "estimator", "known_std", "in_pieces", "feasible", "verbose")
+    refuse("it does not go with --condition", *names)
     if logs:
         raise typer.BadParameter("the logs are those of --condition", param_hint="LOG")
     if output.suffix == ".npz":
@@ -186,6 +186,7 @@ def _identify_conditions(
         condition_specific=default if specific is None else specific,
         torque_joints=options.torque_joints,
         cutoff_hz=options.cutoff_hz,
+        encoder_offset_std=options.encoder_offset_std,
         progress=is_terminal(),
     )
     content = {

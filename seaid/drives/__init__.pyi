@@ -69,6 +69,7 @@ from .terms import LEVEL_OF as LEVEL_OF
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import WARM_UP as WARM_UP
+from .terms import ConditionParameter as ConditionParameter
 from .terms import FrictionTerm as FrictionTerm
 from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
@@ -81,6 +82,7 @@ from .terms import parameter_named as parameter_named
 from .terms import parameter_of as parameter_of
 from .terms import readable as readable
 from .terms import spring_slopes as spring_slopes
+from .terms import without_condition as without_condition
 from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
 from .toml import read_drives as read_drives

@@ -272,13 +272,40 @@ class JointParameter(str):
         return self.parameter, self.joint
 
 
+class ConditionParameter(str):
+    """The name of a column that one condition has alone: "spring_offset of knee [warm]".
+
+    `name` is what the column is called within its condition.
+    """
+
+    name: str
+    condition: str
+
+    def __new__(cls, name: str, condition: str) -> ConditionParameter:
+        """Return the name with its two parts."""
+        text = super().__new__(cls, f"{name} [{condition}]")
+        text.name, text.condition = name, condition
+        return text
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        return self.name, self.condition
+
+
+def without_condition(name: str) -> str:
+    """Return what the name of a column is within its condition."""
+    return name.name if isinstance(name, ConditionParameter) else name
+
+
 def parameter_of(name: str) -> str:
     """Return the parameter that a name of a column begins with: of any joint, or of no joint."""
-    return name.parameter if isinstance(name, JointParameter) else name
+    plain = without_condition(name)
+    return plain.parameter if isinstance(plain, JointParameter) else plain
 
 
 def readable(name: str) -> str:
     """Return the name of a column for text: "viscous friction of knee", bodies unchanged."""
+    if isinstance(name, ConditionParameter):
+        return f"{readable(name.name)} [{name.condition}]"
     if not isinstance(name, JointParameter):
         return name
     return f"{name.parameter.replace('_', ' ')} of {name.joint}"

@@ -48,7 +48,7 @@ from seaid.estimation import estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.nonlinear_terms import linearised_robot
-from seaid.identification.two_step import estimate_two_step, joints_with_torque
+from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, row_samples
 from seaid.regressor import actuator_rows, is_linear, load_model_of, motor_regressor, usable_rows
 from seaid.robot import Robot
@@ -196,7 +196,7 @@ def _quick_fit_findings(
             robot, datasets = linearised_robot(robot, datasets, used)
         model = load_model_of(robot, list(map(first_motion, datasets)), used)
         solver = estimator_named("wls")
-        fit = estimate_two_step(robot, datasets, model, solver, 0.0, None, False)
+        fit = estimate_two_step({"": Condition(robot, datasets, model)}, solver).of("")
         in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
         widths = resolved_widths(robot, logs, motions)
         sides = model_sides(robot, in_memory, (fit.actuators, fit.fit), widths, (), model.base)

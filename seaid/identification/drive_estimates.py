@@ -16,7 +16,7 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.checks import SURE
-from seaid.drives import Drive, JointParameter, parameter_named
+from seaid.drives import Drive, JointParameter, parameter_named, parameter_of
 from seaid.estimation import Estimate, FittedRows, QRFactor, triangle
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
@@ -31,9 +31,25 @@ spectra there contain only noise and vibration of a spring."""
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
-    """Return the estimate of a joint's spring, in the order of its regressor."""
-    names = spring_regressor(robot, joint).names
-    return estimate.part([estimate.names.index(name) for name in names], names)
+    """Return the estimate of a joint's spring, in the order of its regressor.
+
+    A parameter that several conditions have for themselves is there once for each.
+    """
+    places = [
+        place
+        for name in spring_regressor(robot, joint).names
+        for place, column in enumerate(estimate.names)
+        if parameter_of(column) == name
+    ]
+    return estimate.part(places, [estimate.names[place] for place in places])
+
+
+def offset_places(spring: Estimate) -> list[int]:
+    """Return the places of the offset of a spring, one for each condition that has its own."""
+    return [place for place, name in enumerate(spring.names) if parameter_of(name) == _OFFSET]
+
+
+_OFFSET = "spring_offset"
 
 
 def merged_estimates(
@@ -156,14 +172,22 @@ def with_torque_columns(
     """Return the rows with the torque of the springs and columns of the torque offsets."""
     rows = with_spring_torque(list(springs.values()), rows)
     # `propagated` has the columns of the parameters of each spring in turn.
-    places, start = {}, 0
+    places: dict[str, list[int]] = {}
+    start = 0
     for joint, spring in springs.items():
-        if "spring_offset" in spring.names:
-            places[joint] = start + spring.names.index("spring_offset")
+        places[joint] = [start + place for place in offset_places(spring)]
         start += len(spring.names)
+    # r_L (k d + s) = Y beta + r_L N/r_M b_0: the column of s is r_L, in the rows of any condition.
     lever = [offset_lever(robot, joint) for joint in joints]
-    # r_L (k d + s) = Y beta + r_L N/r_M b_0: the column of s is r_L.
-    columns = rows.propagated[:, [places[joint] for joint in joints]] * lever
+    columns = (
+        np.column_stack(
+            [
+                np.empty((len(rows.y), 0)),
+                *(rows.propagated[:, places[x]].sum(axis=1) for x in joints),
+            ]
+        )
+        * lever
+    )
     return replace(
         rows,
         names=(*rows.names, *(JointParameter(TORQUE_OFFSET, joint) for joint in joints)),
@@ -226,7 +250,7 @@ def _separated(
     )
     # (x, b_0) -> (x with f_0 = s - b_0 N/r_M, b_0).
     change = np.eye(q + 1)
-    change[drive.names.index("spring_offset"), q] = -offset_lever(robot, joint)
+    change[offset_places(drive), q] = -offset_lever(robot, joint)
     covariance = change @ joined @ change.T
     white, freedom = (
         None if of_side is None or of_drive is None else np.append(of_drive, of_side[place])

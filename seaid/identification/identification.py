@@ -111,6 +111,7 @@ from seaid.identification.gear import (
 )
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
+from seaid.identification.motor_constants import with_free_scale, with_unit_scales
 from seaid.identification.motor_side import (
     cutoff_of,
     shown_springs,
@@ -129,13 +130,12 @@ from seaid.identification.sensitivity import (
 from seaid.identification.simulated_joints import check_refinable, with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (
+    Condition,
     RobotEstimate,
     check_forces,
     check_scale_of_locked,
     estimate_two_step,
     joints_with_torque,
-    with_free_scale,
-    with_unit_scales,
 )
 from seaid.log import Log, Motion, Processing, stretches, with_commanded_torque
 from seaid.regressor import BaseParameters, LoadModel, check_offset_std, is_linear, load_model_of
@@ -489,7 +489,8 @@ class _Problem:
         """The estimate of both sides in turn."""
         further = None if self.bias is None else (self.bias.columns, self.bias.covariance)
         options = self.options.of_two_steps
-        return estimate_two_step(self.robot, self.datasets, self.model, *options, further=further)
+        only = {"": Condition(self.robot, self.datasets, self.model)}
+        return estimate_two_step(only, *options, further=further).of("")
 
     @property
     def identified(self) -> Robot:

@@ -33,7 +33,13 @@ from seaid.estimation import Estimate, Estimator, instrumental, projected_column
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
-from seaid.identification.two_step import LOAD, RobotEstimate, estimate_two_step, without_torque
+from seaid.identification.two_step import (
+    LOAD,
+    Condition,
+    RobotEstimate,
+    estimate_two_step,
+    without_torque,
+)
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
@@ -240,8 +246,12 @@ def _settled(
         before, estimate = (
             estimate,
             estimate_two_step(
-                robot, datasets, model, estimator, encoder_offset_std, executor, False, equations
-            ),
+                {"": Condition(robot, datasets, model)},
+                estimator,
+                encoder_offset_std,
+                executor,
+                equations=equations,
+            ).of(""),
         )
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:

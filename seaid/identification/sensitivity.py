@@ -50,16 +50,13 @@ from seaid.identification.drive_estimates import (
     has_only_spring_torque,
     offset_lever,
 )
-from seaid.identification.two_step import (
+from seaid.identification.motor_constants import (
     CONSTANTS,
-    LOAD,
     STIFFNESS,
-    RobotEstimate,
     scales_with_torque,
-    sensed_spring,
     with_unit_constant,
-    without_torque,
 )
+from seaid.identification.two_step import LOAD, RobotEstimate, sensed_spring, without_torque
 from seaid.log import POSITION_BAND, Log, Motion, low_pass
 from seaid.regressor import (
     LoadModel,

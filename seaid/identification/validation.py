@@ -14,7 +14,7 @@ from seaid.checks import Verdict, verdict_of
 from seaid.errors import Finding, by_severity
 from seaid.identification.drive_estimates import TORQUE_OFFSET
 from seaid.identification.gear import for_sensors
-from seaid.identification.two_step import CONSTANTS
+from seaid.identification.motor_constants import CONSTANTS
 from seaid.log import Motion, in_band, smoothed_where
 from seaid.regressor import (
     INPUTS,

@@ -227,12 +227,12 @@ def _identified(
         together = _identify_together(project, read, progress)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    offset = options.encoder_offset_std
     keywords = _keywords(options) | {"method": options.method, "known_std": options.known_std}
-    fit = identify(robot, logs, encoder_offset_std=offset, progress=progress, **keywords)
+    fit = identify(robot, logs, progress=progress, **keywords)
     if options.refine:
         from seaid.identification import refine
 
+        offset = options.encoder_offset_std
         fit = refine(fit, logs, encoder_offset_std=offset, progress=progress)
     return {name: fit}, None
 
@@ -242,7 +242,7 @@ def _identify_together(
 ) -> Conditions:
     """Identify several conditions together."""
     options, default = project.options, Options()
-    for name in ("method", "encoder_offset_std", "known_std", "refine"):
+    for name in ("method", "known_std", "refine"):
         if getattr(options, name) != getattr(default, name):
             raise SeaidError(
                 f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
@@ -258,7 +258,7 @@ def _identify_together(
 
 def _keywords(options: Options) -> dict[str, Any]:
     """Return the options that one condition and several have, as keyword arguments."""
-    names = ("torque_joints", "estimator", "feasible", "cutoff_hz")
+    names = ("torque_joints", "estimator", "feasible", "cutoff_hz", "encoder_offset_std")
     return {name: getattr(options, name) for name in names}
 
 

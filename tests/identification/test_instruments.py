@@ -21,7 +21,7 @@ from seaid.identification.instrumental import (
     load_with_instruments,
     split_instruments,
 )
-from seaid.identification.two_step import RobotEstimate, estimate_two_step
+from seaid.identification.two_step import Condition, RobotEstimate, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression
@@ -39,7 +39,7 @@ def noise_free() -> tuple[Robot, LoadModel, Motion, FittedModel, RobotEstimate]:
     robot = arm().without_nominal()
     model = load_model(robot, base_parameters(robot), robot.joint_names)
     motion = reconstruct_motion(robot, perfect_log(arm(), arm_motion()))
-    sides = estimate_two_step(robot, [motion], model, ESTIMATORS["wls"], 0.0, None, False)
+    sides = estimate_two_step({"": Condition(robot, [motion], model)}, ESTIMATORS["wls"]).of("")
     springs = dict(sides.springs)
     return robot, model, motion, FittedModel(model, sides.load_side.values, springs), sides
 

@@ -16,7 +16,7 @@ from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side
-from seaid.identification.two_step import RobotEstimate, estimate_two_step
+from seaid.identification.two_step import Condition, RobotEstimate, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_columns, load_model
@@ -44,7 +44,7 @@ def noise_free() -> tuple[Robot, LoadModel, Motion, RobotEstimate]:
     robot = TRUTH.without_nominal()
     model = load_model(robot, base_parameters(robot), robot.joint_names)
     motion = reconstruct_motion(robot, perfect_log(TRUTH, true_motion()), 8.0)
-    sides = estimate_two_step(robot, [motion], model, ESTIMATORS["wls"], 0.0, None, False)
+    sides = estimate_two_step({"": Condition(robot, [motion], model)}, ESTIMATORS["wls"]).of("")
     return robot, model, motion, sides
 
 
