@@ -20,13 +20,13 @@ from seaid.drives.equations import DriveEquation, joint_equation, motor_equation
 from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.fitting import estimator_named
-from seaid.identification.identification import (
+from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
+from seaid.identification.result import (
     Identification,
     identification_of,
     value_findings,
     with_value_findings,
 )
-from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log

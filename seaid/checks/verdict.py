@@ -7,7 +7,7 @@ excluded from the fit.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -87,12 +87,15 @@ class Verdict(Display):
 
 
 @contextmanager
-def explained(findings: Sequence[Finding]) -> Iterator[None]:
-    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy."""
+def explained(findings: Callable[[], Sequence[Finding]]) -> Iterator[None]:
+    """Put before an error of seaid the finding that explains it: a wrong set-up, and its remedy.
+
+    The `findings` are only looked for if there is an error.
+    """
     try:
         yield
     except SeaidError as problem:
-        for wrong in _of_severity("wrong", findings)[:1]:
+        for wrong in _of_severity("wrong", findings())[:1]:
             text = f"{wrong.code}: {wrong.message}; and so: {problem}\n{wrong.remedy}"
             problem.args = SeaidError(text).args
         raise

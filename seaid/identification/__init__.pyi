@@ -16,8 +16,6 @@ from .frequency import FrequencyResponse as FrequencyResponse
 from .frequency import frequency_response as frequency_response
 from .gear import GearRatio as GearRatio
 from .gear import gear_ratio as gear_ratio
-from .identification import Identification as Identification
-from .identification import Method as Method
 from .identification import identify as identify
 from .inferred_contacts import FoundContacts as FoundContacts
 from .inferred_contacts import find_contacts as find_contacts
@@ -29,6 +27,8 @@ from .repeated_identification import CutoffSensitivity as CutoffSensitivity
 from .repeated_identification import cross_validate as cross_validate
 from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity
 from .repeated_identification import validate as validate
+from .result import Identification as Identification
+from .result import Method as Method
 from .static_calibration import StaticCalibration as StaticCalibration
 from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics

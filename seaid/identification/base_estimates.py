@@ -30,7 +30,7 @@ from seaid.regressor import LoadModel, Regress, accelerometer_rows, wrench_rows
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
 
 _DETERMINED = 1e-6
 """Largest part of a functional outside of the base parameters, over its norm, that is rounding."""

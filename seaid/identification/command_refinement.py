@@ -41,7 +41,7 @@ from seaid.robot import Robot
 from seaid.simulation import rollout
 
 if TYPE_CHECKING:
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
 
 STEP_S = 2.5e-3
 """Longest step [s] of a rollout: a hundredth of the period of a loop of 4 Hz; the error of the last

@@ -38,7 +38,7 @@ from seaid.regressor import (
 from seaid.robot import Contact, Robot
 
 if TYPE_CHECKING:
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
 
 CONTACT_NUMBERS = (
     *("rms_force", "rms_error", "relative_error", "scale"),

@@ -21,7 +21,6 @@ from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
-from seaid.identification.identification import Identification
 from seaid.identification.linear_joints import (
     FITS,
     Fit,
@@ -32,6 +31,7 @@ from seaid.identification.linear_joints import (
     sticking_sign,
     with_free_rotors,
 )
+from seaid.identification.result import Identification
 from seaid.identification.spectra import (
     Record,
     Spectra,

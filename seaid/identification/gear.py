@@ -32,7 +32,7 @@ from seaid.regressor import gear_regression, has_deflection, spring_regressor
 if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.estimation import Estimate, Estimator
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
     from seaid.log import Motion
     from seaid.robot import Robot
 

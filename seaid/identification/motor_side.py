@@ -48,7 +48,7 @@ from seaid.regressor import (
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
 
 _BANDS = (0.25, 0.5, 0.125)
 """Parts of the cutoff below which a regression starts the fit. It is a good start where the motion

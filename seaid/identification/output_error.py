@@ -107,7 +107,7 @@ from seaid.regressor import (
 from seaid.robot import Robot, check_held, coupled_names
 
 if TYPE_CHECKING:
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.

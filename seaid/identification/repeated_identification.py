@@ -20,10 +20,11 @@ from seaid.checks import MOST, force_findings, not_measured, unseen_motion
 from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.model_selection import with_closed_terms
 from seaid.identification.motor_side import without_joint_encoder
 from seaid.identification.output_error import simulated_from_motors
+from seaid.identification.result import Identification
 from seaid.identification.validation import Fit, Validation, compared
 from seaid.log import Log, reconstruct_motions
 from seaid.regressor import row_scale

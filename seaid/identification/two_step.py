@@ -157,6 +157,8 @@ class SpecificParameters:
         return BODIES in self.names
 
 
+NOTHING_SPECIFIC = SpecificParameters()
+
 _ENCODER_OFFSET = "encoder_offset"
 
 
@@ -218,7 +220,7 @@ def estimate_two_step(
     encoder_offset_std: float = 0.0,
     executor: Executor | None = None,
     progress: bool = False,
-    specific: SpecificParameters = SpecificParameters(),
+    specific: SpecificParameters = NOTHING_SPECIFIC,
     equations: Mapping[str, Regress] | None = None,
     further: tuple[Array, Array] | None = None,
 ) -> TwoStepFits:

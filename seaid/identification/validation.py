@@ -32,7 +32,7 @@ from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
     from seaid.identification.contact_forces import ContactForces
-    from seaid.identification.identification import Identification
+    from seaid.identification.result import Identification
     from seaid.simulation import ReplayComparison
 
 NUMBERS = (

@@ -32,7 +32,8 @@ from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot

@@ -20,7 +20,8 @@ from seaid.drives import (
     spring_curve,
 )
 from seaid.errors import RobotError
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.log.motion import Motion
 from seaid.regressor import identifiability
 from seaid.robot.robot import Robot

@@ -16,7 +16,8 @@ from seaid._files import plain
 from seaid.errors import RobotError, SeaidWarning
 from seaid.estimation.estimate import Estimate
 from seaid.export.parameters import read_parameters
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.robot.inertia import PARAMETERS
 from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_motion, leg, perfect_log

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import CutoffSensitivity, cutoff_sensitivity
+from seaid.identification.result import Identification
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion

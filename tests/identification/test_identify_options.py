@@ -16,8 +16,9 @@ import pytest
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Method
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import cross_validate, validate
+from seaid.identification.result import Identification
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.robot.inertia import is_physical

@@ -14,8 +14,9 @@ from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
+from seaid.identification.result import Identification
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.report.html_experiment import settings_facts

@@ -27,7 +27,7 @@ from seaid.checks import noisy_springs
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import Finding, IdentificationError, LogError
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.motor_side import (
     joint_angle,
     with_motor_side_findings,
@@ -35,6 +35,7 @@ from seaid.identification.motor_side import (
     without_joint_encoder,
 )
 from seaid.identification.output_error import refine
+from seaid.identification.result import Identification
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.report.text import short_text

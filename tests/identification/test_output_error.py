@@ -14,7 +14,7 @@ from seaid.drives import DefaultTerms, FrictionTerm
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.identification import output_error
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.output_error import (
     Layout,
     Point,
@@ -25,6 +25,7 @@ from seaid.identification.output_error import (
     refine,
     runs_of,
 )
+from seaid.identification.result import Identification
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot

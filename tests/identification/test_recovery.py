@@ -14,7 +14,8 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.estimation.least_squares import ordinary
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters

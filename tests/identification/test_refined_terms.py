@@ -12,8 +12,9 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
 from seaid.drives.symbols import states
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
+from seaid.identification.result import Identification
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot

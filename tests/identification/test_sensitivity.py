@@ -13,7 +13,8 @@ import pytest
 from seaid._arrays import Array
 from seaid.estimation import EstimatorName
 from seaid.estimation.least_squares import ordinary
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.identification.sensitivity import _influences, difference, fit_of
 from seaid.log.reading import Log
 from seaid.regressor.regression import Regression, stacked

@@ -16,7 +16,7 @@ import pytest
 import seaid.errors
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.identification.identification import Identification
+from seaid.identification.result import Identification
 from seaid.log.reading import Log
 from seaid.project.first_project import FirstProject, write_first_project
 from seaid.project.project import load_project

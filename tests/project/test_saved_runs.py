@@ -16,7 +16,7 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.identification import compared, identify, validate
-from seaid.identification.identification import Identification
+from seaid.identification.result import Identification
 from seaid.project.saved import FILE, _checksum, load_run, save_run
 from seaid.robot import load_robot
 from tests import experiments

@@ -10,7 +10,8 @@ import pytest
 
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.log.log import Log
 from seaid.report.comparison import comparison_of
 from tests.experiments import arm, arm_found, arm_log, arm_motion

@@ -26,7 +26,8 @@ from seaid._files import plain
 from seaid.drives import JointParameter
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
-from seaid.identification.identification import Identification, identify
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
 from seaid.identification.validation import Validation, compared
 from seaid.project.saved import load_run, save_run
 from seaid.report import html_traces, tables

@@ -1,0 +1,342 @@
+"""The result of an identification: the robot with its values, what they rest on, and how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping
+from seaid._files import write_json
+from seaid._progress import Result, counted
+from seaid.checks import (
+    JointFit,
+    Verdict,
+    consequences,
+    drive_findings,
+    excluded_findings,
+    fixed_findings,
+    gear_findings,
+    noise_findings,
+    offset_findings,
+    rigid_gear,
+    that_matter,
+    unused_findings,
+    verdict_of,
+)
+from seaid.errors import (
+    Finding,
+    by_severity,
+)
+from seaid.estimation import (
+    Estimate,
+    ModelChecks,
+    QRFactor,
+    estimator_named,
+)
+from seaid.identification.checking import (
+    JointCheck,
+)
+from seaid.identification.command_delays import (
+    with_fixed_delays,
+)
+from seaid.identification.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.datasets import (
+    Dataset,
+    processing_of,
+)
+from seaid.identification.drive_estimates import negative_inertias, with_estimate
+from seaid.identification.gear import (
+    gear_estimates,
+    own_estimates,
+    with_gears,
+)
+from seaid.identification.two_step import (
+    RobotEstimate,
+)
+from seaid.log import Motion, Processing
+from seaid.regressor import BaseParameters, LoadModel
+from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.identification.validation import Validation
+
+
+Method = Literal["auto", "two-step", "simultaneous"]
+
+_FAR_M = 1e4
+"""Distance of a centre of mass from which a body has no mass but for rounding."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
+    """The parameters of a robot identified from one log or several.
+
+    Attributes
+    ----------
+    drive_side : mapping {joint: Estimate}
+        The parameters of each drive as in its equations: a stiffness is that between the encoders.
+    load : Estimate
+        The base parameters, whose definitions are in `base`.
+    robot : Robot
+        The robot with the identified values. Its standard parameters are those nearest to the robot
+        file that have the estimated base parameters; physically consistent ones if `feasible` is
+        set.
+    known : Robot
+        The input robot, with values for the parameters in which its drive equations are nonlinear.
+    model, load_side : LoadModel, Estimate
+        The columns of the load side (8) and their whole estimate.
+    springs : mapping {joint: ndarray}
+        Parameters of the springs whose torque is that on the load.
+    cutoff_hz : float
+        Cutoff of the low pass.
+    excluded, checks : mapping
+        Number of instants near standstill, and checks of the model, by joint and "load" for the
+        load side ("both" if both sides were estimated at once).
+    feasible : FeasibleParameters or None
+        How the physically consistent parameters were computed.
+    gears : mapping {joint: Estimate}
+        Stiffness, hysteresis and encoder offset of the gears, where the deflection of the spring
+        was measured.
+    processing, motions : tuple
+        Processing of each log; motions of the logs in memory, for `compared`.
+    findings : tuple of Finding
+        Findings about the set-up, the fit of the whole robot, and its values.
+    joint_fits : mapping {joint: JointFit}
+        How much of the torque of each joint the model explains.
+    residual : tuple of 2 floats
+        Of a floating base, the norm of the residual of all joints over that of their torques
+        without contact forces: in the own logs, and in blocks of them excluded from the fit.
+    exact_constants : mapping {constant: float}
+        Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
+    known_std : mapping {constant: float}
+        Relative standard deviations of known constants that are in the standard errors.
+    setup : mapping {joint: JointCheck}
+        What the logs say of the set-up: gear ratios between encoders, delays of torques.
+    nominal : Robot or None
+        `known` without the values of the search: the nominal ones of the input robot only.
+    not_shared : str
+        Why the data do not support an estimate of both sides at once; "" where they do, or where
+        the method was chosen.
+    """
+
+    table_name = "identification_table"
+
+    drive_side: Mapping[str, Estimate]
+    load: Estimate
+    base: BaseParameters
+    robot: Robot
+    known: Robot
+    model: LoadModel
+    load_side: Estimate
+    springs: Mapping[str, Array]
+    cutoff_hz: float
+    excluded: Mapping[str, int]
+    checks: Mapping[str, ModelChecks]
+    feasible: FeasibleParameters | None = None
+    gears: Mapping[str, Estimate] = field(default_factory=dict)
+    processing: tuple[Processing, ...] = ()
+    motions: tuple[Motion, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
+    residual: tuple[float, float] = (float("nan"), float("nan"))
+    exact_constants: Mapping[str, float] = field(default_factory=dict)
+    known_std: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
+    setup: Mapping[str, JointCheck] = field(default_factory=dict)
+    nominal: Robot | None = None
+    not_shared: str = ""
+
+    def _in_short(self) -> str:
+        drives = counted(len(self.drives), "drive")
+        warnings = counted(len(self.warnings), "warning")
+        sizes = f"{drives}, {counted(len(self.load.names), 'base parameter')}"
+        return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {warnings}"
+
+    @property
+    def method(self) -> Method:
+        """The method of the estimate: "two-step" or "simultaneous"."""
+        return "simultaneous" if "both" in self.checks else "two-step"
+
+    @cached_property
+    def drives(self) -> Mapping[str, Estimate]:
+        """The parameters of each drive, with the spring's own stiffness if the gear's is known."""
+        return own_estimates(self.known.drives, self.drive_side, self.gears)
+
+    @cached_property
+    def warnings(self) -> tuple[Finding, ...]:
+        """Findings about the experiment, the data and the values, the worst first."""
+        return by_severity(that_matter(self.findings, self.joint_fits))
+
+    @cached_property
+    def unusable_joints(self) -> Mapping[str, str]:
+        """Joints of a fixed base that no simulation should have, each with the reason.
+
+        Their torque was not used, or their rotor inertia is negative, and not only uncertain.
+        """
+        if self.robot.floating_base is not None:
+            return {}
+        unused = set(self.robot.joint_names) - set(self.model.torque_joints)
+        stands = "it stands still in all logs"
+        reasons = {
+            joint: stands if joint in self.known.at_rest else "its torque was not used"
+            for joint in self.robot.joint_names
+            if joint in unused
+        }
+        return FrozenMapping({**reasons, **negative_inertias(self.robot, self.drives)}, "joint")
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether to use the result, by its warnings."""
+        return verdict_of(self.warnings, self.joint_fits)
+
+    def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
+        """Return the content of `parameters.json` as plain data, null for missing values."""
+        from seaid.export import content_of
+
+        return content_of(self, validation)
+
+    def save(self, path: str | Path, validation: Validation | None = None) -> None:
+        """Write `parameters.json`, whole or not at all; `read_parameters` reads it."""
+        write_json(path, self.to_dict(validation))
+
+
+def value_findings(
+    sides: RobotEstimate,
+    nominal: Robot,
+    robot: Robot,
+    qr_factors: Mapping[str, QRFactor] | None = None,
+) -> list[Finding]:
+    """Return what the values of both sides show, and what the errors of their rows do.
+
+    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation}, by
+    default those of the fits.
+    """
+    fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
+    findings: list[Finding] = []
+    for joint, estimate in sides.drives.items():
+        drive, before = robot.drives[joint], nominal.drives[joint].known
+        findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
+        if joint in sides.actuators:
+            findings += noise_findings(sides.actuators[joint].estimate)
+        findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    return [*findings, *offset_findings(robot, sides.fit), *noise_findings(sides.load)]
+
+
+def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
+    """Return an identification with the findings of its values, bodies, gears and channels."""
+    described = [processing.sources or {} for processing in result.processing] or [{}]
+    findings = [
+        *values,
+        *(
+            finding
+            for gear in result.gears.values()
+            if "gear_stiffness" in gear.names  # else the gear is rigid within the errors
+            for finding in noise_findings(gear)
+        ),
+        *(() if result.feasible is None else result.feasible.warnings),
+        *excluded_findings(result.processing),
+        *unused_findings(result.known, result.drives, result.model.torque_joints, result.motions),
+        *gear_findings(result.known, result.drive_side, result.gears, described),
+    ]
+    return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
+
+
+def identification_of(
+    robot: Robot,
+    model: LoadModel,
+    sides: RobotEstimate,
+    datasets: Sequence[Dataset],
+    feasible: FeasibleParameters | None = None,
+    declared: Robot | None = None,
+) -> Identification:
+    """Return the estimates of both sides as an Identification of the robot.
+
+    `declared` has the gears as given where the deflection of the spring was measured.
+    """
+    sprung = gear_estimates(robot, datasets, sides.drives, estimator_named("wls"))
+    gears = {joint: gear for joint, (gear, _) in sprung.items()}
+    identified = identified_robot(robot, model.base, sides) if feasible is None else feasible.robot
+    return Identification(
+        drive_side=FrozenMapping(sides.drives),
+        load=sides.load,
+        base=model.base,
+        robot=with_gears(identified, declared or robot, gears),
+        known=robot,
+        model=model,
+        load_side=sides.load_side,
+        springs=FrozenMapping(sides.springs),
+        cutoff_hz=datasets[0].cutoff_hz,
+        excluded=FrozenMapping(sides.excluded),
+        checks=FrozenMapping(sides.checks),
+        feasible=feasible,
+        gears=FrozenMapping(gears),
+        processing=processing_of(datasets),
+        motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
+        findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
+        not_shared=sides.not_shared,
+    )
+
+
+def feasible_of(robot: Robot, model: LoadModel, estimate: RobotEstimate) -> FeasibleParameters:
+    """Return the physically consistent parameters nearest to the estimate of both sides."""
+    white = estimate.fit.white_covariance
+    if estimate.whole is not None:
+        side, white = with_fixed_delays(robot.drives, estimate.whole, white)
+        return feasible_parameters(robot, model, side, white_covariance=white)
+    columns = len(estimate.load_side.names)  # without those of torque offsets
+    elastic = _elastic_drives(robot, estimate.load_side, estimate.drives)
+    side, white = with_fixed_delays(robot.drives, estimate.load_side, white[:columns, :columns])
+    return feasible_parameters(robot, model, side, elastic, white_covariance=white)
+
+
+def _elastic_drives(
+    robot: Robot, load_side: Estimate, drives: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return the estimates of elastic drives, without what the load side contains."""
+    elastic = {}
+    for joint in robot.elastic_joints:
+        drive = drives[joint]
+        names = enumerate(drive.names)
+        kept = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
+        kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
+        part = drive.part(kept, [drive.names[i] for i in kept])
+        elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
+    return elastic
+
+
+def consistent_bodies(result: Identification) -> Identification:
+    """Return an identification with the physically consistent bodies nearest to it."""
+    drives = _elastic_drives(result.known, result.load_side, result.drive_side)
+    nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
+    findings = (*result.findings, *consequences(result.findings, nearest.warnings))
+    return replace(result, feasible=nearest, robot=nearest.robot, findings=findings)
+
+
+def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
+    """Return the robot with the identified values, its standard parameters nearest to the file's.
+
+    Nearest in the Euclidean norm, from 1 kg per body if the robot has no masses: they have the
+    estimated base parameters but need not be physically consistent. A body without mass cannot have
+    first moments in Pinocchio: where it gets some, it starts from 1 kg too.
+    """
+    prior = robot.parameters.copy()
+    prior[::10][np.isnan(prior[::10])] = 1.0
+    prior = np.nan_to_num(prior)
+    correction = base.least(sides.load.values - base.project(prior))
+    bodies = np.abs((prior + correction).reshape(-1, 10))
+    # A body with mass m, first moment h and inertia I has |h| / m and sqrt(I / m) of its size: far
+    # beyond `_FAR_M` it has no mass but rounding, from which Pinocchio cannot make a body.
+    least_kg = np.maximum(np.max(bodies[:, 1:4], axis=1) / _FAR_M, bodies[:, 4:].max(1) / _FAR_M**2)
+    if np.any(bodies[:, 0] < least_kg):
+        prior[::10][prior[::10] == 0] = 1.0
+        correction = base.least(sides.load.values - base.project(prior))
+    drives = sides.drives
+    identified = {
+        joint: with_estimate(drive, drives[joint]) if joint in drives else drive
+        for joint, drive in robot.drives.items()
+    }
+    return robot.with_values(prior + correction, identified)
