@@ -58,7 +58,7 @@ UPWARDS = {
     ("seaid._progress", "seaid.report"),
     ("seaid.identification.repeated_identification", "seaid.report"),
     # Identification.to_dict is the content of parameters.json
-    ("seaid.identification.identification", "seaid.export"),
+    ("seaid.identification.result", "seaid.export"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
     ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
@@ -119,6 +119,7 @@ def test_no_module_imports_one_that_imports_it() -> None:
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("identification.instrumental", "identification.simultaneous"),
+        "identification.motors_alone",
         "identification.linear_joints",
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),

@@ -1,6 +1,5 @@
 from .base_estimates import BodyValue as BodyValue
 from .base_estimates import whole_body as whole_body
-from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
 from .checking import check as check
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
@@ -20,15 +19,16 @@ from .identification import identify as identify
 from .inferred_contacts import FoundContacts as FoundContacts
 from .inferred_contacts import find_contacts as find_contacts
 from .inferred_contacts import with_leg_order as with_leg_order
+from .joint_checks import JointCheck as JointCheck
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
+from .options import Method as Method
 from .output_error import refine as refine
 from .repeated_identification import CutoffSensitivity as CutoffSensitivity
 from .repeated_identification import cross_validate as cross_validate
 from .repeated_identification import cutoff_sensitivity as cutoff_sensitivity
 from .repeated_identification import validate as validate
 from .result import Identification as Identification
-from .result import Method as Method
 from .static_calibration import StaticCalibration as StaticCalibration
 from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics

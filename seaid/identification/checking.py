@@ -17,7 +17,6 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._progress import Result, counted
 from seaid.checks import (
     Experiment,
-    encoder_slope,
     experiment_of,
     is_wrong,
     log_findings,
@@ -46,43 +45,13 @@ from seaid.errors import (
 )
 from seaid.estimation import estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
+from seaid.identification.joint_checks import JointCheck, joint_checks
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, row_samples
 from seaid.regressor import actuator_rows, is_linear, load_model_of, motor_regressor, usable_rows
 from seaid.robot import Robot
-
-
-@dataclass(frozen=True)
-class JointCheck:
-    """What the logs say of one joint, NaN where they cannot.
-
-    Attributes
-    ----------
-    swing : float
-        Range of the position [rad or m].
-    encoder_slope : float
-        Motor angle per joint angle over the gear ratio: 1 for a right set-up.
-    nominal, bodies, motor : float
-        Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
-        by the motor equation (7) of a spring joint, where the motor moves: its friction at
-        standstill is anything up to that of Coulomb.
-    gear_ratio, gear_ratio_error : float
-        Gear ratio between both encoders, without the deflection of a spring, and standard error.
-    delay_s, delay_error_s : float
-        Delay of the motor torque against the motion and its standard error.
-    """
-
-    swing: float
-    encoder_slope: float
-    nominal: float
-    bodies: float
-    motor: float
-    gear_ratio: float = float("nan")
-    gear_ratio_error: float = float("nan")
-    delay_s: float = float("nan")
-    delay_error_s: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,25 +174,6 @@ def _quick_fit_findings(
             finding for finding in shown if finding.severity != "note" and finding.code in _OF_LOGS
         ]
     return []
-
-
-def joint_checks(experiment: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
-    """Return what the motions of an experiment say of each joint."""
-    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0)
-    nothing, moving = (float("nan"), float("nan")), experiment.in_motion
-    checks = {
-        joint: JointCheck(
-            float(swings[j]),
-            encoder_slope(experiment, j) if experiment.both[j] else float("nan"),
-            float(moving.nominal[j]),
-            float(moving.free[j]),
-            float(moving.of_motors[j]),
-            *experiment.encoder_ratios.get(j, nothing),
-            *experiment.torque_delays.get(j, nothing),
-        )
-        for j, joint in enumerate(experiment.robot.joint_names)
-    }
-    return FrozenMapping(checks, "joint")
 
 
 def without_locked_loads(

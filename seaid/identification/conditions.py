@@ -23,7 +23,8 @@ from seaid.identification.datasets import (
     Source,
     sources_of,
 )
-from seaid.identification.problem import Options, concluded, solved
+from seaid.identification.options import Options
+from seaid.identification.problem import concluded, solved
 from seaid.identification.result import (
     Identification,
 )

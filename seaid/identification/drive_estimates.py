@@ -15,12 +15,10 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.checks import SURE
 from seaid.drives import Drive, JointParameter, parameter_named, parameter_of
 from seaid.estimation import Estimate, FittedRows, QRFactor, triangle
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
-from seaid.simulation import mass_matrix
 
 if TYPE_CHECKING:
     from seaid.log import Motion
@@ -92,27 +90,6 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
             if name in drive.parameter_names and (value > 0 or name != "stiffness")
         }
     )
-
-
-def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str, str]:
-    """Return the joints whose estimated rotor inertia is negative {joint: sentence}.
-
-    It is by more than its uncertainty, or by more than the inertia of the bodies that move along.
-    """
-    held = robot.to_model(np.zeros(robot.n))
-    mass = robot.from_model(mass_matrix(robot.model, robot.model.createData(), held), axes=2)
-    reasons = {}
-    for index, joint in enumerate(robot.joint_names):
-        estimate = drives.get(joint)
-        if estimate is None or "motor_inertia" not in estimate.names:
-            continue
-        value, error = estimate.value("motor_inertia"), estimate.standard_error("motor_inertia")
-        # The inertia of bodies and rotor at the joint, M + N^2 I, must be positive.
-        at_joint = value * robot.drives[joint].ratio ** 2
-        if value < -SURE * error or at_joint < min(-mass[index, index], 0.0):
-            reasons[joint] = f"its rotor inertia was estimated as {value:.3g} kg m^2, and no drive "
-            reasons[joint] += "has a negative one"
-    return reasons
 
 
 def has_only_spring_torque(robot: Robot, motions: Sequence[Motion], joint: str) -> bool:

@@ -11,8 +11,9 @@ from seaid.estimation import EstimatorName
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.motor_side import without_joint_encoder
 from seaid.identification.motors_alone import identify_from_motors
-from seaid.identification.problem import Options, concluded, solved
-from seaid.identification.result import Identification, Method
+from seaid.identification.options import Method, Options
+from seaid.identification.problem import concluded, solved
+from seaid.identification.result import Identification
 from seaid.log import Log
 from seaid.robot import Robot
 

@@ -7,7 +7,7 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -33,7 +33,6 @@ from seaid.estimation import (
     fit,
     scaled_svd,
 )
-from seaid.identification.drive_estimates import spring_of
 from seaid.regressor import Regression
 from seaid.robot import Robot
 
@@ -157,18 +156,17 @@ def with_unit_constant(rows: Regression) -> Regression:
 def scaled_by_load(
     robot: Robot,
     estimates: Mapping[str, Estimate],
-    joints: Sequence[str],
+    springs: Mapping[str, Estimate],
     rows: Rows,
     estimator: Estimator,
     unscaled: Mapping[str, UnknownScaleError],
 ) -> tuple[dict[str, Estimate], FittedRows]:
     """Return the estimates of `unscaled` joints with the motor constants that (8) determines.
 
-    The second result is the fit of these. Their spring torque for a constant of 1 is a column of
-    (8), whose parameter is the constant: known bodies give its scale. Raises UnknownScaleError if
-    they do not.
+    The second result is the fit of these. `springs` are those whose torque is that on the load. The
+    torque for a constant of 1 is a column of (8), whose parameter is the constant: known bodies
+    give its scale. Raises UnknownScaleError if they do not.
     """
-    springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
     constants = {x: JointParameter(problem.parameter, x) for x, problem in unscaled.items()}
     change = partial(with_constant_columns, robot, springs, constants=constants)
     try:

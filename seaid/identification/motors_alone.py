@@ -21,8 +21,8 @@ from seaid.identification.motor_side import (
     shown_springs,
     starts_by_regression,
 )
+from seaid.identification.options import Options
 from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
-from seaid.identification.problem import Options
 from seaid.identification.result import Identification, consistent_bodies
 from seaid.identification.simulated_joints import check_refinable
 from seaid.log import Log

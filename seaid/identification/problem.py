@@ -8,11 +8,9 @@ the identification of a condition of the fits and of what the checks find.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -49,12 +47,9 @@ from seaid.checks import (
     without_setup_echoes,
 )
 from seaid.drives import Drive, without_condition
-from seaid.errors import Finding, IdentificationError, listed
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
-    Estimator,
-    EstimatorName,
     QRFactor,
-    estimator_named,
     places_of,
     qr_factor_of,
 )
@@ -62,7 +57,6 @@ from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_m
 from seaid.identification.checking import (
     check_channels,
     findings_of_setup,
-    joint_checks,
     standing_joints,
     without_locked_loads,
     without_standing,
@@ -78,6 +72,7 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
+from seaid.identification.joint_checks import joint_checks
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_constants import (
     UnknownScaleError,
@@ -85,9 +80,9 @@ from seaid.identification.motor_constants import (
     with_unit_scale,
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
+from seaid.identification.options import Options
 from seaid.identification.result import (
     Identification,
-    Method,
     consistent_bodies,
     feasible_of,
     identification_of,
@@ -96,7 +91,6 @@ from seaid.identification.result import (
     with_value_findings,
 )
 from seaid.identification.sensitivity import (
-    check_known_std,
     exact_constants,
     scaled_by_bodies,
     sensitivity_findings,
@@ -106,10 +100,8 @@ from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (
     LOAD,
-    NOTHING_SPECIFIC,
     Condition,
     RobotEstimate,
-    SpecificParameters,
     TwoStepFits,
     check_forces,
     check_scale_of_locked,
@@ -117,52 +109,8 @@ from seaid.identification.two_step import (
     joints_with_torque,
 )
 from seaid.log import Log, Motion, stretches, with_commanded_torque
-from seaid.regressor import check_offset_std, is_linear, load_model_of
+from seaid.regressor import is_linear, load_model_of
 from seaid.robot import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Options:
-    """The options of `identify`, and the parameters that conditions have for themselves."""
-
-    torque_joints: str | Sequence[str] | None = None
-    method: Method = "auto"
-    estimator: EstimatorName = "wls"
-    feasible: bool = False
-    cutoff_hz: float | None = None
-    encoder_offset_std: float = 0.0
-    known_std: Mapping[str, float] = MappingProxyType({})
-    executor: Executor | None = None
-    progress: bool = False
-    specific: SpecificParameters = NOTHING_SPECIFIC
-
-    def __post_init__(self) -> None:
-        if self.estimator == "iv" and self.method == "simultaneous":
-            raise IdentificationError(
-                f'estimator="iv" needs method="two-step", found "{self.method}"',
-                'estimator="iv"',
-                'method="two-step"',
-            )
-        check_offset_std(self.encoder_offset_std)
-        check_known_std(self.known_std)
-
-    @property
-    def linear_estimator(self) -> Estimator:
-        """The estimator of two steps, from which instruments continue too."""
-        return estimator_named("wls" if self.estimator == "iv" else self.estimator)
-
-    def check_without_encoders(self, joints: Sequence[str]) -> None:
-        """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
-        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
-        refused = 'estimator="iv"' if self.estimator == "iv" else refused
-        if refused:
-            raise IdentificationError(
-                f"{refused} needs the joint position of each spring, and the logs have none of "
-                f"{listed(joints)}: these springs are found by a refinement that simulates the "
-                f"motors, whatever the first estimate is; remove {refused}, or log the joint "
-                "position",
-                refused,
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +146,8 @@ class Run:
 class Case:
     """The equations of the robot of one condition, for the `used` joints with a torque.
 
-    The robot is `declared` without the drives {joint: drive} that are `stopped`; `nominal` is before a search. The
-    datasets are those of the run without a `bias` of sensors.
+    The robot is `declared` without the drives {joint: drive} that are `stopped`; `nominal` is
+    before a search. The datasets are those of the run without a `bias` of sensors.
     """
 
     run: Run
@@ -243,7 +191,7 @@ class Problem:
     options: Options
     cases: Mapping[str, Case]
     notes: tuple[Finding, ...] = ()
-    given: Mapping[str, Robot] = MappingProxyType({})
+    given: Mapping[str, Robot] = field(default_factory=dict)
     unscaled: tuple[str, ...] = ()
 
     @property

@@ -14,6 +14,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
+    SURE,
     JointFit,
     Verdict,
     consequences,
@@ -38,9 +39,6 @@ from seaid.estimation import (
     QRFactor,
     estimator_named,
 )
-from seaid.identification.checking import (
-    JointCheck,
-)
 from seaid.identification.command_delays import (
     with_fixed_delays,
 )
@@ -49,24 +47,24 @@ from seaid.identification.datasets import (
     Dataset,
     processing_of,
 )
-from seaid.identification.drive_estimates import negative_inertias, with_estimate
+from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.gear import (
     gear_estimates,
     own_estimates,
     with_gears,
 )
+from seaid.identification.joint_checks import JointCheck
 from seaid.identification.two_step import (
     RobotEstimate,
 )
 from seaid.log import Motion, Processing
 from seaid.regressor import BaseParameters, LoadModel
 from seaid.robot import Robot
+from seaid.simulation import mass_matrix
 
 if TYPE_CHECKING:
     from seaid.identification.validation import Validation
 
-
-Method = Literal["auto", "two-step", "simultaneous"]
 
 _FAR_M = 1e4
 """Distance of a centre of mass from which a body has no mass but for rounding."""
@@ -157,7 +155,7 @@ class Identification(Result):
         return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {warnings}"
 
     @property
-    def method(self) -> Method:
+    def method(self) -> Literal["two-step", "simultaneous"]:
         """The method of the estimate: "two-step" or "simultaneous"."""
         return "simultaneous" if "both" in self.checks else "two-step"
 
@@ -202,6 +200,29 @@ class Identification(Result):
     def save(self, path: str | Path, validation: Validation | None = None) -> None:
         """Write `parameters.json`, whole or not at all; `read_parameters` reads it."""
         write_json(path, self.to_dict(validation))
+
+
+def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str, str]:
+    """Return the joints whose estimated rotor inertia is negative {joint: sentence}.
+
+    It is by more than its uncertainty, or by more than the inertia of the bodies that move along.
+    """
+    held = robot.to_model(np.zeros(robot.n))
+    mass = robot.from_model(mass_matrix(robot.model, robot.model.createData(), held), axes=2)
+    reasons = {}
+    for index, joint in enumerate(robot.joint_names):
+        estimate = drives.get(joint)
+        if estimate is None or "motor_inertia" not in estimate.names:
+            continue
+        value, error = estimate.value("motor_inertia"), estimate.standard_error("motor_inertia")
+        # The inertia of bodies and rotor at the joint, M + N^2 I, must be positive.
+        at_joint = value * robot.drives[joint].ratio ** 2
+        if value < -SURE * error or at_joint < min(-mass[index, index], 0.0):
+            reasons[joint] = (
+                f"its rotor inertia was estimated as {value:.3g} kg m^2, and no drive has a "
+                "negative one"
+            )
+    return reasons
 
 
 def value_findings(

@@ -29,7 +29,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
 from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
-from seaid.errors import ExcitationError, Finding, IdentificationError, unknown_name
+from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
     FittedRows,
@@ -320,17 +320,6 @@ def _decimated(motion: Motion) -> Motion:
     return replace(motion, **smooth).samples(slice(None, None, step))
 
 
-KNOWN_STD = {
-    "torque": "the torques, with one scale error common to all",
-    "payload": "the mass of the payloads",
-    "bodies": "the known bodies, each with a scale of its own",
-    "motor_inertia_kg_m2": "rotor inertias",
-    "gear_ratio": "gear ratios",
-    "motor_pulley_radius_m": "motor pulley radii",
-    "load_pulley_radius_m": "load pulley radii",
-}
-"""Names in `known_std`: relative standard deviations of what."""
-
 TYPICAL_STD = {
     "torque": 0.03,
     "payload": 0.01,
@@ -378,20 +367,6 @@ class Constant:
     def is_in_drive(self, joint: str) -> bool:
         """Whether the equations of a joint's drive may contain it."""
         return bool(self.inputs) or (self.joint == joint and self.name != "bodies")
-
-
-def check_known_std(known_std: Mapping[str, float]) -> None:
-    """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
-    for name, std in known_std.items():
-        if name not in KNOWN_STD:
-            wrong = unknown_name("constant", name, KNOWN_STD)
-            raise IdentificationError(f"known_std=: {wrong}", "known_std=")
-        if not 0 <= std <= 1:
-            raise IdentificationError(
-                f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
-                f"{std}",
-                "known_std=",
-            )
 
 
 def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:

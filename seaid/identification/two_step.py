@@ -374,7 +374,8 @@ class _Motors:
             scaled = scaled_by_sensor(robot, estimates[joint], joint, constant, spring.estimate)
             estimates[joint] = scaled
         if unscaled:
-            side = scaled_by_load(robot, estimates, self.joints, rows[LOAD], estimator, unscaled)
+            springs = {x: spring_of(robot, estimates[x], x) for x in self.joints}
+            side = scaled_by_load(robot, estimates, springs, rows[LOAD], estimator, unscaled)
             estimates |= side[0]
             scaling |= dict.fromkeys(unscaled, side[1])
         return actuators, estimates, scaling

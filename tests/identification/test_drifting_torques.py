@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from seaid.identification.identification import identify
-from seaid.identification.result import Identification, Method
+from seaid.identification.options import Method
+from seaid.identification.result import Identification
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
 from tests.representatives import quick_first
