@@ -456,9 +456,10 @@ def concluded(problem: Problem, name: str) -> Identification:
     if only and not is_wrong(findings):
         steps = problem.two_step[name]
         findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
-    # Only now, since the findings above compare estimates by the noise of the logs alone.
-    constants = options.known_std, options.executor
-    estimate = with_known_std(robot, datasets, model, estimate, *constants)
+    if only:
+        # Only now, since the findings above compare estimates by the noise of the logs alone.
+        constants = options.known_std, options.executor
+        estimate = with_known_std(robot, datasets, model, estimate, *constants)
     searched = with_searched_values(estimate.drives, case.nominal, robot)
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None
