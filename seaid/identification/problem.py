@@ -183,15 +183,15 @@ class Case:
 class Problem:
     """The equations of all conditions, and their estimates.
 
-    `notes` are on terms that were added to drives. `given` are the robots {condition: robot} with
-    nominal values only, before delays of commands were estimated; `unscaled` are the joints whose
-    gains are in units of the drive, so that parameters are known as ratios.
+    `notes` are on terms that were added to drives. `nominals` are the robots {condition: robot} with
+    nominal values only, where delays of commands were estimated since; `unscaled` are the joints
+    whose gains are in units of the drive, so that parameters are known as ratios.
     """
 
     options: Options
     cases: Mapping[str, Case]
     notes: tuple[Finding, ...] = ()
-    given: Mapping[str, Robot] = field(default_factory=dict)
+    nominals: Mapping[str, Robot] = field(default_factory=dict)
     unscaled: tuple[str, ...] = ()
 
     @property
@@ -264,26 +264,29 @@ def solved(
     The column of a delay is a derivative at the delay of the drive, and gains in units of the drive
     have the scale 1 where nothing determines it: fits are repeated about each new robot.
     """
-    unscaled: list[str] = []
-    given: Mapping[str, Robot] = {}
+    unscaled: tuple[str, ...] = ()
+    nominals: Mapping[str, Robot] = {}
     declared, rounds = dict(robots), MOST_DELAY_ROUNDS
     while True:
         runs = reconstructed(declared, sources, options)
         with explained(partial(_setups, runs)):
             try:
-                problem = _with_first_estimates(assembled(declared, runs, options))
+                start = replace(
+                    assembled(declared, runs, options), nominals=nominals, unscaled=unscaled
+                )
+                problem = _with_first_estimates(start)
             except UnknownScaleError as reason:
                 # Each round makes one more scale known, which then has no column.
                 declared = {name: with_unit_scale(x, reason) for name, x in declared.items()}
-                unscaled.append(reason.joint)
+                unscaled = (*unscaled, reason.joint)
                 continue
-            given = given or {name: case.nominal for name, case in problem.cases.items()}
+            nominals = nominals or {name: case.nominal for name, case in problem.cases.items()}
             later = {
                 name: with_estimated_delays(robot, problem.identified(name))
                 for name, robot in declared.items()
             }
         if not rounds or all(later[name] is robot for name, robot in declared.items()):
-            return replace(problem, given=given, unscaled=tuple(unscaled))
+            return problem
         declared, rounds = later, rounds - 1
 
 
@@ -473,7 +476,12 @@ def concluded(problem: Problem, name: str) -> Identification:
     )
     scaled = with_free_scale(result.robot, problem.unscaled)
     findings = [*result.findings, *unclear]
-    return replace(result, robot=scaled, nominal=problem.given[name], findings=tuple(findings))
+    return replace(
+        result,
+        robot=scaled,
+        nominal=problem.nominals.get(name, case.nominal),
+        findings=tuple(findings),
+    )
 
 
 def _setup_findings(problem: Problem, name: str) -> list[Finding]:
