@@ -5,8 +5,8 @@
     python -m scripts.claims [RUN ...]   # and run all commands, or those of the named runs
     python -m scripts.claims --write     # write new figures into the file, and all into the pages
 
-In goes `docs/claims.toml`. Each of its tables is a run: a command, the longest time that it may
-take [s], and the date of its figures. Each table inside a run is a claim: what is claimed, its
+In goes `docs/claims.toml`. Each of its tables is a run: a command, the time that it takes [s],
+and the date of its figures. Each table inside a run is a claim: what is claimed, its
 figure, how far a new run may be off, and a regular expression whose group is the figure in the
 output of the command. In a page a figure stands between marks,
 `<!--=tulip.hip_stiffness-->83090<!--=-->`, and `tulip.date` is the date of a run. A run with a
@@ -30,6 +30,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,13 +39,18 @@ WITHIN_REACH = ("docs", "models", "pyproject.toml", "scripts", "seaid", "tests")
 """What a command finds in its folder, which is empty otherwise."""
 
 QUICK_S = 20.0
-"""The longest run of --quick [s]."""
+"""The longest run of --quick, on a quiet machine [s]."""
 
-PEERS = ("figaroh", "mujoco.sysid", "FloBaRoID")
-"""The other packages in the table of capabilities; more columns are not readable."""
+PATIENCE = 10.0
+"""How many times longer a run may take on a busy machine, before it is ended."""
+
+PEERS = {"figaroh": "figaroh", "mujoco_sysid": "mujoco.sysid", "FloBaRoID": "FloBaRoID"}
+"""The other packages of the table of capabilities, by their keys; more columns are not readable."""
 
 MARK = re.compile(r"<!--=([\w.]+)-->(.*?)<!--=-->", re.DOTALL)
 TABLE = "capabilities"
+WORDS = 60
+"""How many letters of a text a message has, which may be a table."""
 
 
 class ClaimError(Exception):
@@ -84,13 +90,19 @@ class Claim:
 
 @dataclass(frozen=True)
 class Run:
-    """A command with its claims; with a `capability`, a row of the table of docs/comparison.md."""
+    """A command with its claims; with a `capability`, a row of the table of docs/comparison.md.
+
+    `needs` is a package that the command needs and the project does not; `shows` is a regular
+    expression that its output has to contain.
+    """
 
     name: str
     command: str
     seconds: float
     date: date
     claims: tuple[Claim, ...] = ()
+    needs: str = ""
+    shows: str = ""
     capability: str = ""
     peers: tuple[str, ...] = ()
 
@@ -119,11 +131,13 @@ class Run:
             start_new_session=True,  # so that a late command ends with its children
         )
         try:
-            output, errors = process.communicate(timeout=self.seconds)
+            output, errors = process.communicate(timeout=PATIENCE * self.seconds)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
-            raise ClaimError(f"{self.name}: not ready after {self.seconds:g} s") from None
+            raise ClaimError(
+                f"{self.name}: not ready after {PATIENCE * self.seconds:g} s"
+            ) from None
         if process.returncode:
             last = (errors.strip().splitlines() or ["no message"])[-1]
             raise ClaimError(f"{self.name}: exit code {process.returncode}: {last}")
@@ -160,10 +174,18 @@ def texts_of(runs: Iterable[Run]) -> dict[str, str]:
 def capabilities(runs: Iterable[Run]) -> str:
     """Return the table of what seaid and its peers can do, and the table of seaid's commands."""
     rows = [run for run in runs if run.capability]
-    lines = ["", "", f"| | seaid | {' | '.join(PEERS)} |", "|---|" + "---|" * (1 + len(PEERS))]
-    lines += [f"| {run.capability} | yes | {' | '.join(run.peers)} |" for run in rows]
+    lines = [
+        "",
+        "",
+        f"| | seaid | {' | '.join(PEERS.values())} |",
+        "|---|" + "---|" * (1 + len(PEERS)),
+    ]
+    for run in rows:
+        own = "yes" if run.command else "no"
+        lines.append(f"| {run.capability} | {own} | {' | '.join(run.peers)} |")
     lines += ["", "| capability of seaid | shown by | on |", "|---|---|---|"]
-    lines += [f"| {run.capability} | `{run.command.strip()}` | {run.date} |" for run in rows]
+    shown = (run for run in rows if run.command)
+    lines += [f"| {run.capability} | `{run.command}` | {run.date} |" for run in shown]
     return "\n".join([*lines, "", ""])
 
 
@@ -182,8 +204,8 @@ def problems_of_pages(texts: Mapping[str, str], contents: Mapping[str, str]) -> 
             if mark[1] not in texts:
                 yield f"{place}: no claim is called {mark[1]!r} in {CLAIMS}"
             elif mark[2] != texts[mark[1]]:
-                wanted = texts[mark[1]]
-                yield f"{place}: the page has {mark[2]!r} for {mark[1]}, {CLAIMS} {wanted!r}"
+                words, wanted = mark[2][:WORDS], texts[mark[1]][:WORDS]
+                yield f"{place}: the page has {words!r} for {mark[1]}, {CLAIMS} {wanted!r}"
     for name in texts:
         if name not in used and not name.endswith(".date"):
             yield f"{CLAIMS}: no page has {name}"
@@ -197,6 +219,8 @@ def with_figures(content: str, texts: Mapping[str, str]) -> str:
 def measured(run: Run) -> tuple[Run, list[str]]:
     """Return a run with its new figures, and in which claims it differs from the old ones."""
     output = run.output()
+    if re.search(run.shows, output, re.MULTILINE) is None:
+        raise ClaimError(f"{run.name}: the command does not print {run.shows!r}")
     new = [replace(claim, figure=claim.printed_in(output)) for claim in run.claims]
     problems = [
         f"{old.name}: the command prints {claim.figure}, not {old.figure} within {old.within}"
@@ -209,15 +233,18 @@ def measured(run: Run) -> tuple[Run, list[str]]:
 def with_runs(text: str, runs: Iterable[Run]) -> str:
     """Return the text of a claims file with the figures and dates of new runs."""
     for run in runs:
-        text = _with_value(text, run.name, "date", run.date.isoformat())
+        text = _with_value(text, run.name, "date = ", run.date.isoformat())
         for claim in run.claims:
-            text = _with_value(text, claim.name, "figure", f'"{claim.figure}"')
+            _, _, key = claim.name.partition(".")
+            text = _with_value(text, run.name, f"{key} = {{ figure = ", f'"{claim.figure}"')
     return text
 
 
 def _with_value(text: str, table: str, key: str, value: str) -> str:
-    head = rf"^\[{re.escape(table)}\]\n(?:(?!\[).*\n)*?{key} = "
-    return re.sub(rf"({head}).*$", lambda line: line[1] + value, text, count=1, flags=re.MULTILINE)
+    """Return the text with a value behind a key of a table; the rest of its line is kept."""
+    before = rf"^\[{table}\]\n(?:(?!\[).*\n)*?{re.escape(key)}"
+    old = r'(?:"[^"]*"|[\d-]+)'
+    return re.sub(f"({before}){old}", lambda line: line[1] + value, text, count=1, flags=re.M)
 
 
 def main(names: list[str], only_pages: bool, quick: bool, write: bool) -> list[str]:
@@ -228,7 +255,11 @@ def main(names: list[str], only_pages: bool, quick: bool, write: bool) -> list[s
         raise ClaimError(f"no run is called {', '.join(sorted(unknown))} in {CLAIMS}")
     problems, new = [], []
     for run in [] if only_pages else runs:
-        if (names and run.name not in names) or (quick and run.seconds > QUICK_S):
+        is_asked = run.name in names if names else bool(run.command)
+        if not is_asked or (quick and run.seconds > QUICK_S):
+            continue
+        if run.needs and find_spec(run.needs) is None:
+            print(f"{run.name}: skipped, it needs {run.needs}", flush=True)
             continue
         try:
             result, differences = measured(run)
@@ -237,7 +268,7 @@ def main(names: list[str], only_pages: bool, quick: bool, write: bool) -> list[s
         else:
             new.append(result)
             problems += [] if write else differences
-        print(f"{run.name}: {run.command.strip()}", flush=True)
+        print(f"{run.name}: {run.command}", flush=True)
     if write:
         text = with_runs(text, new)
         (ROOT / CLAIMS).write_text(text, "utf-8")
