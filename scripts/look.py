@@ -33,7 +33,7 @@ MODELS, LOGS = ROOT / "models", ROOT / "models" / "logs"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DOCUMENTS = (
-    *("index", "install", "first_result", "first_notebook", "gallery", "warnings", "comparison"),
+    *("index", "install", "first_result", "paper", "warnings", "comparison", "drives"),
     *("experiment_design", "results", "how_to/real_robot", "how_to/ros2", "how_to/control"),
 )
 PLANS = ("plan", "validation_plan")

@@ -164,7 +164,7 @@ def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     (path,) = done.stdout.split()
     assert ElementTree.parse(path).getroot().tag.endswith("svg")
-    page = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/experiment_design.md").read_text(encoding="utf-8")
     assert f"({Path(path).relative_to(tmp_path)})" in page
     assert "no picture is named nothing" in run("scripts/gallery.py", "nothing").stderr
 
