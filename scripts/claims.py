@@ -70,6 +70,12 @@ class Claim:
     within: str
     prints: str
 
+    def __post_init__(self) -> None:
+        """Refuse a tolerance that is no number, and an expression without exactly one group."""
+        float(self.within.removesuffix("%"))
+        if re.compile(self.prints).groups != 1:
+            raise ValueError(f"{self.prints!r} has to have one group, the figure")
+
     def agrees(self, printed: str) -> bool:
         """Return whether a printed figure is within the tolerance; words have to be the same."""
         try:
@@ -146,7 +152,10 @@ class Run:
 
 def runs_of(text: str) -> list[Run]:
     """Return the runs of a claims file."""
-    return [_run(name, table) for name, table in tomllib.loads(text).items()]
+    try:
+        return [_run(name, table) for name, table in tomllib.loads(text).items()]
+    except (TypeError, ValueError, re.error) as error:
+        raise ClaimError(f"{CLAIMS}: {error}") from None
 
 
 def _run(name: str, table: Mapping[str, object]) -> Run:
@@ -157,10 +166,7 @@ def _run(name: str, table: Mapping[str, object]) -> Run:
     rest = {key: value for key, value in table.items() if not isinstance(value, dict)}
     if "capability" in rest:
         rest["peers"] = tuple(rest.pop(peer, "-") for peer in PEERS)
-    try:
-        return Run(name, claims=claims, **rest)  # type: ignore[arg-type]  # values of a TOML file
-    except TypeError as error:
-        raise ClaimError(f"{CLAIMS}: {name}: {error}") from None
+    return Run(name, claims=claims, **rest)  # type: ignore[arg-type]  # values of a TOML file
 
 
 def texts_of(runs: Iterable[Run]) -> dict[str, str]:

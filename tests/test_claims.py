@@ -107,7 +107,7 @@ def test_a_run_that_prints_another_figure_is_a_problem() -> None:
 def test_tolerances_are_shares_or_numbers(
     figure: str, within: str, printed: str, agrees: bool
 ) -> None:
-    assert Claim("leg.k", "", figure, within, "").agrees(printed) is agrees
+    assert Claim("leg.k", "", figure, within, "k = (.*)").agrees(printed) is agrees
 
 
 def test_new_figures_are_written_into_the_file_and_the_pages() -> None:
@@ -121,9 +121,20 @@ def test_new_figures_are_written_into_the_file_and_the_pages() -> None:
     assert filled == "k = <!--=leg.stiffness-->12.5<!--=-->, <!--=arm.stiffness-->12.0<!--=-->"
 
 
-def test_a_key_that_no_run_has_is_named() -> None:
-    with pytest.raises(ClaimError, match=r"docs/claims\.toml: leg: .*'minutes'"):
-        claims.runs_of(EXAMPLE.replace("seconds = 1", "minutes = 1", 1))
+@pytest.mark.parametrize(
+    ("line", "other", "message"),
+    [
+        ("seconds = 1", "minutes = 1", "'minutes'"),
+        ("seconds = 1", "seconds =", "Invalid value"),
+        ("claim = ", "about = ", "'about'"),
+        ("5 %", "a little", "could not convert"),
+        ("(\\S+)", "\\S+", "has to have one group"),
+        ("(\\S+)", "(\\S+", "missing )"),
+    ],
+)
+def test_what_is_wrong_in_the_file_is_named(line: str, other: str, message: str) -> None:
+    with pytest.raises(ClaimError, match=f"^docs/claims\\.toml: .*{re.escape(message)}"):
+        claims.runs_of(EXAMPLE.replace(line, other, 1))
 
 
 def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
