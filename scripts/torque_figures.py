@@ -76,7 +76,7 @@ def _torques(
         axes.set_title(
             f"({chr(97 + position)}) {result.joints[index]}{', ' + note if note else ''}: "
             f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz{part} "
-            f"({fit.raw_relative_error[index]:.1%} raw)",
+            f"({fit.raw_relative_error[index]:.1%} raw), R² {fit.r_squared[index]:.4f}",
             fontsize=9,
             loc="left",
         )
