@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without cached bytecode every process of the tests would compile the package again, 100 s of processor time in all.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look lint docs wheel env dev clean
+.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look claims lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -61,6 +61,11 @@ test-browser: dev
 look: docs
 	$(chromium)
 	$(RUN) -m scripts.look
+
+# The figures of README and documents, measured again: hours. The runs of less than 20 s: make claims CLAIMS=--quick
+CLAIMS ?=
+claims: dev
+	$(RUN) -m scripts.claims $(CLAIMS)
 
 define chromium
 	@for name in $(BROWSERS); do command -v $$name >/dev/null && exit 0; done; \

@@ -15,7 +15,7 @@ MARK = re.compile(r"<!-- notebook (\S+) -->")
 
 
 def markdown(path: Path) -> str:
-    """Return a notebook in Markdown, with its pictures in the page."""
+    """Return a notebook in Markdown below the title of a page, with its pictures."""
     return "\n\n".join(_blocks(path))
 
 
@@ -23,7 +23,7 @@ def _blocks(path: Path) -> Iterator[str]:
     for cell in read(path)["cells"]:
         source = "".join(cell["source"])
         if cell["cell_type"] == "markdown":
-            yield source
+            yield re.sub(r"\A# .*\n+", "", source)  # the page has a title
             continue
         yield f"```python\n{source}\n```"
         if text := printed_by(cell).strip("\n"):

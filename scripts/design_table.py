@@ -146,8 +146,8 @@ def main(draws: int, only: str) -> None:
     for title, (field, benches) in TABLES.items():
         if only not in title:
             continue
-        print(f"\n| {title} | deflection [steps] | k [%] | F_v [%] | F_C [%] | inertia [%] |")
-        print("|---:|---:|---:|---:|---:|---:|")
+        print(f"\n| {title} | deflection [steps] | k [%] | F_v; F_C [%] | inertia [%] |")
+        print("|---:|---:|---:|---:|---:|")
         for bench in track(few(benches), title, True):
             if bench not in done:
                 done[bench] = errors_of(bench, draws)
@@ -155,7 +155,9 @@ def main(draws: int, only: str) -> None:
             median, rms = np.median(stated, axis=0), np.sqrt(np.mean(true**2, axis=0))
             cells = [f"{a:.2g} ({b:.2g})" for a, b in zip(100 * median, 100 * rms, strict=True)]
             value = f"{getattr(bench, field):g}"
-            print(f"| {value} | {steps:.2g} | {' | '.join(cells)} |", flush=True)
+            stiffness, viscous, coulomb, inertia = cells
+            figures = f"{steps:.2g} | {stiffness} | {viscous}; {coulomb} | {inertia}"
+            print(f"| {value} | {figures} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The pictures of docs/gallery.md and docs/view.md: `python scripts/gallery.py [NAME ...]`.
+"""Pictures of the documents: `python scripts/gallery.py [NAME ...]`.
 
 Friction and excitation are of the simulated TULip leg, the spring is that of a HEBI module
 (models/logs), and the robots are those of models/ and of example-robot-data. Robots and view need

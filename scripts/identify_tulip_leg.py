@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from seaid._arrays import Array
 from seaid._files import result_folder, write_json
 from seaid._progress import track
 from seaid.excitation import pivoted_base
@@ -35,14 +36,19 @@ MODELS = Path(__file__).resolve().parents[1] / "models"
 PLAN, VALIDATION_PLAN = "tulip_plan.json", "tulip_validation_plan.json"
 PROJECT = seaid.load_project(MODELS / "tulip_leg_project.toml")
 (TEST_MASS,) = PROJECT.payloads[""]
+CAD = "tulip_leg_cad"
+"""The leg as a drawing has it: what the report compares the result with."""
+
 LIMITS = seaid.Limits(velocity=2.5, acceleration=10.0)
 DURATION_S = 10.0
 ENCODER_OFFSET_STD_RAD = PROJECT.options.encoder_offset_std
 
 
-def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
-    """Return the true leg."""
-    return seaid.load_robot(PROJECT.urdf, drives=PROJECT.drives, payloads=payloads)
+def load_leg(payloads: tuple[seaid.Payload, ...], name: str = "tulip_leg") -> seaid.Robot:
+    """Return the true leg, or that of other files of `models/`."""
+    return seaid.load_robot(
+        MODELS / f"{name}.urdf", drives=MODELS / f"{name}.toml", payloads=payloads
+    )
 
 
 def sensors(seed: int) -> seaid.Noise:
@@ -152,14 +158,30 @@ def main(output: Path, seed: int, anew: bool) -> None:
     seaid.write_log(log, output / "identification_log.csv")
     seaid.write_log(other_log, output / "validation_log.csv")
     found.save(output / "parameters.json", result)
-    save_actuator_figure(result, output / "actuator_side.png")
-    save_load_figure(result, output / "load_side.png")
-    seaid.write_report(found, output / "report.html", [result], facts=facts)
+    save_actuator_figure(result, output / "actuator_side.png", raw=other_log.motor_torque)
+    save_load_figure(result, output / "load_side.png", raw=torque_of_springs(found, other_log))
+    seaid.write_report(
+        found, output / "report.html", [result], facts=facts, nominal=load_leg((TEST_MASS,), CAD)
+    )
     written = seaid.write_urdf(found, output / "tulip_leg_identified.urdf")
     print("tulip_leg_identified.urdf has the physically consistent bodies nearest to the estimate:")
     for note in written.notes:
         print(f"note: {note}")
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
+
+
+def torque_of_springs(found: seaid.Identification, log: seaid.Log) -> Array:
+    """Return the torque on the load (T, n) by (4b) at every sample, NaN at stiff joints."""
+    torques = np.full(log.joint_position.shape, np.nan)
+    for column, joint in enumerate(log.joint_names):
+        drive = found.robot.drives[joint]
+        if isinstance(drive, seaid.SeriesElasticDrive):
+            motor = drive.motor_radius / drive.gear_ratio * log.motor_position[:, column]
+            deflection = motor - drive.load_radius * log.joint_position[:, column]
+            parameters = found.drives[joint]
+            force = parameters.value("stiffness") * deflection + parameters.value("spring_offset")
+            torques[:, column] = drive.load_radius * force
+    return torques
 
 
 def print_verdict(found: seaid.Identification) -> None:

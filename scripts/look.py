@@ -17,6 +17,7 @@ import numpy as np
 
 import seaid
 from scripts.identify_tulip_leg import (
+    CAD,
     ENCODER_OFFSET_STD_RAD,
     TEST_MASS,
     experiment,
@@ -33,7 +34,7 @@ MODELS, LOGS = ROOT / "models", ROOT / "models" / "logs"
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DOCUMENTS = (
-    *("index", "install", "first_result", "first_notebook", "gallery", "warnings", "comparison"),
+    *("index", "install", "first_result", "paper", "warnings", "comparison", "drives"),
     *("experiment_design", "results", "how_to/real_robot", "how_to/ros2", "how_to/control"),
 )
 PLANS = ("plan", "validation_plan")
@@ -62,17 +63,11 @@ KINDS = (
 
 
 def leg() -> tuple[seaid.Identification, seaid.Validation, seaid.Robot]:
-    """Return the simulated TULip leg, and a nominal leg as wrong as a drawing may be."""
-    truth = load_leg((TEST_MASS,))
+    """Return the simulated TULip leg, and the leg of its drawing."""
     shipped = [seaid.load_trajectory(MODELS / f"tulip_{name}.json") for name in PLANS]
     plans = [leg_plan(), leg_plan()] if is_quick() else shipped
     log, other = (experiment((TEST_MASS,), plan, sensors(0), k) for k, plan in enumerate(plans))
-    drives = {
-        joint: drive.with_values({"stiffness": 0.8 * drive.values["stiffness"]})
-        for joint, drive in truth.drives.items()
-        if drive.is_elastic
-    }
-    nominal = truth.with_values(1.25 * truth.parameters, {**truth.drives, **drives})
+    nominal = load_leg((TEST_MASS,), CAD)
     found = seaid.identify(nominal, log, feasible=True, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     return found, seaid.validate(found, other), nominal
 

@@ -9,21 +9,26 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.identification import Fit, Validation
 from seaid.report.figures import save_figure
 
 _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
+_RAW: dict[str, Any] = {"color": "0.86", "linewidth": 0.5, "label": "measured, every sample"}
 
 
 _UNSEEN = "a motion that was not used for identification"
 
 
-def save_actuator_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
+def save_actuator_figure(
+    result: Validation, path: str | Path, motion: str = _UNSEEN, raw: Array | None = None
+) -> None:
     """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
 
-    The title names the `motion`. Raises SeaidError if the validation has no actuator side.
+    The title names the `motion`. The measured torques (T, n) of every sample, `raw`, are drawn
+    behind those below the cutoff. Raises SeaidError if the validation has no actuator side.
     """
     errors = result.actuator.relative_error
     elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
@@ -35,14 +40,18 @@ def save_actuator_figure(result: Validation, path: str | Path, motion: str = _UN
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = f"Actuator side: motor torque of {motion}"
-    save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
+    save_figure(
+        _torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m", raw), path
+    )
 
 
-def save_load_figure(result: Validation, path: str | Path, motion: str = _UNSEEN) -> None:
-    """Draw the load torques, as Fig. 4 of the paper; the title names the `motion`."""
+def save_load_figure(
+    result: Validation, path: str | Path, motion: str = _UNSEEN, raw: Array | None = None
+) -> None:
+    """Draw the load torques, as Fig. 4 of the paper; `motion` and `raw` as of the actuator side."""
     shown = [(int(index), "") for index in np.flatnonzero(np.isfinite(result.load.relative_error))]
     title = f"Load side: torque on the load in {motion}"
-    save_figure(_torques(result, result.load, shown, title, 1.0, "N m"), path)
+    save_figure(_torques(result, result.load, shown, title, 1.0, "N m", raw), path)
 
 
 def _torques(
@@ -52,20 +61,22 @@ def _torques(
     title: str,
     scale: float,
     unit: str,
+    raw: Array | None,
 ) -> Figure:
     figure = Figure(figsize=(9.0, 0.9 + 2.2 * len(shown)), layout="constrained")
     figure.suptitle(title, fontsize=11)
     for position, (index, note) in enumerate(shown):
         axes = figure.add_subplot(len(shown), 1, position + 1)
+        if raw is not None and np.isfinite(raw[:, index]).any():
+            axes.plot(result.time, scale * raw[:, index], **_RAW)
         axes.plot(result.time, scale * fit.measured[:, index], **_MEASURED)
         axes.plot(result.time, scale * fit.computed[:, index], **_COMPUTED)
         counted = fit.counted_share[index]
-        part = f" in {counted:.0%} of the samples, those in motion" if counted < 0.995 else ""
+        part = f" in the {counted:.0%} of the samples in motion" if counted < 0.995 else ""
         axes.set_title(
             f"({chr(97 + position)}) {result.joints[index]}{', ' + note if note else ''}: "
             f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz{part} "
-            f"({fit.raw_relative_error[index]:.1%} raw), rms {scale * fit.rms_error[index]:.3g} "
-            f"{unit}, R² {fit.r_squared[index]:.4f}",
+            f"({fit.raw_relative_error[index]:.1%} raw), R² {fit.r_squared[index]:.4f}",
             fontsize=9,
             loc="left",
         )
@@ -73,5 +84,10 @@ def _torques(
         axes.margins(x=0)
         axes.grid(color="0.9")
     axes.set_xlabel("time [s]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2, fontsize=8)
+    lines = {
+        label: line
+        for axes in figure.axes
+        for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(lines.values(), lines, loc="outside lower right", ncols=3, fontsize=8)
     return figure

@@ -82,6 +82,18 @@ def test_load_figure_shows_every_joint_measured_grey_and_computed_black(
         assert f"({arm_result().load.raw_relative_error[joint]:.1%} raw)" in caption
 
 
+def test_every_sample_is_drawn_behind_where_it_is_given(
+    tmp_path: Path, drawn: list[matplotlib.figure.Figure]
+) -> None:
+    raw = np.full_like(arm_result().load.measured, np.nan)
+    raw[:, 1] = np.arange(len(raw))
+    save_load_figure(arm_result(), tmp_path / "b.png", raw=raw)
+    lines = [axis.get_lines() for axis in drawn[0].axes]
+    assert [len(of_joint) for of_joint in lines] == [2, 3, 2, 2]
+    assert lines[1][0].get_label() == "measured, every sample"
+    assert np.array_equal(lines[1][0].get_ydata(), raw[:, 1])
+
+
 def test_no_actuator_figure_without_an_elastic_joint(tmp_path: Path) -> None:
     nothing = replace(arm_result().actuator, relative_error=np.full(4, np.nan))
     stiff = replace(arm_result(), actuator=nothing)

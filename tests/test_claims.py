@@ -1,0 +1,193 @@
+"""Figures of pages are those of their runs: what differs, is missing or ends badly is a problem."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from datetime import date
+
+import pytest
+
+from scripts import claims
+from scripts.claims import Claim, ClaimError, Run
+
+ROOT = claims.ROOT
+RUNS = claims.runs_of((ROOT / claims.CLAIMS).read_text("utf-8"))
+TEXTS = claims.texts_of(RUNS)
+CONTENTS = {str(page.relative_to(ROOT)): page.read_text("utf-8") for page in claims.pages()}
+EXAMPLE = """\
+[leg]
+command = "echo k = 12.5 N m/rad"
+seconds = 1
+date = 2026-01-02
+stiffness = { figure = "12.0", within = "5 %", prints = 'k = (\\S+)', claim = "a [stiffness]" }
+
+[arm]
+command = "echo k = 7"
+seconds = 1
+date = 2026-01-02
+stiffness = { figure = "12.0", within = "0", prints = 'k = (\\S+)', claim = "another one" }
+"""
+
+
+def run_of(command: str, seconds: float = 1.0, prints: str = r"k = (\S+)") -> Run:
+    claim = Claim("leg.stiffness", "a stiffness", "12.0", "5 %", prints)
+    return Run("leg", command, seconds, date(2026, 1, 2), (claim,))
+
+
+def problems(contents: dict[str, str]) -> list[str]:
+    return list(claims.problems_of_pages(TEXTS, contents))
+
+
+def test_pages_have_the_figures_of_the_claims() -> None:
+    assert problems(CONTENTS) == []
+
+
+@pytest.mark.parametrize("page", [name for name, text in CONTENTS.items() if "<!--=" in text])
+def test_a_false_number_in_a_page_is_a_problem(page: str) -> None:
+    mark = re.search(r"<!--=(\w+\.\w+)-->([\d.]+)", CONTENTS[page])
+    assert mark is not None
+    planted = CONTENTS[page].replace(mark[0], f"<!--={mark[1]}-->{mark[2]}1", 1)
+    (problem,) = problems({**CONTENTS, page: planted})
+    assert problem.startswith(f"{page}:{planted[: mark.start()].count(chr(10)) + 1}: the page has ")
+    assert mark[1] in problem
+
+
+def test_a_page_that_names_no_claim_is_a_problem() -> None:
+    page = "one\n<!--=leg.colour-->3<!--=-->\n"
+    (problem,) = problems({**CONTENTS, "docs/page.md": page})
+    assert problem == "docs/page.md:2: no claim is called 'leg.colour' in docs/claims.toml"
+
+
+def test_a_claim_that_no_page_has_is_a_problem() -> None:
+    texts = {**TEXTS, "leg.colour": "3"}
+    (problem,) = claims.problems_of_pages(texts, CONTENTS)
+    assert problem == "docs/claims.toml: no page has leg.colour"
+
+
+@pytest.mark.parametrize(
+    ("run", "message"),
+    [
+        (run_of("echo first; echo 'no robot' >&2; exit 3"), "leg: exit code 3: no robot"),
+        (run_of("exit 1 | cat"), "leg: exit code 1: no message"),
+        (run_of("sleep 60", seconds=0.02), "leg: not ready after 0.2 s"),
+        (
+            run_of("echo k = 12; echo k = 13"),
+            "leg.stiffness: the command prints 2 figures, not one",
+        ),
+        (run_of("echo c = 12"), "leg.stiffness: the command prints 0 figures, not one"),
+        (Run("leg", "echo no", 1.0, date.today(), shows="yes"), "leg: the command does not print"),
+    ],
+)
+def test_a_run_without_its_figure_is_refused(run: Run, message: str) -> None:
+    with pytest.raises(ClaimError, match=re.escape(message)):
+        claims.measured(run)
+
+
+def test_a_run_that_prints_another_figure_is_a_problem() -> None:
+    assert claims.measured(run_of("echo k = 12.5"))[1] == []
+    run, (problem,) = claims.measured(run_of("echo k = 12.7"))
+    assert problem == "leg.stiffness: the command prints 12.7, not 12.0 within 5 %"
+    assert (run.claims[0].figure, run.date) == ("12.7", date.today())
+
+
+@pytest.mark.parametrize(
+    ("figure", "within", "printed", "agrees"),
+    [
+        ("-0.17", "0.02", "-0.19", True),
+        ("-0.17", "0.02", "-0.2", False),
+        ("83090", "0.5 %", "83500", True),
+        ("83090", "0.5 %", "83600", False),
+        ("good", "0", "good", True),
+        ("good", "0", "usable", False),
+        ("12", "5 %", "nan", False),
+    ],
+)
+def test_tolerances_are_shares_or_numbers(
+    figure: str, within: str, printed: str, agrees: bool
+) -> None:
+    assert Claim("leg.k", "", figure, within, "k = (.*)").agrees(printed) is agrees
+
+
+def test_new_figures_are_written_into_the_file_and_the_pages() -> None:
+    leg, _ = claims.measured(claims.runs_of(EXAMPLE)[0])
+    text = claims.with_runs(EXAMPLE, [leg])
+    first, second = claims.runs_of(text)
+    assert (first.claims[0].figure, first.date) == ("12.5", date.today())
+    assert second == claims.runs_of(EXAMPLE)[1]
+    page = "k = <!--=leg.stiffness-->12.0<!--=-->, <!--=arm.stiffness-->12.0<!--=-->"
+    filled = claims.with_figures(page, claims.texts_of([first, second]))
+    assert filled == "k = <!--=leg.stiffness-->12.5<!--=-->, <!--=arm.stiffness-->12.0<!--=-->"
+
+
+@pytest.mark.parametrize(
+    ("line", "other", "message"),
+    [
+        ("seconds = 1", "minutes = 1", "'minutes'"),
+        ("seconds = 1", "seconds =", "Invalid value"),
+        ("claim = ", "about = ", "'about'"),
+        ("5 %", "a little", "could not convert"),
+        ("(\\S+)", "\\S+", "has to have one group"),
+        ("(\\S+)", "(\\S+", "missing )"),
+    ],
+)
+def test_what_is_wrong_in_the_file_is_named(line: str, other: str, message: str) -> None:
+    with pytest.raises(ClaimError, match=f"^docs/claims\\.toml: .*{re.escape(message)}"):
+        claims.runs_of(EXAMPLE.replace(line, other, 1))
+
+
+def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
+    rows = [run for run in RUNS if run.capability]
+    assert len(rows) >= 10
+    for run in rows:
+        own = "yes" if run.command else "no"
+        assert f"\n| {run.capability} | {own} |" in TEXTS[claims.TABLE]
+        assert (f"| {run.capability} | `{run.command}` |" in TEXTS[claims.TABLE]) == (own == "yes")
+        assert bool(run.shows) == (own == "yes")
+
+
+def test_the_script_ends_with_its_problems() -> None:
+    def done(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "scripts.claims", *arguments]
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+    assert done("--pages").returncode == 0
+    unknown = done("legs")
+    assert unknown.returncode == 1
+    assert unknown.stderr == "no run is called legs in docs/claims.toml\n"
+
+
+# What has to be a claim
+
+PLAIN = re.compile(r"<!--=[\w.]+-->.*?<!--=-->|`[^`]*`|\]\([^)]*\)|95 % (?:intervals?|ranges)")
+NUMBER = re.compile(r"(?<![\w^-])\d[\d.,]*(?: ?(?:%|mrad|Hz|MB|ms|s|N m\S*)(?!\w))")
+TABLES = ("README.md", "docs/results.md")
+
+
+@pytest.mark.parametrize("page", CONTENTS)
+def test_no_mark_begins_a_line_which_would_be_a_block(page: str) -> None:
+    begins = re.findall(r"^<!--=(?!capabilities|-->$).*", CONTENTS[page], re.MULTILINE)
+    assert begins == []
+
+
+@pytest.mark.parametrize("page", TABLES)
+def test_a_row_with_a_figure_has_claims_and_the_command_of_one_of_them(page: str) -> None:
+    commands = {run.name: run.command for run in RUNS}
+    rows = [line for line in CONTENTS[page].splitlines() if re.match(r"\| .*<!--=", line)]
+    assert len(rows) >= 3
+    for row in rows:
+        figure = row.split(" | ")[1]
+        assert NUMBER.findall(PLAIN.sub("", figure)) == [], row
+        names = {mark[1].split(".")[0] for mark in claims.MARK.finditer(figure)}
+        programs = re.findall(r"`(?:python (?:-m )?)?(scripts[\w./]+)", row)
+        wanted = " ".join(commands[name] for name in names)
+        assert all(program in wanted for program in programs), row
+
+
+@pytest.mark.parametrize("page", [name for name in CONTENTS if name.startswith("docs/how_to")])
+def test_a_sentence_that_rests_on_the_results_has_claims(page: str) -> None:
+    for paragraph in CONTENTS[page].split("\n\n"):
+        for sentence in re.split(r"(?<=[.;:])\s", paragraph):
+            if "results.md" in sentence:
+                assert NUMBER.findall(PLAIN.sub("", sentence)) == [], sentence
