@@ -183,9 +183,9 @@ class Case:
 class Problem:
     """The equations of all conditions, and their estimates.
 
-    `notes` are on terms that were added to drives. `nominals` are the robots {condition: robot} with
-    nominal values only, where delays of commands were estimated since; `unscaled` are the joints
-    whose gains are in units of the drive, so that parameters are known as ratios.
+    `notes` are on terms that were added to drives. `nominals` {condition: robot} have the nominal
+    values only, where delays of commands were estimated since; `unscaled` are the joints whose
+    gains are in units of the drive, so that parameters are known as ratios.
     """
 
     options: Options
