@@ -52,6 +52,8 @@ from .nonlinear_least_squares import joined as joined
 from .nonlinear_least_squares import nuisance_draw as nuisance_draw
 from .nonlinear_least_squares import separable_least_squares as separable_least_squares
 from .nonlinear_least_squares import without_information as without_information
+from .parameters import Parameter as Parameter
+from .parameters import Prior as Prior
 from .qr_factor import RANK_TOLERANCE as RANK_TOLERANCE
 from .qr_factor import ROUNDING as ROUNDING
 from .qr_factor import QRFactor as QRFactor

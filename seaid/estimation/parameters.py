@@ -1,0 +1,113 @@
+"""Parameters of a problem, as data: what is estimated, of what, and what is known of it before.
+
+A problem has a tuple of these, one per column of its residual blocks. Two blocks share a parameter
+by naming the same quantity, owner and condition: all else is not compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import JointParameter
+from seaid.errors import IdentificationError
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter before the data: an expected value and its standard deviation.
+
+    A standard deviation of zero is that of a constant, which data do not change.
+    """
+
+    value: float
+    std: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std >= 0):
+            raise IdentificationError(
+                "a prior needs a finite value and a standard deviation of zero or more, found "
+                f"{self.value} and {self.std}"
+            )
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a problem; two are the same if quantity, owner and condition are.
+
+    Attributes
+    ----------
+    quantity : str
+        What it is: "stiffness", "viscous_friction", "command_delay", a base parameter.
+    owner : str
+        The joint, link, sensor or bus that has it; "" for what belongs to the robot.
+    condition : str or None
+        The condition of the experiments in which it has this value; None: in all of them.
+    unit : str
+    prior : Prior or None
+        What is known of it before the data; None: nothing.
+    lower, upper : float
+        Bounds of a search.
+    starts : tuple of float
+        Values from which a search starts; without any the problem is linear in the parameter, or
+        has a start of its own.
+
+    Examples
+    --------
+    >>> Parameter("stiffness", "knee", unit="N m/rad", lower=0.0).name
+    'stiffness of knee'
+    """
+
+    quantity: str
+    owner: str = ""
+    condition: str | None = None
+    unit: str = field(default="", compare=False)
+    prior: Prior | None = field(default=None, compare=False)
+    lower: float = field(default=-math.inf, compare=False)
+    upper: float = field(default=math.inf, compare=False)
+    starts: tuple[float, ...] = field(default=(), compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise IdentificationError(
+                f"the bounds of {self.name} leave no value: {self.lower} to {self.upper}"
+            )
+
+    @classmethod
+    def of_column(cls, name: str, unit: str = "") -> Parameter:
+        """Return the parameter of a column: of a joint if the name has one."""
+        if isinstance(name, JointParameter):
+            return cls(name.parameter, name.joint, unit=unit)
+        return cls(name, unit=unit)
+
+    @property
+    def name(self) -> str:
+        """The text for tables and messages, "stiffness of knee [warm]"."""
+        name = JointParameter(self.quantity, self.owner) if self.owner else self.quantity
+        return name if self.condition is None else f"{name} [{self.condition}]"
+
+    @property
+    def precision(self) -> float:
+        """The inverse standard deviation of the prior, zero without one."""
+        return 0.0 if self.prior is None else 1 / self.prior.std if self.prior.std else math.inf
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the data do not change it."""
+        return math.isinf(self.precision)
+
+
+def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
+    """Return the lower and upper bounds (p,) of a search."""
+    lower, upper = (np.array([getattr(x, end) for x in parameters]) for end in ("lower", "upper"))
+    return lower, upper
+
+
+def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
+    """Return expected values (p,) and precisions (p,), both zero without a prior."""
+    expected = [0.0 if x.prior is None else x.prior.value for x in parameters]
+    return np.array(expected), np.array([x.precision for x in parameters])
