@@ -19,18 +19,15 @@ from seaid.errors import IdentificationError
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter before the data: an expected value and its standard deviation.
-
-    A standard deviation of zero is that of a constant, which data do not change.
-    """
+    """What is known of a parameter before the data: an expected value, a standard deviation."""
 
     value: float
     std: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std >= 0):
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0):
             raise IdentificationError(
-                "a prior needs a finite value and a standard deviation of zero or more, found "
+                "a prior needs a finite value and a standard deviation above zero, found "
                 f"{self.value} and {self.std}"
             )
 
@@ -55,6 +52,9 @@ class Parameter:
     starts : tuple of float
         Values from which a search starts; without any the problem is linear in the parameter, or
         has a start of its own.
+    is_fixed : bool
+        Whether it keeps its value, as known constants do. The standard deviation of its prior is
+        then in the errors of all others, and the data do not reduce it.
 
     Examples
     --------
@@ -70,6 +70,7 @@ class Parameter:
     lower: float = field(default=-math.inf, compare=False)
     upper: float = field(default=math.inf, compare=False)
     starts: tuple[float, ...] = field(default=(), compare=False)
+    is_fixed: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -90,16 +91,6 @@ class Parameter:
         name = JointParameter(self.quantity, self.owner) if self.owner else self.quantity
         return name if self.condition is None else f"{name} [{self.condition}]"
 
-    @property
-    def precision(self) -> float:
-        """The inverse standard deviation of the prior, zero without one."""
-        return 0.0 if self.prior is None else 1 / self.prior.std if self.prior.std else math.inf
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether the data do not change it."""
-        return math.isinf(self.precision)
-
 
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
     """Return the lower and upper bounds (p,) of a search."""
@@ -108,6 +99,9 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
 
 
 def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
-    """Return expected values (p,) and precisions (p,), both zero without a prior."""
-    expected = [0.0 if x.prior is None else x.prior.value for x in parameters]
-    return np.array(expected), np.array([x.precision for x in parameters])
+    """Return expected values (p,) and standard deviations (p,), 0 and infinite without a prior."""
+    none = Prior(0.0, 1.0)
+    priors = [parameter.prior for parameter in parameters]
+    expected = [(prior or none).value for prior in priors]
+    stds = [math.inf if prior is None else prior.std for prior in priors]
+    return np.array(expected, dtype=float), np.array(stds, dtype=float)

@@ -1,4 +1,4 @@
-"""`refine` where position commands were logged: output error of the closed loop.
+"""The residual block of drives that follow logged position commands: output error of the loop.
 
 The model follows the commands under its own controllers, from the first state of each log, and the
 measured joint positions are compared with its own. A rollout is that of `replay`, in which dry
@@ -9,21 +9,23 @@ gains of the controllers as stiffness and damping.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, safely
-from seaid._progress import track
-from seaid.checks import revalued
-from seaid.drives import PARAMETERS, Bus, buses_of, is_stated, readable
-from seaid.errors import IdentificationError, SeaidError
-from seaid.estimation import Residuals, Step, gauss_newton_step
+from seaid._arrays import Array
+from seaid.drives import PARAMETERS, buses_of, is_stated
+from seaid.errors import IdentificationError
+from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of
 from seaid.identification.drive_estimates import with_estimate
-from seaid.identification.simulated_joints import response_to, torque_jacobians
+from seaid.identification.simulated_joints import (
+    response_to,
+    torque_jacobians,
+    with_base_parameters,
+)
 from seaid.identification.two_step import split_load_side
 from seaid.log import (
     OF_CONTROLLERS,
@@ -61,116 +63,89 @@ _REST, _HOLD = 2e-3, 50.0
 sensitivity: this times the inertia over the step."""
 
 _NUDGE = 1e-4
-_MOST_HALVINGS, _SETTLED, _BETTER = 4, 0.02, 1e-3
-
-_FAR = 3.0
-"""Standard errors of the next step beyond which a search that cannot go on has not converged: 0.13
-to 0.41 on the measured logs of a Go2, 48 where friction holds the joints of an arm at reversals."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rollouts:
-    """A point of the iteration: parameters (p,), and residuals per window.
+class Commands:
+    """The parameters (f,) of a refinement; drives on one bus share that of their delay.
 
-    `stated` (1, B, n, s) per window are their derivatives by delays that are as stated.
-    """
-
-    x: Array
-    residuals: list[Residuals]
-    stated: list[Array]
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """What stays in all iterations.
-
-    `parts` are the windows of the logs, `free` (p, f) the directions of the parameters: those of a
-    bus have one delay. `stated` are the buses whose delay is as stated.
+    `spread` (p, f) @ x are the values of the load side.
     """
 
     identification: Identification
-    parts: list[tuple[Log, Motion]]
-    free: Array
-    names: tuple[str, ...]
-    stated: tuple[Bus, ...]
+    parameters: tuple[Parameter, ...]
+    spread: Array
+
+    @property
+    def start(self) -> Array:
+        """The values (f,) of the identification within their bounds.
+
+        A regression may find positive parameters below zero.
+        """
+        first = np.argmax(self.spread, axis=0)
+        values = self.identification.load_side.values[first]
+        return np.asarray(np.clip(values, *bounds_of(self.parameters)))
 
 
-def refine_commanded(
-    start: Identification, logs: Sequence[Log], iterations: int, progress: bool
-) -> tuple[Identification, str, dict[str, float]]:
-    """Return the identification with the least output error of the closed loop, "" and {}.
+@dataclass(frozen=True, eq=False)
+class CommandedLog:
+    """The residual block of a window of a log, which its commands drive at parameters x (f,).
 
-    Where its values are worse than those of the start, the reason why, and numbers. With errors of
-    the model in place of noise the likelihood, in which joints of small errors weigh most, may rise
-    while the positions get worse; or no step may improve it, although its slope is not zero.
+    `log` is on regular samples, and its rollouts replace the joints of `motion`.
     """
-    task = _task(start, logs)
-    try:
-        point = _rollouts(task, _within_bounds(start, np.array(start.load_side.values)))
-    except SeaidError as problem:
-        raise IdentificationError(
-            "the model cannot be simulated with the values of the identification: give the bodies "
-            f"that are known (known_bodies=), or identify with feasible=True; {problem}",
-            "known_bodies=",
-            "feasible=True",
-        ) from None
-    first = point
-    for _ in track(range(iterations), "refining", progress):
-        step, free = _step(task, point)
-        improved = _improved(task, point, free @ step.change, step.merit)
-        if improved is None:
-            rest = np.abs(step.change) / np.sqrt(np.diag(step.covariance))
-            if np.max(rest, initial=0.0) > _FAR:
-                return start, *_not_converged(task, free, rest)
-            break
-        sizes = np.abs(step.change) / np.sqrt(np.diag(step.white_covariance))
-        point = improved
-        if np.max(sizes, initial=0.0) < _SETTLED:
-            break
-    before, after = _mean_absolute_error(first), _mean_absolute_error(point)
-    if after > before:
-        evidence = {"error of the start": before, "error after": after}
-        return start, "its positions follow the commands more closely", evidence
-    return _refined(task, point), "", {}
+
+    commands: Commands
+    log: Log
+    motion: Motion
+    x: Array
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        """The residuals of the joint positions."""
+        return _residuals(self.commands, self.log, self.motion, self.x)
+
+    def moved(self, x: Array, part: float, nuisance: Array) -> CommandedLog:
+        """Return the block at parameters x (f,)."""
+        return replace(self, x=x)
 
 
-def _not_converged(task: _Task, free: Array, rest: Array) -> tuple[str, dict[str, float]]:
-    """Return why a search ended whose next step (g,) in standard errors is long."""
-    worst = int(np.argmax(rest))
-    name = readable(task.identification.load_side.names[int(np.argmax(free[:, worst]))])
-    return (
-        f"its search cannot improve the simulated positions, although its next step would change "
-        f"{name} by {rest[worst]:.0f} standard errors"
-    ), {"standard errors": float(rest[worst])}
-
-
-def _mean_absolute_error(point: Rollouts) -> float:
-    """Return the mean absolute error of all joints [rad or m]."""
-    return float(np.mean(np.concatenate([abs(x.residual[x.kept]) for x in point.residuals])))
-
-
-def _task(result: Identification, logs: Sequence[Log]) -> _Task:
-    robot, side = result.known, result.load_side
-    drives = {joint: robot.drives[joint] for joint in robot.joint_names}
-    free, names = np.eye(len(side.names)), list(map(str, side.names))
-    stated, gone = [], set()
-    for bus in buses_of(drives, side.names):
-        first, *others = bus.places
-        # The direction of a bus changes all of its delays alike.
-        free[others, first] = 1.0
-        gone |= set(others)
-        if is_stated(side.standard_errors[first], bus.std_s):
-            stated.append(bus)
-            gone.add(first)
-    kept = [place for place in range(len(names)) if place not in gone]
-    parts = []
+def commanded_point(start: Identification, logs: Sequence[Log]) -> Point[CommandedLog]:
+    """Return the point of a search at the values of an identification."""
+    commands = _commands(start)
+    windows = []
     for log in logs:
         for stretch in stretches(usable(log), 1.0):
             count = max(1, int(np.ceil((stretch.time[-1] - stretch.time[0]) / _WINDOW_S)))
             edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
-            for start, end in pairwise(edges):
-                parts.append(_window(result, stretch.between(start, end)))
-    return _Task(result, parts, free[:, kept], tuple(names[place] for place in kept), tuple(stated))
+            windows += [_window(start, stretch.between(a, b)) for a, b in pairwise(edges)]
+    x = commands.start
+    blocks = tuple(CommandedLog(commands, log, motion, x) for log, motion in windows)
+    return Point(commands.parameters, x, blocks)
+
+
+def _commands(start: Identification) -> Commands:
+    """Return the parameters of an identification; a delay that is as stated stays so."""
+    side = start.load_side
+    parameters = [_parameter(name) for name in side.names]
+    spread = np.eye(len(parameters))
+    shared: list[int] = []
+    for bus in buses_of(start.known.drives, side.names):
+        first, *others = bus.places
+        spread[others, first] = 1.0
+        shared += others
+        if is_stated(side.standard_errors[first], bus.std_s):
+            prior = Prior(bus.nominal_s, bus.std_s) if bus.std_s else None
+            parameters[first] = replace(parameters[first], prior=prior, is_fixed=True)
+    kept = [place for place in range(len(parameters)) if place not in shared]
+    return Commands(start, tuple(parameters[place] for place in kept), spread[:, kept])
+
+
+def _parameter(column: str) -> Parameter:
+    """Return the parameter of a column of the load side, with its bound."""
+    parameter = Parameter.of_column(column)
+    kind = PARAMETERS.get(parameter.quantity)
+    is_positive = kind is not None and kind.is_positive
+    return replace(parameter, lower=0.0) if is_positive else parameter
 
 
 def _window(identification: Identification, log: Log) -> tuple[Log, Motion]:
@@ -198,62 +173,52 @@ def _window(identification: Identification, log: Log) -> tuple[Log, Motion]:
     return replace(regular, **sent), motion
 
 
-def robot_at(identification: Identification, x: Array) -> Robot:
-    """Return the robot with the values x of the load side."""
-    base, robot = identification.base, identification.robot
-    correction = base.least(x[: len(base.columns)] - base.project(robot.parameters))
-    estimate = replace(identification.load_side, values=x)
-    _, sides = split_load_side(identification.model, estimate)
-    drives = {
-        joint: with_estimate(drive, sides[joint]) if joint in sides else drive
-        for joint, drive in robot.drives.items()
-    }
-    return robot.with_values(robot.parameters + correction, drives)
+def _robot_at(start: Identification, load_side: Array) -> Robot:
+    """Return the robot with the values (p,) of the load side."""
+    _, sides = split_load_side(start.model, replace(start.load_side, values=load_side))
+    robot = with_base_parameters(start, load_side)
+    drives = {joint: with_estimate(robot.drives[joint], side) for joint, side in sides.items()}
+    return robot.with_drives(drives)
 
 
-def _rollouts(task: _Task, x: Array) -> Rollouts:
-    """Return the residuals of all windows at x, and their derivatives."""
-    robot = robot_at(task.identification, x)
-    windows = [_residuals(task, robot, log, motion, x) for log, motion in task.parts]
-    return Rollouts(x, [residuals for residuals, _ in windows], [stated for _, stated in windows])
-
-
-def _residuals(
-    task: _Task, robot: Robot, log: Log, motion: Motion, x: Array
-) -> tuple[Residuals, Array]:
-    """Return the residuals of a window, and their derivatives by stated delays."""
+def _residuals(commands: Commands, log: Log, motion: Motion, x: Array) -> Residuals:
+    """Return the residuals of a window."""
+    load_side = commands.spread @ x
+    robot = _robot_at(commands.identification, load_side)
     moved = rollout(robot, log, longest_closed_s=STEP_S)
     if not np.all(np.isfinite(moved.joint_position)):
         raise IdentificationError("the simulation diverges")
-    step_s = float(log.time[1] - log.time[0])
-    sensitivity = _sensitivity(task, robot, _moved(robot, motion, moved), log, x)
+    motion = _moved(robot, motion, moved)
+    sensitivity = _sensitivity(commands.identification, robot, motion, log, load_side)
     error = (log.joint_position - moved.joint_position)[..., None]
     # The residual is measured less simulated: its derivatives are minus the sensitivities.
-    columns = np.concatenate([error, -sensitivity @ task.free], axis=2)
-    stated = [sensitivity[..., list(bus.places)].sum(axis=2) for bus in task.stated]
-    columns = np.concatenate([columns, *(-slope[..., None] for slope in stated)], axis=2)
-    block = max(1, round(_BLOCK_S / step_s))
+    columns = np.concatenate([error, -sensitivity @ commands.spread], axis=2)
+    block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
     count = len(log.time) // block
     means = columns[: count * block].reshape(count, block, *columns.shape[1:]).mean(axis=1)
     time = log.time[: count * block].reshape(count, block).mean(axis=1)
-    laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
-    held = [law for law in laws if law.position_gain_Nm_per_rad]
-    decay = max(
-        (x.velocity_gain_Nms_per_rad / x.position_gain_Nm_per_rad for x in held), default=0.0
-    )
-    late = time - log.time[0] > min(_TRANSIENT_S + _DECAYS * decay, 0.25 * np.ptp(log.time))
+    late = time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
     if motion.bridged is not None:  # what was interpolated over a gap was not measured
         late &= ~np.any(motion.bridged[: count * block].reshape(count, block), axis=1)
-    size = task.free.shape[1]
-    residuals = Residuals(
+    return Residuals(
         residual=means[None, ..., 0],
-        jacobian=means[None, ..., 1 : 1 + size],
+        jacobian=means[None, ..., 1:],
         nuisance=np.zeros((1, count, robot.n, 0)),
         kept=np.broadcast_to(late[None, :, None], (1, count, robot.n)).copy(),
         time=time[None],
         channels=range(robot.n),
     )
-    return residuals, means[None, ..., 1 + size :]
+
+
+def _transient_s(robot: Robot) -> float:
+    """Return the excluded start of a rollout [s]."""
+    laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
+    decays = [
+        law.velocity_gain_Nms_per_rad / law.position_gain_Nm_per_rad
+        for law in laws
+        if law.position_gain_Nm_per_rad
+    ]
+    return _TRANSIENT_S + _DECAYS * max(decays, default=0.0)
 
 
 def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
@@ -274,9 +239,10 @@ def _moved(robot: Robot, motion: Motion, moved: Log) -> Motion:
     )
 
 
-def _sensitivity(task: _Task, robot: Robot, motion: Motion, log: Log, x: Array) -> Array:
-    """Return the derivative (T, n, p) of the positions of a rollout by the parameters."""
-    identification = task.identification
+def _sensitivity(
+    identification: Identification, robot: Robot, motion: Motion, log: Log, x: Array
+) -> Array:
+    """Return the derivative (T, n, p) of the positions of a rollout by the load side x (p,)."""
     names, p = identification.model.torque_joints, len(identification.base.columns)
     order = [robot.index(joint) for joint in names]
     _, _, H, _ = load_columns(identification.known, motion, identification.model, {})
@@ -333,102 +299,3 @@ def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tupl
         gains[0, :, column] = law.position_gain_Nm_per_rad * factor
         gains[1, :, column] = law.velocity_gain_Nms_per_rad * factor
     return gains[0], gains[1]
-
-
-def _is_positive(name: str) -> bool:
-    parameter = name.split(" of ")[0]
-    return parameter in PARAMETERS and PARAMETERS[parameter].is_positive
-
-
-def _step(task: _Task, point: Rollouts) -> tuple[Step, Array]:
-    """Return the next step in its directions (p, f), in which no positive parameter falls below 0.
-
-    Parameters at their bound that the step would push across stay there.
-    """
-    values = point.x[np.argmax(task.free, axis=0)]
-    free = np.ones(len(task.names), dtype=bool)
-    positive = np.array([_is_positive(name) for name in task.names])
-    while True:
-        size = int(np.sum(free))
-        parts = [replace(window, jacobian=window.jacobian[..., free]) for window in point.residuals]
-        names = tuple(name for name, is_free in zip(task.names, free, strict=True) if is_free)
-        step = gauss_newton_step(parts, names, np.zeros(size), np.zeros(size))
-        change = np.zeros(len(free))
-        change[free] = step.change
-        # Active set: what would cross its bound is held there, and the step is computed again.
-        across = free & positive & (values <= 0) & (change < 0)
-        if not np.any(across):
-            return step, task.free[:, free]
-        free &= ~across
-
-
-def _within_bounds(identification: Identification, x: Array) -> Array:
-    """Return values x with zeros for positive parameters that a regression found below zero."""
-    positive = np.array([_is_positive(str(name)) for name in identification.load_side.names])
-    return np.where(positive, np.maximum(x, 0.0), x)
-
-
-def _improved(task: _Task, point: Rollouts, change: Array, merit: float) -> Rollouts | None:
-    """Return the next point, the step halved until the likelihood improves; None if it cannot."""
-    part = 1.0
-    for _ in range(_MOST_HALVINGS):
-        x = _within_bounds(task.identification, point.x + part * change)
-        with suppress(SeaidError):  # it diverges there
-            trial = _rollouts(task, x)
-            if _step(task, trial)[0].merit < merit - _BETTER:
-                return trial
-        part /= 2
-    return None
-
-
-def _refined(task: _Task, point: Rollouts) -> Identification:
-    """Return the identification with the values of a point and their covariance."""
-    identification = task.identification
-    step, free = _step(task, point)
-    covariance = free @ step.covariance @ free.T
-    weights = [window.kept / step.stds for window in point.residuals]
-    parts = zip(point.residuals, point.stated, weights, strict=True)
-    jacobians = [
-        (np.concatenate([window.jacobian @ _within(task, free), stated], axis=3) * w[..., None])
-        for window, stated, w in parts
-    ]
-    rows = np.concatenate([part.reshape(-1, part.shape[3]) for part in jacobians])
-    size = free.shape[1]
-    for column, bus in enumerate(task.stated, size):
-        # J dx + j ds = 0 in weighted rows: an error ds of a stated delay moves x by -J^+ j ds.
-        others = safely(
-            np.linalg.lstsq, rows[:, :size], rows[:, column], what="the output error", rcond=None
-        )[0]
-        change = -free @ others
-        change[list(bus.places)] = 1.0
-        covariance += bus.std_s**2 * np.outer(change, change)
-    side = replace(
-        identification.load_side,
-        values=point.x,
-        covariance=covariance,
-        residual_std=float(np.sqrt(np.mean(step.stds**2))),
-        condition_number=step.condition_number,
-        white_standard_errors=np.sqrt(np.diag(free @ step.white_covariance @ free.T)),
-        degrees_of_freedom=None,
-    )
-    load, drives = split_load_side(identification.model, side)
-    refined = {**identification.drive_side, **drives}
-    robot = robot_at(identification, point.x)
-    known = {
-        joint: with_estimate(drive, refined[joint]) if joint in refined else drive
-        for joint, drive in identification.known.drives.items()
-    }
-    return replace(
-        identification,
-        drive_side=FrozenMapping({j: refined[j] for j in robot.joint_names if j in refined}),
-        load=load,
-        load_side=side,
-        robot=robot.with_values(robot.parameters, known),
-        findings=revalued(identification.findings, drives),
-    )
-
-
-def _within(task: _Task, free: Array) -> Array:
-    """Return the columns of `task.free` that are in `free`, as a selection (f, g)."""
-    kept = [int(np.flatnonzero(np.all(task.free == d[:, None], axis=0))[0]) for d in free.T]
-    return np.eye(task.free.shape[1])[:, kept]

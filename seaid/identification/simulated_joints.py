@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +22,7 @@ import pinocchio as pin
 from seaid._arrays import Array, safely, white_noise
 from seaid.drives import Drive, states
 from seaid.errors import IdentificationError
+from seaid.estimation import Parameter
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.log import POSITION_BAND, Log, Motion, low_pass, spline_derivatives, with_directions
 from seaid.regressor import LoadModel, load_columns, motor_regressor, spring_regressor
@@ -32,6 +34,9 @@ from seaid.robot import (
     rows_at_drives,
     torques_at_drives,
 )
+
+if TYPE_CHECKING:
+    from seaid.identification.identification import Identification
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,6 +259,16 @@ def fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     return robot.with_values(prior + base.least(residual), robot.drives)
 
 
+def with_base_parameters(start: Identification, load_side: Array) -> Robot:
+    """Return the identified robot with the base parameters of the load side (p,).
+
+    Its standard parameters change least (14); a simulation depends on the base parameters only.
+    """
+    base, robot = start.base, start.robot
+    correction = base.least(load_side[: len(base.columns)] - base.project(robot.parameters))
+    return robot.with_values(robot.parameters + correction, robot.drives)
+
+
 def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
     """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
     estimated = dict(zip(model.names, load_side, strict=True))
@@ -345,7 +360,7 @@ def hysteresis_corrections(
     joints: Sequence[str],
     motion: Motion,
     measured: Motion,
-    columns: Mapping[str, int],
+    columns: Mapping[Parameter, int],
     x: Array,
 ) -> dict[str, Array]:
     """Return the corrections of springs at parameters x (p,).
@@ -354,13 +369,13 @@ def hysteresis_corrections(
     with it, in place of those along the simulated `motion`, which are zero at its first sample. The
     simulated joint has the noise of the inputs, amplified by the spring, and a law adds up what its
     argument travels: along it widths were 1 % large, two to four standard errors, and a third of
-    the iterations did not end (`scripts/benchmarks/hysteresis.py --refine`). `columns` {"parameter
-    of joint": place in x}.
+    the iterations did not end (`scripts/benchmarks/hysteresis.py --refine`). `columns`
+    {parameter: place in x}.
     """
     corrections, length = {}, len(motion.time)
     for joint in with_hysteresis(robot, joints):
         drive = robot.drives[joint]
-        place = columns.get(f"hysteresis_deflection of {joint}")
+        place = columns.get(Parameter("hysteresis_deflection", joint))
         width = drive.values["hysteresis_deflection"]
         measured_states, simulated_states = (
             np.array(states(_deflection(robot, path, joint), width))[:, -length:]
@@ -374,7 +389,7 @@ def hysteresis_corrections(
 
 
 def friction_corrections(
-    robot: Robot, joints: Sequence[str], motion: Motion, columns: Mapping[str, int], x: Array
+    robot: Robot, joints: Sequence[str], motion: Motion, columns: Mapping[Parameter, int], x: Array
 ) -> tuple[dict[str, Array], Array]:
     """Return the corrections of dry friction, and its slopes (T, joints) by the joint's speed.
 
@@ -402,10 +417,10 @@ _LEAST_RAD_S = 1e-12
 
 
 def _linear(
-    robot: Robot, joint: str, name: str, unit: Array, columns: Mapping[str, int], x: Array
+    robot: Robot, joint: str, name: str, unit: Array, columns: Mapping[Parameter, int], x: Array
 ) -> tuple[float, Array]:
     """Return the value of a parameter, and the corrections by the torque (T,) of a `unit` of it."""
-    place = columns.get(f"{name} of {joint}")
+    place = columns.get(Parameter(name, joint))
     value = robot.drives[joint].values[name] if place is None else float(x[place])
     correction = np.zeros((len(unit), 1 + len(x)))
     correction[:, 0] = value * unit
