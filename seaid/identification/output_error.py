@@ -47,7 +47,7 @@ from seaid.estimation import (
     search,
     without_information,
 )
-from seaid.identification.command_refinement import CommandedLog, commanded_point
+from seaid.identification.commanded_drives import CommandedLog, commanded_point
 from seaid.identification.drive_estimates import (
     TORQUE_OFFSET,
     merged_estimates,
