@@ -34,13 +34,12 @@ from seaid.drives import (
 )
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, FittedRows, Parameter, Point, Prior, Residuals, bounds_of
-from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.drive_estimates import with_values
 from seaid.identification.simulated_joints import (
     response_to,
     torque_jacobians,
     with_base_parameters,
 )
-from seaid.identification.two_step import split_load_side
 from seaid.log import (
     OF_CONTROLLERS,
     Log,
@@ -397,9 +396,12 @@ def _window(identification: Identification, log: Log) -> tuple[Log, Motion]:
 
 def _robot_at(start: Identification, load_side: Array) -> Robot:
     """Return the robot with the values (p,) of the load side."""
-    _, sides = split_load_side(start.model, replace(start.load_side, values=load_side))
-    robot = with_base_parameters(start, load_side)
-    drives = {joint: with_estimate(robot.drives[joint], side) for joint, side in sides.items()}
+    robot, values = with_base_parameters(start, load_side), dict[str, dict[str, float]]()
+    # The columns of the load side are the base parameters, then the parameters of drives.
+    of_drives = load_side[len(start.base.columns) :].tolist()
+    for (joint, name, _), value in zip(start.model.drives, of_drives, strict=True):
+        values.setdefault(joint, {})[name] = value
+    drives = {joint: with_values(robot.drives[joint], named) for joint, named in values.items()}
     return robot.with_drives(drives)
 
 

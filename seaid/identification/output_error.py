@@ -95,6 +95,7 @@ from seaid.log import (
 )
 from seaid.regressor import (
     Regress,
+    Regression,
     actuator_columns,
     actuator_regression,
     check_offset_std,
@@ -183,6 +184,17 @@ class Layout:
         """
         others = self.identification.model.torque_joints
         return tuple(joint for joint in others if self.unseen and joint not in self.simulated)
+
+    @property
+    def sensed(self) -> tuple[str, ...]:
+        """Joints with a spring whose torque was measured."""
+        return tuple(joint for joint in self.drives if joint not in self.simulated)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Joints that are neither simulated nor followed, with a torque on the load side."""
+        used = (*self.simulated, *self.followed)
+        return tuple(x for x in self.identification.model.torque_joints if x not in used)
 
     @property
     def has_zeros(self) -> bool:
@@ -400,47 +412,24 @@ class MeasuredLog:
 
 
 def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
-    """Return what is not simulated, linearised at x (p,), at parameters of zero.
-
-    These are the torques of stiff joints, and the drives of springs with a measured torque. Their
-    columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
-    effect of encoder offsets is that at the start.
-    """
-    known, model, start = layout.known_at(x), layout.identification.model, layout.start
-    drives = [joint for joint in layout.drives if joint not in layout.simulated]
-    others = [joint for joint in model.torque_joints if joint not in layout.simulated]
-    others = [] if layout.unseen else others
-    equations: list[tuple[Regress, slice, list[str]]] = [
-        (partial(actuator_regression, known, joint=joint), layout.drives[joint], [joint])
-        for joint in drives
-    ]
-    zero = without_torque(known, layout.simulated)
-    equations.append(
-        (partial(load_regression, known, model=model, springs=zero), layout.load, others)
-    )
+    """Return what is not simulated, linearised at x (p,), at parameters of zero."""
     samples = row_samples(motion)
     instants = motion.time[samples]
-    shape = (1, len(instants), len(drives) + len(others))
-    residual, jacobian = np.zeros(shape), np.zeros((*shape, len(start)))
-    kept, channel = np.zeros(shape, dtype=bool), 0
-    for regress, columns, joints in equations if shape[2] else []:
-        rows = regress(motion)
-        if columns != layout.load:
-            _check_columns(layout, rows.names, joints[0])
+    shape = (1, len(instants), len(layout.sensed) + len(layout.others))
+    residual, jacobian = np.zeros(shape), np.zeros((*shape, len(x)))
+    kept = np.zeros(shape, dtype=bool)
+    rows_of_channels = _rows_of_channels(layout, motion, x)
+    for channel, (index, columns, rows) in enumerate(rows_of_channels):
+        of_joint = rows.joint == index
+        # Rows near standstill are missing: others are placed by time, 1e-9 s against rounding.
+        places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
+        # The rows are at twice the Nyquist rate of the filter: every second one counts, so that
+        # white noise below the cutoff is uncorrelated from row to row.
+        kept[0, places[places % 2 == 0], channel] = True
+        residual[0, places, channel] = rows.y[of_joint]
+        jacobian[0, places, channel, columns] = -rows.H[of_joint]
         if layout.has_zeros:
-            rows = offset_sensitivity(known, motion, regress, start[columns])
-        for joint in joints:
-            of_joint = rows.joint == known.index(joint)
-            # Rows near standstill are missing: others are placed by time, 1e-9 s against rounding.
-            places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
-            # The rows are at twice the Nyquist rate of the filter: every second one counts, so that
-            # white noise below the cutoff is uncorrelated from row to row.
-            kept[0, places[places % 2 == 0], channel] = True
-            residual[0, places, channel] = rows.y[of_joint]
-            jacobian[0, places, channel, columns] = -rows.H[of_joint]
-            if layout.has_zeros:
-                jacobian[0, places, channel, layout.zeros] = -rows.propagated[of_joint]
-            channel += 1
+            jacobian[0, places, channel, layout.zeros] = -rows.propagated[of_joint]
     simulated = 2 * len(layout.simulated) + len(layout.followed)
     return Residuals(
         residual=residual,
@@ -450,6 +439,32 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
         time=instants[None],
         channels=range(simulated, simulated + shape[2]),
     )
+
+
+def _rows_of_channels(
+    layout: Layout, motion: Motion, x: Array
+) -> Iterator[tuple[int, slice, Regression]]:
+    """Yield joint, columns and rows of what is not simulated.
+
+    These are the drives of springs with a measured torque, and the torques of stiff joints. Their
+    columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
+    effect of encoder offsets is that at the start.
+    """
+    known, model, start = layout.known_at(x), layout.identification.model, layout.start
+
+    def rows_of(regress: Regress, columns: slice) -> Regression:
+        if layout.has_zeros:
+            return offset_sensitivity(known, motion, regress, start[columns])
+        return regress(motion)
+
+    for joint in layout.sensed:
+        rows = rows_of(partial(actuator_regression, known, joint=joint), layout.drives[joint])
+        _check_columns(layout, rows.names, joint)
+        yield known.index(joint), layout.drives[joint], rows
+    if layout.others:
+        zero = without_torque(known, layout.simulated)
+        rows = rows_of(partial(load_regression, known, model=model, springs=zero), layout.load)
+        yield from ((known.index(joint), layout.load, rows) for joint in layout.others)
 
 
 def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
@@ -1080,8 +1095,7 @@ def point_at(layout: Layout, logs: Sequence[Log], x: Array, window_s: float = WI
     blocks: list[DrivenLog | MeasuredLog] = []
     if layout.simulated:
         blocks += [DrivenLog(layout, runs_of(layout, part, window_s), x) for part in parts]
-    compared = {*layout.simulated, *layout.followed}
-    if {*layout.drives, *layout.identification.model.torque_joints} - compared:
+    if layout.sensed or layout.others:
         blocks += [MeasuredLog.of(layout, part, x) for part in parts]
     return Point(layout.parameters, x, tuple(blocks)).settled()
 
@@ -1111,8 +1125,8 @@ def _simulated_log(layout: Layout, log: Log, point: LogPoint) -> Log:
 
 
 _WORSE, _WORSE_SHARE = 1.5, 0.02
-"""A joint is predicted worse if the rms error of its torque grows by this factor, and by this share
-of the torque. Without model errors the factor is at most 1.2 (`scripts/benchmarks/output_error.py`,
+"""A joint is predicted worse if the relative error of its torque grows by this factor, and by this
+much. Without model errors the factor is at most 1.2 (`scripts/benchmarks/output_error.py`,
 cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regression does.
 """
 
@@ -1124,38 +1138,23 @@ def _worse(
     motions = [
         part for log in logs for part in reconstruct_motions(before.known, log, before.cutoff_hz)
     ]
-    old, size = _torque_errors(before, motions)
     shifted = [replace(motion, joint_position=motion.joint_position - zeros) for motion in motions]
-    new, _ = _torque_errors(after, shifted)
+    # (2, n): the motor torques, then the load torques.
+    old, new = (
+        np.array([fits.actuator.relative_error, fits.load.relative_error])
+        for fits in (compared(before, *motions), compared(after, *shifted))
+    )
     with np.errstate(invalid="ignore"):
-        is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE * size)
-        worst = int(np.argmax(np.where(is_worse, new / old, 0.0)))
+        is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE)
+        worst = np.unravel_index(np.argmax(np.where(is_worse, new / old, 0.0)), new.shape)
     if not is_worse[worst]:
         return "", {}
-    # (2 n,): the motor torques, then the load torques.
-    side, joint = divmod(worst, before.known.n)
-    shares = {"error before": old[worst] / size[worst], "error after": new[worst] / size[worst]}
+    side, joint = ("motor", "load")[worst[0]], before.known.joint_names[worst[1]]
+    evidence = {"error before": float(old[worst]), "error after": float(new[worst])}
     return (
-        f"the error of the {('motor', 'load')[side]} torque of {before.known.joint_names[joint]} "
-        f"would grow from {shares['error before']:.1%} to {shares['error after']:.1%}"
-    ), {name: float(share) for name, share in shares.items()}
-
-
-def _torque_errors(identification: Identification, motions: list[Motion]) -> tuple[Array, Array]:
-    """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms.
-
-    NaN where no sample counts.
-    """
-    squares, count = np.zeros((2, 2, identification.known.n)), np.zeros((2, identification.known.n))
-    for motion in motions:
-        fits = compared(identification, motion)
-        for side, fit in enumerate((fits.actuator, fits.load)):
-            pair = np.stack([fit.measured - fit.computed, fit.measured])
-            squares[:, side] += np.sum(pair**2, axis=1, where=fit.counted)
-            count[side] += np.sum(fit.counted, axis=0)
-    with np.errstate(invalid="ignore"):
-        error, size = np.sqrt(squares / count).reshape(2, -1)
-    return error, size
+        f"the error of the {side} torque of {joint} would grow from {old[worst]:.1%} to "
+        f"{new[worst]:.1%}"
+    ), evidence
 
 
 def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
@@ -1368,14 +1367,13 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     # Channels: s positions, s drives, followed joints; then, of what is not simulated, the drives
     # with a measured spring torque and the joints of (8).
     first, joints = len(layout.simulated), list(layout.simulated)
-    others = [joint for joint in layout.drives if joint not in joints]
     end = 2 * first + len(layout.followed)
     stds = dict(zip(joints, step.stds[first:], strict=False))
-    stds |= dict(zip(others, step.stds[end:], strict=False))
+    stds |= dict(zip(layout.sensed, step.stds[end:], strict=False))
     drives = {
         joint: part(layout.actuator(joint), columns, float(stds[joint]))
         for joint, columns in layout.drives.items()
     }
-    rest = np.append(step.stds[2 * first : end], step.stds[end + len(others) :])
+    rest = np.append(step.stds[2 * first : end], step.stds[end + len(layout.sensed) :])
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
     return drives, part(identification.load_side, layout.load, load_std)
