@@ -262,7 +262,9 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
     slope, offset = np.polyfit(reading, load, 1)
     # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
     theta = np.zeros(len(names))
-    theta[0], theta[list(names).index("zero")] = slope, -offset / slope
+    zero, spread = list(names).index("zero"), np.ptp(reading)
+    theta[0], theta[zero] = slope, -offset / slope
+    nearest = min(theta[zero], np.min(reading) - spread), max(theta[zero], np.max(reading) + spread)
     # the part of the reading that the load explains, without its noise
     powers = [np.ones_like(load), load, *([load**3] if law == "cubic" else [])]
     basis = np.column_stack([*powers, *([direction] if has_friction else [])])
@@ -274,6 +276,8 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
         Z = _predicted(clean, law, theta)[1]
         step = safely(np.linalg.solve, Z.T @ J, Z.T @ (load - predicted), what=what)
         theta = theta + step
+        # Readings that do not follow the load have no law, and a search for its zero never ends.
+        theta[zero] = np.clip(theta[zero], *nearest)
         if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
             break
     predicted, J = _predicted(statics, law, theta)
