@@ -1,5 +1,4 @@
-"""Least squares that is nonlinear in parameters: one search by Gauss-Newton steps, and one by
-variable projection.
+"""Least squares that is nonlinear in parameters: a search by Gauss-Newton, and one by projection.
 
 - A `Block` has the residuals of some equations about a point, and moves to another one. `search`
   goes from a `Point` of blocks to the maximum of their likelihood, with a line search, bounds,
@@ -188,7 +187,9 @@ class Block(Protocol):
 
 BlockType = TypeVar("BlockType", bound=Block)
 
-_MOST_SWEEPS, _MOST_HALVINGS = 5, 6
+_MOST_SWEEPS, _MOST_PARTS = 5, 5
+"""Newton steps of the nuisance parameters, and parts 1, 1/2, ... of a step that are tried."""
+
 _EQUAL_MERIT = 1e-3
 """Difference below which log-likelihoods count as equal."""
 
@@ -252,7 +253,7 @@ def search(
 
 def _improved(point: Point[BlockType]) -> Point[BlockType] | None:
     """Return the next point of a search, None if no part of its step improves the likelihood."""
-    for part in 0.5 ** np.arange(_MOST_HALVINGS):
+    for part in 0.5 ** np.anp.arange(_MOST_PARTS):
         with suppress(SeaidError):  # it diverges there
             trial = point.moved(point.step.change, part, point.step.nuisance).settled()
             gain = point.step.merit - trial.step.merit

@@ -968,13 +968,7 @@ def refined_with_logs(
             "the identification belong together"
         )
     if unseen:
-        wider, wider_point = _with_tests(layout, point)
-        noise, p = _noise_of_states(wider_point), len(point.x)
-        terms = _tested_terms(wider, without_information(wider_point.step, noise))
-        step = without_information(point.step, noise[:p, :p])
-        (motion, *_) = (run.motion for run in _runs(point))
-        refined = with_motor_side_findings(_refined(layout, point, step), terms, motion)
-        return refined, [_simulated_log(layout, log, point) for log in logs]
+        return _refined_unseen(layout, point), [_simulated_log(layout, x, point) for x in logs]
     step = point.step
     step = replace(step, covariance=step.covariance + _of_noisy_deflections(layout, point, logs))
     refined = _refined(layout, point, step)
@@ -982,6 +976,15 @@ def refined_with_logs(
     if reason:
         return _unchanged(identification, reason, evidence), logs
     return refined, logs
+
+
+def _refined_unseen(layout: Layout, point: LogPoint) -> Identification:
+    """Return the refinement of joints without encoder, with the terms that their springs lack."""
+    wider, wider_point = _with_tests(layout, point)
+    noise, p = _noise_of_states(wider_point), len(point.x)
+    terms = _tested_terms(wider, without_information(wider_point.step, noise))
+    refined = _refined(layout, point, without_information(point.step, noise[:p, :p]))
+    return with_motor_side_findings(refined, terms, _runs(point)[0].motion)
 
 
 def _held(start: Identification, layout: Layout, point: LogPoint) -> Identification | None:
