@@ -253,7 +253,7 @@ def search(
 
 def _improved(point: Point[BlockType]) -> Point[BlockType] | None:
     """Return the next point of a search, None if no part of its step improves the likelihood."""
-    for part in 0.5 ** np.anp.arange(_MOST_PARTS):
+    for part in 0.5 ** np.arange(_MOST_PARTS):
         with suppress(SeaidError):  # it diverges there
             trial = point.moved(point.step.change, part, point.step.nuisance).settled()
             gain = point.step.merit - trial.step.merit

@@ -43,7 +43,7 @@ from seaid.estimation import (
     term_test,
 )
 from seaid.identification.checking import joint_checks
-from seaid.identification.commanded_drives import (
+from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     with_estimated_delays,
     with_shared_delays,

@@ -85,7 +85,7 @@ from seaid.identification.checking import (
     without_locked_loads,
     without_standing,
 )
-from seaid.identification.commanded_drives import (
+from seaid.identification.command_delays import (
     MOST_DELAY_ROUNDS,
     with_estimated_delays,
     with_fixed_delays,

@@ -47,7 +47,6 @@ from seaid.estimation import (
     search,
     without_information,
 )
-from seaid.identification.commanded_drives import CommandedLog, commanded_point
 from seaid.identification.drive_estimates import (
     TORQUE_OFFSET,
     merged_estimates,
@@ -64,15 +63,13 @@ from seaid.identification.motor_side import (
 )
 from seaid.identification.sensitivity import STEP, Constant, constants_of
 from seaid.identification.simulated_joints import (
-    Response,
-    TorqueJacobians,
+    CommandedLog,
     check_refinable,
+    commanded_point,
     finer_side,
     friction_corrections,
     hysteresis_corrections,
-    response_to,
     smoothed,
-    torque_jacobians,
     with_base_parameters,
     with_encoder_noise,
     with_hysteresis,
@@ -107,6 +104,7 @@ from seaid.regressor import (
     spring_regressor,
 )
 from seaid.robot import Robot, check_held, coupled_names
+from seaid.simulation import Response, TorqueJacobians, response_to, torque_jacobians
 
 if TYPE_CHECKING:
     from seaid.identification.identification import Identification

@@ -43,7 +43,7 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.commanded_drives import with_merged_delays
+from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     TORQUE_OFFSET,

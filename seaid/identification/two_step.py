@@ -37,7 +37,7 @@ from seaid.estimation import (
     with_columns,
     with_predicted_columns,
 )
-from seaid.identification.commanded_drives import with_shared_delays
+from seaid.identification.command_delays import with_shared_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,

@@ -293,7 +293,7 @@ class Swings:
         return Swings(float(x[0]), self.swings + part * nuisance)
 
 
-def swings_at(rate: float) -> Point:
+def swings_at(rate: float) -> Point[Swings]:
     block = Swings(rate, np.tile(0.5 * SWINGS, (60, 1)))
     return Point(RATE_ALONE, np.array([rate]), (block,)).settled()
 

@@ -19,8 +19,9 @@ from seaid._arrays import Array
 from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.commanded_drives import commanded_point, with_estimated_delays
+from seaid.identification.command_delays import with_estimated_delays
 from seaid.identification.sensitivity import Fit, _scores
+from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
 from seaid.robot import nominal_model
