@@ -141,7 +141,6 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("checks.base", "checks.bodies", "checks.sensors"),
-        "identification.command_refinement",
         *("export.joint_actuators", "regressor.structural.equations"),
     ),
     "one stage of reading each, which most logs do not pass": (

@@ -19,7 +19,7 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid.estimation.nonlinear_least_squares import fisher_covariance, joined
-from seaid.identification.output_error import layout_of, linearised, measured, runs_of
+from seaid.identification.output_error import MeasuredLog, layout_of, linearised, runs_of
 from seaid.log.filtering import decimation
 from seaid.report.formats import percent
 from seaid.report.text import table
@@ -118,10 +118,11 @@ def bound() -> Array:
     stds = np.append(simulated, ratios * torque[others] / np.sqrt(block))
     residuals = [
         joined([linearised(layout, run, layout.start)[0] for run in runs]),
-        measured(layout, perfect)(layout.start),
+        MeasuredLog.of(layout, perfect, layout.start).residuals,
     ]
-    covariance = fisher_covariance(residuals, layout.names, stds, layout.precision)
-    least = dict(zip(layout.names, np.sqrt(np.diag(covariance)), strict=True))
+    covariance = fisher_covariance(residuals, layout.parameters, stds)
+    names = [parameter.name for parameter in layout.parameters]
+    least = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))
     return np.array([least[key] / value for key, value in true_values(truth).items()])
 
 

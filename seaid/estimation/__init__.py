@@ -3,6 +3,7 @@
 A `Regression` comes in; an `Estimate` goes out: values, covariance, standard errors that allow for
 autocorrelated residuals, the condition number, and flags for poorly determined values.
 
+- `parameters`: the parameters of a problem as data, with priors and bounds;
 - `fitting`: estimators by name; `least_squares` has the ordinary and weighted ones, `robust` those
   of Huber and Tukey;
 - `instrumental_variables`, `nonlinear_least_squares`: for noisy columns and for

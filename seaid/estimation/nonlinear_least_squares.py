@@ -1,20 +1,27 @@
-"""Least squares that is nonlinear in parameters: two methods.
+"""Least squares that is nonlinear in parameters: a search by Gauss-Newton, and one by projection.
 
-- `gauss_newton_step`: one step of maximum likelihood, with nuisance parameters per window.
-- `separable_least_squares`, variable projection: y(v) = H(v) theta + noise. For given v the best
-  theta is linear least squares, so that the search is over v alone (Golub and Pereyra 1973), with
-  Kaufman's (1975) Jacobian.
+- A `Block` has the residuals of some equations about a point, and moves to another one. `search`
+  goes from a `Point` of blocks to the maximum of their likelihood, with a line search, bounds,
+  priors, and states of each window that are no parameters.
+- `separable_least_squares`: y(v) = H(v) theta + noise. For given v the best theta is linear least
+  squares, so that the search is over v alone (Golub and Pereyra 1973), with Kaufman's (1975)
+  Jacobian. Its many starts may be far away, which the trust region of SciPy allows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, safely
-from seaid.errors import ExcitationError
+from seaid._progress import track
+from seaid.errors import ExcitationError, SeaidError
+from seaid.estimation.parameters import Parameter, bounds_of, priors_of
 from seaid.estimation.qr_factor import ROUNDING, scaled_svd
 
 LAG_S = 0.25
@@ -73,7 +80,8 @@ class Step:
     parameters of each log; `own` is their change if the parameters stay. `stds` (C,) of the
     channels; `covariance` (p, p) with autocorrelation, `white_covariance` without, the inverse of
     the Fisher information. `merit` before the step is the sum of log standard deviations: the
-    negative log-likelihood up to a constant.
+    negative log-likelihood up to a constant. Fixed parameters, and those held at a bound, have a
+    change of zero.
     """
 
     change: Array
@@ -85,46 +93,178 @@ class Step:
     merit: float
     condition_number: float
 
+    @property
+    def sizes(self) -> Array:
+        """The changes (p,) in standard errors of white noise."""
+        errors = np.sqrt(np.diag(self.white_covariance))
+        return np.abs(self.change) / np.where(errors > 0, errors, 1.0)
 
-def gauss_newton_step(
-    logs: list[Residuals], names: tuple[str, ...], distance: Array, precision: Array
-) -> Step:
-    """Return the step to the maximum of the linearised likelihood, noise levels included.
 
-    The prior: the parameters are `distance` (p,) from their expectation, with `precision` (p,) as
-    inverse standard deviations (0: no prior). Raises ExcitationError if the data leave a
-    combination of the parameters unidentifiable.
+def gauss_newton_step(logs: Sequence[Residuals], parameters: Sequence[Parameter], x: Array) -> Step:
+    """Return the step from x (p,) to the maximum of the linearised likelihood within the bounds.
+
+    Noise levels are included. Raises ExcitationError if the data leave a combination of the
+    parameters unidentifiable.
     """
-    p = len(names)
-    unmoved = _settled(logs, distance, precision, frozen=True)
-    merit = _merit(logs, unmoved)
+    free = np.array([not parameter.is_fixed for parameter in parameters], dtype=bool)
+    lower, upper = bounds_of(parameters)
+    while True:
+        step = _step_of(logs, parameters, x, free)
+        # Active set: what would cross its bound is held there, and the step is computed again.
+        down, up = (x <= lower) & (step.change < 0), (x >= upper) & (step.change > 0)
+        if not np.any(free & (down | up)):
+            return step
+        free &= ~(down | up)
+
+
+def _step_of(
+    logs: Sequence[Residuals], parameters: Sequence[Parameter], x: Array, free: BoolArray
+) -> Step:
+    """Return the step of the `free` (p,) parameters, with the errors of constants in theirs."""
+    expected, prior_stds = priors_of(parameters)
+    distance, precision = (x - expected)[free], 1 / prior_stds[free]
+    own = [replace(log, jacobian=log.jacobian[..., free]) for log in logs]
+    p = int(np.sum(free))
+    unmoved = _settled(own, distance, precision, frozen=True)
+    merit = _merit(own, unmoved)
     merit += float(np.sum((precision * distance) ** 2)) / 2
-    stds = _settled(logs, distance, precision, frozen=False)
+    stds = _settled(own, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
+    constants = ~free & np.isfinite(prior_stds)
+    by_constants, J = J[:, constants], J[:, free]
     # The prior is p more residuals: precision times (distance + change).
+    names = [x.name for x, is_free in zip(parameters, free, strict=True) if is_free]
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
+    covariance = _autocorrelated_covariance(own, J @ inverse, r + J @ solution)
     kept = sum(int(np.sum(log.kept)) for log in logs)
     # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
     bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
     spent = p + sum(round(float(np.sum(basis**2))) for basis in bases)
     freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
+    # The sandwich over the rows; the prior's residuals are independent, of variance 1.
+    covariance = freedom * covariance + (inverse * precision**2) @ inverse
+    # J dx + J_c dc = 0 in weighted rows: an error dc of a constant moves the others by K dc.
+    moves = np.zeros((len(x), int(np.sum(constants))))
+    moves[free], moves[constants] = -inverse @ (J.T @ by_constants), np.eye(moves.shape[1])
+    spread = moves * prior_stds[constants]
     return Step(
-        change=solution,
-        nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
-        own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in logs),
+        change=_placed(solution, free),
+        nuisance=tuple(_nuisance(log, stds, solution) for log in own),
+        own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in own),
         stds=stds,
-        # The sandwich over the rows; the prior's residuals are independent, of variance 1.
-        covariance=freedom * covariance + (inverse * precision**2) @ inverse,
-        white_covariance=freedom * inverse,
+        covariance=_placed(covariance, free) + spread @ spread.T,
+        white_covariance=_placed(freedom * inverse, free),
         merit=merit,
         condition_number=condition,
     )
 
 
-def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual: Array) -> Array:
+def _placed(values: Array, free: BoolArray) -> Array:
+    """Return a vector or matrix of the `free` (p,) parameters with zeros for all others."""
+    whole = np.zeros(values.ndim * (len(free),))
+    whole[np.ix_(*values.ndim * (free,))] = values
+    return whole
+
+
+class Block(Protocol):
+    """The residuals of one log about a point of a search, and what they become at another.
+
+    What is no parameter, such as a simulated motion with its initial states, is part of it.
+    """
+
+    @property
+    def residuals(self) -> Residuals:
+        """The residuals at its point, linearised."""
+
+    def moved(self, x: Array, part: float, nuisance: Array) -> Self:
+        """Return the block at parameters x (p,), after a part of a step.
+
+        `nuisance` (W, s) is the whole step of the nuisance parameters of its windows.
+        """
+
+
+BlockType = TypeVar("BlockType", bound=Block)
+
+_MOST_SWEEPS, _MOST_PARTS = 5, 5
+"""Newton steps of the nuisance parameters, and parts 1, 1/2, ... of a step that are tried."""
+
+_EQUAL_MERIT = 1e-3
+"""Difference below which log-likelihoods count as equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point(Generic[BlockType]):
+    """A point of a search: the values x (p,) of the `parameters`, and the blocks about them."""
+
+    parameters: tuple[Parameter, ...]
+    x: Array
+    blocks: tuple[BlockType, ...]
+
+    @cached_property
+    def step(self) -> Step:
+        """The next step."""
+        logs = [block.residuals for block in self.blocks]
+        return gauss_newton_step(logs, self.parameters, self.x)
+
+    @property
+    def size(self) -> float:
+        """The largest change of a parameter by the next step, in standard errors."""
+        return float(np.max(self.step.sizes, initial=0.0))
+
+    def moved(self, change: Array, part: float, nuisance: Sequence[Array]) -> Self:
+        """Return the point after a part of a step (p,), and of that of the nuisance parameters."""
+        x = np.clip(self.x + part * change, *bounds_of(self.parameters))
+        pairs = zip(self.blocks, nuisance, strict=True)
+        blocks = tuple(block.moved(x, part, states) for block, states in pairs)
+        return replace(self, x=x, blocks=blocks)
+
+    def settled(self) -> Self:
+        """Return the point with the best nuisance parameters at its values, by Newton's method."""
+        point = self
+        for _ in range(_MOST_SWEEPS if any(own.size for own in self.step.own) else 0):
+            new = point.moved(np.zeros_like(point.x), 1.0, point.step.own)
+            is_settled = abs(new.step.merit - point.step.merit) < _EQUAL_MERIT
+            point = new
+            if is_settled:
+                break
+        return point
+
+
+def search(
+    start: Point[BlockType], iterations: int, settled: float, progress: bool = False
+) -> tuple[Point[BlockType], bool]:
+    """Return the last point of a search by Gauss-Newton steps, and whether it could not go on.
+
+    It ends where the next step is less than `settled` standard errors. A step is halved until the
+    likelihood improves, or a whole one leaves it equal, as steps near the end do.
+    """
+    point = start
+    for _ in track(range(iterations), "refining", progress):
+        improved = _improved(point)
+        if improved is None:
+            return point, True
+        point = improved
+        if point.size < settled:
+            break
+    return point, False
+
+
+def _improved(point: Point[BlockType]) -> Point[BlockType] | None:
+    """Return the next point of a search, None if no part of its step improves the likelihood."""
+    for part in 0.5 ** np.arange(_MOST_PARTS):
+        with suppress(SeaidError):  # it diverges there
+            trial = point.moved(point.step.change, part, point.step.nuisance).settled()
+            gain = point.step.merit - trial.step.merit
+            if gain > _EQUAL_MERIT or (part == 1.0 and gain >= -_EQUAL_MERIT):
+                return trial
+    return None
+
+
+def _autocorrelated_covariance(
+    logs: Sequence[Residuals], influence: Array, residual: Array
+) -> Array:
     """Return the covariance (p, p) of the estimate, with `influence` (R, p) of the rows on it.
 
     The noise of each channel counts as stationary; its autocorrelation is estimated with flat-top
@@ -185,11 +325,11 @@ def _autocorrelation(residual: Array, most: float) -> Array:
 
 
 def fisher_covariance(
-    logs: list[Residuals], names: tuple[str, ...], stds: Array, precision: Array
+    logs: Sequence[Residuals], parameters: Sequence[Parameter], stds: Array
 ) -> Array:
     """Return the Cramer-Rao bound (p, p) of the covariance, for white noise of `stds` (C,)."""
-    J = np.vstack([_projected(logs, stds)[0], np.diag(precision)])
-    return _solve(J, np.zeros(len(J)), names)[1]
+    J = np.vstack([_projected(logs, stds)[0], np.diag(1 / priors_of(parameters)[1])])
+    return _solve(J, np.zeros(len(J)), [parameter.name for parameter in parameters])[1]
 
 
 _MOST_NOISE = 0.9
@@ -202,7 +342,7 @@ def nuisance_draw(log: Residuals, stds: Array, rng: np.random.Generator) -> Arra
     return _nuisance(replace(log, residual=white), stds, np.zeros(log.jacobian.shape[3]))
 
 
-def information(logs: list[Residuals], stds: Array) -> Array:
+def information(logs: Sequence[Residuals], stds: Array) -> Array:
     """Return the information (p, p) on the parameters with the nuisance parameters free."""
     J = _projected(logs, stds)[0]
     return np.asarray(J.T @ J)
@@ -236,7 +376,7 @@ def without_information(step: Step, noise: Array) -> Step:
     )
 
 
-def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:
+def _settled(logs: Sequence[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:
     """Return the converged standard deviations (C,), with the parameters `frozen` or free."""
     p = len(distance)
     change = np.zeros(p)
@@ -257,7 +397,7 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
     return stds
 
 
-def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> Array:
+def _stds(logs: Sequence[Residuals], change: Array, nuisance: tuple[Array, ...]) -> Array:
     """Return the root mean square (C,) of the kept residuals after a change of the parameters."""
     total, count = np.zeros((2, max(log.channels.stop for log in logs)))
     for log, values in zip(logs, nuisance, strict=True):
@@ -268,12 +408,12 @@ def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> 
     return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), LEAST_STD))
 
 
-def _merit(logs: list[Residuals], stds: Array) -> float:
+def _merit(logs: Sequence[Residuals], stds: Array) -> float:
     """Return the number of residuals per channel times log standard deviation, summed."""
     return float(sum(np.sum(log.kept, (0, 1)) @ np.log(stds[log.channels]) for log in logs))
 
 
-def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
+def _projected(logs: Sequence[Residuals], stds: Array) -> tuple[Array, Array]:
     """Return the weighted Jacobian and residual, with the nuisance columns projected out."""
     Js, rs = [], []
     for log in logs:
@@ -321,7 +461,7 @@ def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
 
 
-def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, float]:
+def _solve(J: Array, r: Array, names: Sequence[str]) -> tuple[Array, Array, float]:
     """Return the step, the inverse of the information and the scaled condition number."""
     norms = np.linalg.norm(J, axis=0)
     dead = [name for name, norm in zip(names, norms, strict=True) if norm == 0]
@@ -331,7 +471,7 @@ def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, fl
     s = svd.sizes
     if s[-1] < ROUNDING * s[0]:
         share = np.abs(svd.vectors[-1])
-        lost = [names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
+        lost = [name for name, x in zip(names, share, strict=True) if x > 0.1 * share.max()]
         raise ExcitationError(
             f"the combination of {', '.join(lost)} is unidentifiable by this motion (scaled "
             f"singular value {s[-1] / s[0]:.1e}, needed {ROUNDING:.0e})"

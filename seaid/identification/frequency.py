@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Result, counted
 from seaid.checks import contradicted_rotor, stiffness_disagrees, unseen_resonance, wrong_minimum
-from seaid.drives import Drive, total_ratio
+from seaid.drives import total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
@@ -168,7 +168,7 @@ def frequency_response(
         period_s = multisine.basis.period_s
     rate = _rate_of(logs, period_s)
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
-    ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
+    ratio, _ = _scales(robot, range(robot.n))
     records = [record_of(robot, log, ratio, period_s) for log in logs]
     picked = _picked(robot, records, joints, band[1])
     posture = at_joints(robot.transmission, np.mean([x.posture for x in records], axis=0))
@@ -177,26 +177,33 @@ def frequency_response(
         # The constant of the series is its mean position, about which the robot is linearised.
         posture, harmonics = multisine.coefficients[0], multisine.harmonics
     nominal = linearised(robot, posture, picked)
-    drives = [robot.drives[robot.joint_names[index]] for index in picked]
 
     def read(records: Sequence[Record]) -> Spectra:
         return spectra_of(records, picked, band, harmonics, periodic=period_s is not None)
 
     first = fitted(read(records), nominal, robot, picked)
     spectra, fit = _with_sticking_motors(read, records, picked, first)
+    result = _response(robot, picked, records, spectra, fit)
+    result = replace(result, period_s=period_s)
+    if identification is not None:
+        known = _response_of(identification.robot, posture, picked, spectra, result.frequency_hz)
+        result = replace(result, identified=known)
+    findings = [
+        *_findings(result, fit, spectra, nominal, robot, rate),
+        *_disagreements(result, identification),
+    ]
+    return replace(result, warnings=by_severity(findings))
+
+
+def _response(
+    robot: Robot, picked: list[int], records: Sequence[Record], spectra: Spectra, fit: Fit
+) -> FrequencyResponse:
+    """Return the best linear approximation of joints, with the robot that fits them best."""
+    names = tuple(robot.joint_names[index] for index in picked)
     alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
-    names = tuple(robot.joint_names[index] for index in picked)
-    # Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
-    ratio = ratio[picked]
-    scale = ratio[:, None] * ratio
-    known = None
-    if identification is not None:
-        linear = linearised(identification.robot, posture, picked)
-        # Friction levels of motors at the joints, as all of the linear robot.
-        levels = ratio * _dry_friction(identification.robot, names)
-        known = scale * _with_dry_friction(linear, levels, spectra, measured.hz)
-    result = FrequencyResponse(
+    ratio, scale = _scales(robot, picked)
+    return FrequencyResponse(
         joints=names,
         frequency_hz=measured.hz,
         response=scale * measured.motor,
@@ -205,18 +212,33 @@ def frequency_response(
         total_std=scale * measured.total,
         coherence=measured.coherence,
         model=scale * _with_dry_friction(fit.joints, fit.dry, spectra, measured.hz),
-        identified=known,
+        identified=None,
         drives={
-            names[place]: fit.estimate(int(place), drives[place])
-            for place in np.flatnonzero(nominal.elastic)
+            names[place]: fit.estimate(place, robot.drives[names[place]])
+            for place in np.flatnonzero(fit.joints.elastic).tolist()
         },
-        period_s=period_s,
+        period_s=None,
     )
-    findings = [
-        *_findings(result, fit, spectra, nominal, drives, rate),
-        *_disagreements(result, identification),
-    ]
-    return replace(result, warnings=by_severity(findings))
+
+
+def _scales(robot: Robot, picked: Sequence[int]) -> tuple[Array, Array]:
+    """Return the ratios (n,) of motors to joints, and what makes responses those of the motors.
+
+    Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
+    """
+    ratio = np.array([total_ratio(robot.drives[robot.joint_names[index]]) for index in picked])
+    return ratio, ratio[:, None] * ratio
+
+
+def _response_of(
+    robot: Robot, posture: Array, picked: list[int], spectra: Spectra, hz: Array
+) -> Array:
+    """Return the response (F, n, n) of an identified robot linearised at a posture (n,)."""
+    ratio, scale = _scales(robot, picked)
+    drives = [robot.drives[robot.joint_names[index]] for index in picked]
+    # Friction levels of motors at the joints, as all of the linear robot.
+    level = ratio * [drive.values.get("coulomb_friction", 0.0) for drive in drives]
+    return scale * _with_dry_friction(linearised(robot, posture, picked), level, spectra, hz)
 
 
 def _with_sticking_motors(
@@ -339,11 +361,6 @@ def _within(log: Log, plan: Trajectory) -> Log:
     return log.between(start + begin - 1e-6 * step, start + end + 1e-6 * step)
 
 
-def _dry_friction(robot: Robot, joints: Sequence[str]) -> Array:
-    values = [robot.drives[joint].values.get("coulomb_friction", 0.0) for joint in joints]
-    return np.array(values, dtype=float)
-
-
 def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz: Array) -> Array:
     """Return the response (F, n, n) with dry friction as the viscous one closest to it.
 
@@ -363,7 +380,7 @@ def _findings(
     fit: Fit,
     spectra: Spectra,
     nominal: LinearJoints,
-    drives: Sequence[Drive],
+    robot: Robot,
     rate: float,
 ) -> Iterator[Finding]:
     """Yield what the response of each joint shows of its spring, and of the fit."""
@@ -386,4 +403,4 @@ def _findings(
         joint = result.joints[place]
         estimate = result.drives[joint]
         stated = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-        yield from contradicted_rotor(joint, stated, free.estimate(place, drives[place]))
+        yield from contradicted_rotor(joint, stated, free.estimate(place, robot.drives[joint]))

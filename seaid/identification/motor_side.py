@@ -25,7 +25,6 @@ from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
 from seaid.identification.drive_estimates import TORQUE_OFFSET
-from seaid.identification.simulated_joints import torque_jacobians, with_joints
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import (
     FEWEST_PERIODS,
@@ -46,6 +45,7 @@ from seaid.regressor import (
     spring_regressor,
 )
 from seaid.robot import Robot
+from seaid.simulation import torque_jacobians, with_joints
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification

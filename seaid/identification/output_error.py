@@ -9,18 +9,15 @@ controller. Each window of the log has its own initial state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
-from seaid._progress import track
 from seaid.checks import (
     consequences,
     fixed_findings,
@@ -36,18 +33,20 @@ from seaid.drives import (
     readable,
     total_ratio,
 )
-from seaid.errors import ExcitationError, Finding, IdentificationError, checked
+from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import (
     Estimate,
+    Parameter,
+    Point,
+    Prior,
     Residuals,
     Step,
-    gauss_newton_step,
     information,
     joined,
     nuisance_draw,
+    search,
     without_information,
 )
-from seaid.identification.command_refinement import refine_commanded
 from seaid.identification.drive_estimates import (
     TORQUE_OFFSET,
     merged_estimates,
@@ -62,17 +61,16 @@ from seaid.identification.motor_side import (
     with_rigid_angles,
     without_joint_encoder,
 )
-from seaid.identification.sensitivity import STEP, constants_of
+from seaid.identification.sensitivity import STEP, Constant, constants_of
 from seaid.identification.simulated_joints import (
-    Response,
-    TorqueJacobians,
+    CommandedLog,
     check_refinable,
+    commanded_point,
     finer_side,
     friction_corrections,
     hysteresis_corrections,
-    response_to,
     smoothed,
-    torque_jacobians,
+    with_base_parameters,
     with_encoder_noise,
     with_hysteresis,
 )
@@ -94,6 +92,7 @@ from seaid.log import (
 )
 from seaid.regressor import (
     Regress,
+    Regression,
     actuator_columns,
     actuator_regression,
     check_offset_std,
@@ -105,6 +104,7 @@ from seaid.regressor import (
     spring_regressor,
 )
 from seaid.robot import Robot, check_held, coupled_names
+from seaid.simulation import Response, TorqueJacobians, response_to, torque_jacobians
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification
@@ -126,31 +126,47 @@ step [standard errors] from which longer windows go on."""
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Places of the parameters: `names` (p,) of all, and the columns of each kind.
+    """The parameters (p,) of a refinement, and the columns of each kind.
 
     `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
-    spring; `precision` (p,) are the inverse standard deviations of the prior, that of the encoder
-    offsets. `nonlinear` {joint: {parameter: column}} are the drives whose equations are nonlinear
-    in their parameters. `tested` are terms of springs that the model lacks, in the last columns: a
-    torque of the joint by the derivative of this order of its deflection, with the factor zero.
+    spring; `drives` {joint: columns} are the elastic ones, and `load` the columns of (8). `zeros`
+    are those of encoder offsets, none without. `tested` are terms of springs that the model lacks,
+    in the last columns: a torque of the joint by the derivative of this order of its deflection,
+    with the factor zero.
     """
 
     identification: Identification
+    parameters: tuple[Parameter, ...]
     simulated: tuple[str, ...]
-    names: tuple[str, ...]
+    unseen: tuple[str, ...]
     drives: FrozenMapping[slice]
     load: slice
     zeros: slice
-    precision: Array
-    unseen: tuple[str, ...] = ()
-    nonlinear: FrozenMapping[dict[str, int]] = field(default_factory=lambda: FrozenMapping({}))
     tested: tuple[tuple[str, int], ...] = ()
+
+    @cached_property
+    def places(self) -> Mapping[Parameter, int]:
+        """The column of each parameter."""
+        return {parameter: place for place, parameter in enumerate(self.parameters)}
+
+    @cached_property
+    def nonlinear(self) -> Mapping[str, Mapping[str, int]]:
+        """The drives whose equations are nonlinear, {joint: {parameter: column}}."""
+        known, drives = self.identification.known, {}
+        for joint, drive in known.drives.items():
+            named = {name: Parameter(name, joint) for name in drive.parameter_names}
+            columns = {name: self.places[x] for name, x in named.items() if x in self.places}
+            if columns.keys() & {*motor_regressor(known, joint).non_linear}:
+                drives[joint] = columns
+        return drives
 
     def tests(self, motion: Motion) -> Iterator[tuple[int, str, Array]]:
         """Yield column, joint, and torque (T,) at the joint per unit of each tested term."""
         motors = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
         loads = motion.joint_states
-        for column, (joint, order) in enumerate(self.tested, len(self.names) - len(self.tested)):
+        for column, (joint, order) in enumerate(
+            self.tested, len(self.parameters) - len(self.tested)
+        ):
             index, ratio = (
                 self.identification.known.index(joint),
                 total_ratio(self.identification.known.drives[joint]),
@@ -168,6 +184,17 @@ class Layout:
         return tuple(joint for joint in others if self.unseen and joint not in self.simulated)
 
     @property
+    def sensed(self) -> tuple[str, ...]:
+        """Joints with a spring whose torque was measured."""
+        return tuple(joint for joint in self.drives if joint not in self.simulated)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Joints that are neither simulated nor followed, with a torque on the load side."""
+        used = (*self.simulated, *self.followed)
+        return tuple(x for x in self.identification.model.torque_joints if x not in used)
+
+    @property
     def has_zeros(self) -> bool:
         """Whether encoder offsets are estimated."""
         return bool(self.zeros.stop > self.zeros.start)
@@ -175,7 +202,7 @@ class Layout:
     @property
     def start(self) -> Array:
         """The values (p,) of the identification, with zero encoder offsets."""
-        values = np.zeros(len(self.names))
+        values = np.zeros(len(self.parameters))
         for joint, columns in self.drives.items():
             values[columns] = self.actuator(joint).values
         values[self.load] = self.identification.load_side.values
@@ -193,14 +220,12 @@ class Layout:
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of a joint's spring, for a linear one stiffness and offset."""
-        names = self.actuator(joint).names
-        first = self.drives[joint].start
-        spring_names = spring_regressor(self.identification.known, joint).names
-        return [first + names.index(name) for name in spring_names]
+        names = spring_regressor(self.identification.known, joint).names
+        return [self.places[Parameter(name, joint)] for name in names]
 
     def offset(self, joint: str) -> int:
         """Return the column of the offset of a joint's spring."""
-        return int(self.drives[joint].start) + self.actuator(joint).names.index("spring_offset")
+        return self.places[Parameter("spring_offset", joint)]
 
     def known_at(self, x: Array) -> Robot:
         """Return the robot whose nonlinear drives are linearised at the values x (p,)."""
@@ -222,8 +247,8 @@ class Run:
 
     `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
     followed) masks samples at which the friction of their motors is unknown; `block` samples make a
-    row; `log` is the number of the log. `measured` is the motion by the encoders, from the start of
-    the log to the end of the windows.
+    row. `measured` is the motion by the encoders, from the start of the log to the end of the
+    windows.
     """
 
     motion: Motion
@@ -231,7 +256,6 @@ class Run:
     still: BoolArray
     windows: int
     block: int
-    log: int
     measured: Motion
 
 
@@ -241,75 +265,56 @@ _EXACT_RAD = 1e-7
 
 def _actuator_part(identification: Identification, joint: str) -> Estimate:
     """Return the parameters of a drive by (7); a parallel spring and joint friction are in (8)."""
-    whole, load = identification.drive_side[joint], identification.model.names
-    names = [name for name in whole.names if f"{name} of {joint}" not in load]
+    whole = identification.drive_side[joint]
+    load = {*map(Parameter.of_column, identification.model.names)}
+    names = [name for name in whole.names if Parameter(name, joint) not in load]
     return whole.part([whole.names.index(name) for name in names], names)
 
 
 def layout_of(
     start: Identification, encoder_offset_std: float, unseen: tuple[str, ...] = ()
 ) -> Layout:
-    """Return the places of the parameters of an identification in one vector.
+    """Return the parameters of an identification in one vector.
 
     The spring offset of an `unseen` joint is k r_L times the zero of its motor's encoder, which the
     joint's angle follows: it turns gravity, and is known as well as that zero.
     """
     robot = start.known
-    names: list[str] = []
+    parameters: list[Parameter] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        drive_names = _actuator_part(start, joint).names
-        drives[joint] = slice(len(names), len(names) + len(drive_names))
-        names += [f"{name} of {joint}" for name in drive_names]
-    load = slice(len(names), len(names) + len(start.model.names))
-    names += start.model.names
-    zeros = slice(len(names), len(names) + (robot.n if encoder_offset_std else 0))
-    names += (
-        [f"encoder zero of {joint}" for joint in robot.joint_names] if encoder_offset_std else []
-    )
-    precision = np.zeros(len(names))
-    precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
-    for joint in unseen:
         estimate = _actuator_part(start, joint)
-        # F = k r_L dq: the standard deviation of the spring's force by that of the zero dq.
-        force = estimate.value("stiffness") * robot.drives[joint].load_radius
-        place = drives[joint].start + estimate.names.index("spring_offset")
-        precision[place] = 1 / (force * max(encoder_offset_std, _EXACT_RAD))
+        first = len(parameters)
+        parameters += [Parameter(name, joint) for name in estimate.names]
+        drives[joint] = slice(first, len(parameters))
+        if joint in unseen:
+            # F = k r_L dq: the standard deviation of the spring's force by that of the zero dq.
+            force = estimate.value("stiffness") * robot.drives[joint].load_radius
+            prior = Prior(0.0, abs(force) * max(encoder_offset_std, _EXACT_RAD))
+            place = first + estimate.names.index("spring_offset")
+            parameters[place] = replace(parameters[place], prior=prior)
+    load = slice(len(parameters), len(parameters) + len(start.model.names))
+    parameters += map(Parameter.of_column, start.model.names)
+    if encoder_offset_std:
+        zero = Prior(0.0, encoder_offset_std)
+        parameters += [Parameter("encoder_zero", joint, prior=zero) for joint in robot.joint_names]
     return Layout(
         identification=start,
+        parameters=tuple(parameters),
         simulated=tuple(joint for joint in start.model.torque_joints if joint in start.springs),
-        names=tuple(names),
+        unseen=unseen,
         drives=FrozenMapping(drives),
         load=load,
-        zeros=zeros,
-        precision=precision,
-        unseen=unseen,
-        nonlinear=FrozenMapping(_nonlinear_drives(robot, names)),
+        zeros=slice(load.stop, len(parameters)),
     )
-
-
-def _nonlinear_drives(robot: Robot, names: Sequence[str]) -> dict[str, dict[str, int]]:
-    """Return {joint: {parameter: column}} of the drives with nonlinear parameters in `names`."""
-    nonlinear = {}
-    for joint, drive in robot.drives.items():
-        columns = {
-            name: names.index(f"{name} of {joint}")
-            for name in drive.parameter_names
-            if f"{name} of {joint}" in names
-        }
-        if columns.keys() & {*motor_regressor(robot, joint).non_linear}:
-            nonlinear[joint] = columns
-    return nonlinear
 
 
 _MOST_ENTRIES = 1_000_000
 """Entries of the response of the joints in memory at a time, of 20 or so arrays of this size."""
 
 
-def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_S) -> list[Run]:
+def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
-    if not layout.simulated:
-        return []
     known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
         motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
@@ -326,7 +331,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
     compared = (*layout.simulated, *layout.followed)
     still = np.column_stack([_turning(known, motion, joint) for joint in compared])
     # Response of s joints: (T, s, 1 + p + 2 s), the residual, p parameters, 2 s initial states.
-    per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
+    per_window = window * len(simulated) * (1 + len(layout.parameters) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
     runs = []
     for start in range(0, windows, most):
@@ -336,7 +341,7 @@ def runs_of(layout: Layout, log: Log, number: int = 0, window_s: float = WINDOW_
         reading = motion.joint_position[part, simulated]
         # The state of a spring's hysteresis depends on the whole past, not on the window alone.
         before = motion.samples(slice(part.stop))
-        runs.append(Run(motion.samples(part), reading, still[part], count, block, number, before))
+        runs.append(Run(motion.samples(part), reading, still[part], count, block, before))
     return runs
 
 
@@ -362,71 +367,67 @@ def _zeros(layout: Layout, x: Array) -> Array:
     return x[layout.zeros] if layout.has_zeros else np.zeros(layout.identification.known.n)
 
 
-def robot_at(layout: Layout, x: Array) -> Robot:
-    """Return the identified robot with the base parameters of x."""
-    base, robot = layout.identification.base, layout.identification.robot
-    load = x[layout.load][: len(base.columns)]
-    # The standard parameters of least change that have these base parameters (14); a simulation
-    # depends on the base parameters only.
-    correction = base.least(load - base.project(robot.parameters))
-    return robot.with_values(robot.parameters + correction, robot.drives)
+@dataclass(frozen=True, eq=False)
+class MeasuredLog:
+    """The residual block of what is not simulated in a part of a log without gaps.
 
+    `rows` are the residuals at parameters of zero, linearised at x (p,).
+    """
 
-def measured(layout: Layout, log: Log) -> Callable[[Array], Residuals]:
-    """Return the residuals of what is not simulated, as a function of the parameters x (p,)."""
-    motion = reconstruct_motion(layout.identification.known, log, layout.identification.cutoff_hz)
-    motion = finer_side(layout.identification.known, motion)
-    linear = _measured_near(layout, motion, layout.start)
+    layout: Layout
+    log: Log
+    motion: Motion
+    rows: Residuals
+    x: Array
 
-    def at(x: Array) -> Residuals:
-        residuals = _measured_near(layout, motion, x) if layout.nonlinear else linear
-        return replace(residuals, residual=residuals.residual + residuals.jacobian @ x)
+    @classmethod
+    def of(cls, layout: Layout, log: Log, x: Array) -> MeasuredLog:
+        """Return the block of a log, filtered at the cutoff of the identification."""
+        known = layout.identification.known
+        motion = reconstruct_motion(known, log, layout.identification.cutoff_hz)
+        motion = finer_side(known, motion)
+        return cls(layout, log, motion, _measured_near(layout, motion, x), x)
 
-    return at
+    @property
+    def residuals(self) -> Residuals:
+        """The residuals at x."""
+        return replace(self.rows, residual=self.rows.residual + self.rows.jacobian @ self.x)
+
+    def moved(self, x: Array, part: float, nuisance: Array) -> MeasuredLog:
+        """Return the block at parameters x (p,)."""
+        rows = self.rows
+        if self.layout.nonlinear:
+            rows = _measured_near(self.layout, self.motion, x)
+        return replace(self, rows=rows, x=x)
+
+    def with_layout(self, layout: Layout, x: Array) -> MeasuredLog:
+        """Return the block with further parameters, at x (p,)."""
+        return self.of(layout, self.log, x)
+
+    def with_constant(self, constant: Constant, layout: Layout) -> MeasuredLog:
+        """Return the block with a constant changed, which the layout has too."""
+        return self.of(layout, constant.scaled(self.log), self.x)
 
 
 def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
-    """Return what is not simulated, linearised at x (p,), at parameters of zero.
-
-    These are the torques of stiff joints, and the drives of springs with a measured torque. Their
-    columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
-    effect of encoder offsets is that at the start.
-    """
-    known, model, start = layout.known_at(x), layout.identification.model, layout.start
-    drives = [joint for joint in layout.drives if joint not in layout.simulated]
-    others = [joint for joint in model.torque_joints if joint not in layout.simulated]
-    others = [] if layout.unseen else others
-    equations: list[tuple[Regress, slice, list[str]]] = [
-        (partial(actuator_regression, known, joint=joint), layout.drives[joint], [joint])
-        for joint in drives
-    ]
-    zero = without_torque(known, layout.simulated)
-    equations.append(
-        (partial(load_regression, known, model=model, springs=zero), layout.load, others)
-    )
+    """Return what is not simulated, linearised at x (p,), at parameters of zero."""
     samples = row_samples(motion)
     instants = motion.time[samples]
-    shape = (1, len(instants), len(drives) + len(others))
-    residual, jacobian = np.zeros(shape), np.zeros((*shape, len(start)))
-    kept, channel = np.zeros(shape, dtype=bool), 0
-    for regress, columns, joints in equations if shape[2] else []:
-        rows = regress(motion)
-        if columns != layout.load:
-            _check_columns(layout, rows.names, joints[0])
+    shape = (1, len(instants), len(layout.sensed) + len(layout.others))
+    residual, jacobian = np.zeros(shape), np.zeros((*shape, len(x)))
+    kept = np.zeros(shape, dtype=bool)
+    rows_of_channels = _rows_of_channels(layout, motion, x)
+    for channel, (index, columns, rows) in enumerate(rows_of_channels):
+        of_joint = rows.joint == index
+        # Rows near standstill are missing: others are placed by time, 1e-9 s against rounding.
+        places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
+        # The rows are at twice the Nyquist rate of the filter: every second one counts, so that
+        # white noise below the cutoff is uncorrelated from row to row.
+        kept[0, places[places % 2 == 0], channel] = True
+        residual[0, places, channel] = rows.y[of_joint]
+        jacobian[0, places, channel, columns] = -rows.H[of_joint]
         if layout.has_zeros:
-            rows = offset_sensitivity(known, motion, regress, start[columns])
-        for joint in joints:
-            of_joint = rows.joint == known.index(joint)
-            # Rows near standstill are missing: others are placed by time, 1e-9 s against rounding.
-            places = np.searchsorted(instants, rows.time[of_joint] - 1e-9)
-            # The rows are at twice the Nyquist rate of the filter: every second one counts, so that
-            # white noise below the cutoff is uncorrelated from row to row.
-            kept[0, places[places % 2 == 0], channel] = True
-            residual[0, places, channel] = rows.y[of_joint]
-            jacobian[0, places, channel, columns] = -rows.H[of_joint]
-            if layout.has_zeros:
-                jacobian[0, places, channel, layout.zeros] = -rows.propagated[of_joint]
-            channel += 1
+            jacobian[0, places, channel, layout.zeros] = -rows.propagated[of_joint]
     simulated = 2 * len(layout.simulated) + len(layout.followed)
     return Residuals(
         residual=residual,
@@ -438,42 +439,49 @@ def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
     )
 
 
+def _rows_of_channels(
+    layout: Layout, motion: Motion, x: Array
+) -> Iterator[tuple[int, slice, Regression]]:
+    """Yield joint, columns and rows of what is not simulated.
+
+    These are the drives of springs with a measured torque, and the torques of stiff joints. Their
+    columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
+    effect of encoder offsets is that at the start.
+    """
+    known, model, start = layout.known_at(x), layout.identification.model, layout.start
+
+    def rows_of(regress: Regress, columns: slice) -> Regression:
+        if layout.has_zeros:
+            return offset_sensitivity(known, motion, regress, start[columns])
+        return regress(motion)
+
+    for joint in layout.sensed:
+        rows = rows_of(partial(actuator_regression, known, joint=joint), layout.drives[joint])
+        _check_columns(layout, rows.names, joint)
+        yield known.index(joint), layout.drives[joint], rows
+    if layout.others:
+        zero = without_torque(known, layout.simulated)
+        rows = rows_of(partial(load_regression, known, model=model, springs=zero), layout.load)
+        yield from ((known.index(joint), layout.load, rows) for joint in layout.others)
+
+
 def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
     """Return the residuals of the simulated joints around x, and what pulls at these joints.
 
     Channels: positions of the simulated joints, torques of their drives, those of followed joints.
     """
-    known, motion = layout.known_at(x), run.motion
-    places = {name: place for place, name in enumerate(layout.names)}
-    springs = hysteresis_corrections(known, layout.simulated, motion, run.measured, places, x)
-    frictions, slopes = friction_corrections(known, layout.simulated, motion, places, x)
-    load = _load_error(layout, known, run, x)
-    for joint, torque in (*springs.items(), *frictions.items()):
-        # A correction of the torque on the joint is in (8) with its sign, and in (7), through the
-        # gear, with the opposite one (below); joint friction is in (8) alone.
-        load.columns[:, load.joints.index(joint)] += torque
-    pull = _pull(layout, known, run, x, load, slopes)
+    around = _Around(layout, run, x)
+    pull = Pull(around.inside, around.load_of(layout.simulated), around.step_s, run.windows)
     response = pull.response(pull.force)
-    joints = [known.index(joint) for joint in layout.simulated]
-    encoder = -response.position
-    # y - q - z, where q is the present motion plus its Newton correction, the first column.
-    encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
-    if layout.has_zeros:
-        zeros = [1 + layout.zeros.start + joint for joint in joints]
-        encoder[:, :, 0] -= x[layout.zeros][joints]
-        encoder[:, range(len(joints)), zeros] -= 1.0
-    drives = _drive_error(layout, known, run, x, response)
-    for joint, torque in springs.items():
-        ratio = total_ratio(known.drives[joint])
-        drives[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
-    columns = np.concatenate([encoder, drives, _followed(layout, load, response)], axis=1)
-    seen = np.isin(layout.simulated, layout.unseen)
+    torques = around.motor_torques(response), around.followed_torques(response)
+    columns = np.concatenate([around.positions(response), *torques], axis=1)
+    unseen = np.isin(layout.simulated, layout.unseen)
     # A joint without an encoder has no measured position: its rows never count. Positions of
     # the others count at standstill too, where only the torques are unknown.
-    unknown = np.hstack([np.broadcast_to(seen, (len(columns), len(joints))), run.still])
-    if motion.bridged is not None:  # what was interpolated over a gap was not measured
-        unknown |= motion.bridged[:, None]
-    return _blocks(run, columns, unknown, 2 * len(joints)), pull
+    unknown = np.hstack([np.broadcast_to(unseen, (len(columns), len(unseen))), run.still])
+    if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
+        unknown |= run.motion.bridged[:, None]
+    return _blocks(run, columns, unknown, 2 * len(unseen)), pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -498,123 +506,172 @@ _NUDGE = 1e-6
 """Change of a joint's position [rad or m] and speed for the slopes of its drive's torques."""
 
 
-def _pull(layout: Layout, known: Robot, run: Run, x: Array, load: LoadError, dry: Array) -> Pull:
-    """Return what pulls at the joints, with the slopes `dry` (T, simulated) of dry friction."""
-    joints = [known.index(joint) for joint in layout.simulated]
-    stiffness, damping = _drive_slopes(layout, known, run.motion, x)
-    damping = damping + dry[:, :, None] * np.eye(len(joints))
-    inside = load.jacobians.part(joints, joints).plus(stiffness, damping)
-    return Pull(inside, load.rows(layout.simulated), 1 / run.motion.rate_hz, run.windows)
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """The equations of a run about parameters x (p,), of S simulated joints.
 
+    Columns (T, joints, 1 + p) are a residual and its derivatives by x.
+    """
 
-def _drive_slopes(layout: Layout, known: Robot, motion: Motion, x: Array) -> tuple[Array, Array]:
-    """Return the decrease of the drives' load torques with position and speed, (T, s, s) each."""
-    model, eye = layout.identification.model, np.eye(len(layout.simulated))
-    simulated = [model.torque_joints.index(joint) for joint in layout.simulated]
-    springs = {joint: x[layout.spring(joint)] for joint in layout.identification.springs}
-    torques = [
-        drive_torques(known, variant, model, springs, x[layout.load])[:, simulated]
-        for variant in (
-            motion,
+    layout: Layout
+    run: Run
+    x: Array
+
+    @property
+    def step_s(self) -> float:
+        """The time between samples."""
+        return 1 / self.run.motion.rate_hz
+
+    @cached_property
+    def known(self) -> Robot:
+        """The robot whose nonlinear drives are linearised at x."""
+        return self.layout.known_at(self.x)
+
+    @cached_property
+    def joints(self) -> list[int]:
+        """The places of the simulated joints in the robot."""
+        return list(map(self.known.index, self.layout.simulated))
+
+    @cached_property
+    def springs(self) -> dict[str, Array]:
+        """The values of the springs whose torque is in (8)."""
+        layout = self.layout
+        return {joint: self.x[layout.spring(joint)] for joint in layout.identification.springs}
+
+    @cached_property
+    def jacobians(self) -> TorqueJacobians:
+        """The derivatives of the inverse dynamics by the motion."""
+        robot = with_base_parameters(self.layout.identification, self.x[self.layout.load])
+        return torque_jacobians(robot, *self.run.motion.joint_states)
+
+    @cached_property
+    def hysteresis(self) -> dict[str, Array]:
+        """The corrections of the springs with hysteresis."""
+        layout, run = self.layout, self.run
+        motions = run.motion, run.measured
+        return hysteresis_corrections(self.known, layout.simulated, *motions, layout.places, self.x)
+
+    @cached_property
+    def friction(self) -> tuple[dict[str, Array], Array]:
+        """The corrections of dry friction of the joints, and its slopes (T, S) by their speeds."""
+        layout = self.layout
+        return friction_corrections(
+            self.known, layout.simulated, self.run.motion, layout.places, self.x
+        )
+
+    @cached_property
+    def load(self) -> Array:
+        """The columns of (8) of all joints with a torque."""
+        layout, motion, x = self.layout, self.run.motion, self.x
+        model = layout.identification.model
+        torque, payload, H, by_springs = load_columns(self.known, motion, model, self.springs)
+        columns = np.zeros((*torque.shape, 1 + len(x)))
+        by_x = columns[:, :, 1:]
+        columns[:, :, 0] = torque - payload - H @ x[layout.load]
+        by_x[:, :, layout.load] = -H
+        of_springs = [column for joint in layout.simulated for column in layout.spring(joint)]
+        by_x[:, :, of_springs] = by_springs
+        if layout.has_zeros:
+            rows = list(map(self.known.index, model.torque_joints))
+            # q = reading - zero: -tau(q) changes by +dtau/dq per unit of the zero. Positions
+            # of simulated joints do not depend on the zero of their encoders, their outputs do.
+            by_x[:, :, layout.zeros] = self.jacobians.position[:, rows]
+            by_x[:, :, [layout.zeros.start + joint for joint in self.joints]] = 0.0
+        for column, joint, unit in layout.tests(motion):
+            by_x[:, model.torque_joints.index(joint), column] = unit
+        for joint, correction in (*self.hysteresis.items(), *self.friction[0].items()):
+            # A correction of the torque on the joint is in (8) with its sign, and in (7), through
+            # the gear, with the opposite one (below); joint friction is in (8) alone.
+            columns[:, model.torque_joints.index(joint)] += correction
+        return columns
+
+    def load_of(self, joints: Sequence[str]) -> Array:
+        """Return the columns of (8) of some joints."""
+        names = self.layout.identification.model.torque_joints
+        return np.asarray(self.load[:, list(map(names.index, joints))])
+
+    @cached_property
+    def nudged(self) -> tuple[Motion, Motion]:
+        """The motions with all joint positions changed by `_NUDGE`, and with all speeds.
+
+        The torque of a drive depends on its own joint, so that one change of all joints at once
+        gives all slopes. `refine` refuses coupled drives, for which this is not so.
+        """
+        motion = self.run.motion
+        return (
             replace(motion, joint_position=motion.joint_position + _NUDGE),
             replace(motion, joint_velocity=motion.joint_velocity + _NUDGE),
         )
-    ]
-    # A diagonal: the torque of a drive depends on its own joint, so that one nudge of all joints
-    # at once gives all slopes. `refine` refuses coupled drives, for which this is not so.
-    by_position, by_velocity = (
-        (torques[0] - torque)[:, :, None] / _NUDGE * eye for torque in torques[1:]
-    )
-    return by_position, by_velocity
 
-
-def _followed(layout: Layout, load: LoadError, response: Response) -> Array:
-    """Return the residuals of (8) of the followed joints and their derivatives, as `response`."""
-    known = layout.identification.known
-    followed, moving = (
-        [known.index(joint) for joint in joints] for joints in (layout.followed, layout.simulated)
-    )
-    columns = -load.jacobians.part(followed, moving).change(response)
-    rows = load.rows(layout.followed)
-    columns[:, :, : rows.shape[2]] += rows
-    return columns
-
-
-@dataclass(frozen=True, eq=False)
-class LoadError:
-    """Residuals of (8) and their derivatives by x (T, joints, 1 + p), and of torques by motion."""
-
-    joints: tuple[str, ...]
-    columns: Array
-    jacobians: TorqueJacobians
-
-    def rows(self, joints: Sequence[str]) -> Array:
-        """Return the columns (T, joints, 1 + p) of some joints."""
-        return np.asarray(self.columns[:, [self.joints.index(joint) for joint in joints]])
-
-
-def _load_error(layout: Layout, known: Robot, run: Run, x: Array) -> LoadError:
-    """Return the residuals of (8) of all joints with a torque, and their derivatives."""
-    identification, motion = layout.identification, run.motion
-    springs = {joint: x[layout.spring(joint)] for joint in identification.springs}
-    torque, payload, H, propagated = load_columns(known, motion, identification.model, springs)
-    jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
-    by_x = np.zeros((*torque.shape, len(x)))
-    by_x[:, :, layout.load] = -H
-    columns = [column for joint in layout.simulated for column in layout.spring(joint)]
-    by_x[:, :, columns] = propagated
-    if layout.has_zeros:
-        rows, joints = (
-            [known.index(joint) for joint in names]
-            for names in (identification.model.torque_joints, layout.simulated)
+    @property
+    def inside(self) -> TorqueJacobians:
+        """What pulls at the simulated joints: the bodies, and the drives against their motion."""
+        layout, eye = self.layout, np.eye(len(self.joints))
+        model = layout.identification.model
+        simulated = list(map(model.torque_joints.index, layout.simulated))
+        unchanged, *torques = (
+            drive_torques(self.known, motion, model, self.springs, self.x[layout.load])
+            for motion in (self.run.motion, *self.nudged)
         )
-        # q = reading - zero, so that -tau(q) changes by +dtau/dq per unit of the zero. Positions
-        # of simulated joints do not depend on the zero of their encoders, their outputs do.
-        by_x[:, :, layout.zeros] = jacobians.position[:, rows]
-        by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
-    for column, joint, unit in layout.tests(motion):
-        by_x[:, identification.model.torque_joints.index(joint), column] = unit
-    error = torque - payload - H @ x[layout.load]
-    whole = np.concatenate([error[:, :, None], by_x], axis=2)
-    return LoadError(identification.model.torque_joints, whole, jacobians)
+        by_position, by_speed = (
+            ((unchanged - torque)[:, simulated, None] / _NUDGE) * eye for torque in torques
+        )
+        by_speed = by_speed + self.friction[1][:, :, None] * eye
+        return self.jacobians.part(self.joints, self.joints).plus(by_position, by_speed)
 
+    def positions(self, response: Response) -> Array:
+        """Return the columns of the encoders of the simulated joints, and of their free motions."""
+        layout, joints = self.layout, self.joints
+        columns = -response.position
+        # y - q - z, where q is the present motion plus its Newton correction, the first column.
+        columns[:, :, 0] += self.run.reading - self.run.motion.joint_position[:, joints]
+        if layout.has_zeros:
+            columns[:, :, 0] -= self.x[layout.zeros][joints]
+            zeros = [1 + layout.zeros.start + joint for joint in joints]
+            columns[:, range(len(joints)), zeros] -= 1.0
+        return columns
 
-def _motor_columns(
-    layout: Layout, known: Robot, motion: Motion, joint: str
-) -> tuple[tuple[str, ...], Array, Array]:
-    """Return names, zeta and R of (7), with a column for the torque offset if it was identified."""
-    regressor, zeta, R = actuator_columns(known, motion, joint)
-    if TORQUE_OFFSET not in layout.actuator(joint).names:
-        return regressor.names, zeta, R
-    return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
-
-
-def _drive_error(layout: Layout, known: Robot, run: Run, x: Array, response: Response) -> Array:
-    """Return the residuals of (7) and their derivatives (T, simulated, 1 + p + s)."""
-    motion = run.motion
-    residuals = np.zeros_like(response.position)
-    nudged = (
-        (response.position, replace(motion, joint_position=motion.joint_position + _NUDGE)),
-        (response.velocity, replace(motion, joint_velocity=motion.joint_velocity + _NUDGE)),
-    )
-    for row, joint in enumerate(layout.simulated):
-        columns = layout.drives[joint]
-        names, zeta, R = _motor_columns(layout, known, motion, joint)
-        _check_columns(layout, names, joint)
-        residuals[:, row, 0] = zeta - R @ x[columns]
-        residuals[:, row, 1 + columns.start : 1 + columns.stop] = -R
-        unchanged = residuals[:, row, 0].copy()
-        for change, moved in nudged:
-            _, zeta, R = _motor_columns(layout, known, moved, joint)
-            slope = (zeta - R @ x[columns] - unchanged) / _NUDGE
-            # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
-            # The first column is the change by the Newton correction of the joint.
-            residuals[:, row] += slope[:, None] * change[:, row]
-    for column, joint, unit in layout.tests(motion):
-        ratio = total_ratio(known.drives[joint])
+    def motor_torques(self, response: Response) -> Array:
+        """Return the columns of (7) of the simulated joints, and of their free motions."""
+        layout = self.layout
+        columns = np.zeros_like(response.position)
+        for row, joint in enumerate(layout.simulated):
+            names, zeta, R = self.motor_equation(joint, self.run.motion)
+            _check_columns(layout, names, joint)
+            of_drive = layout.drives[joint]
+            residual = zeta - R @ self.x[of_drive]
+            columns[:, row, 0] = residual
+            columns[:, row, 1 + of_drive.start : 1 + of_drive.stop] = -R
+            moves = response.position[:, row], response.velocity[:, row]
+            for move, motion in zip(moves, self.nudged, strict=True):
+                _, zeta, R = self.motor_equation(joint, motion)
+                slope = (zeta - R @ self.x[of_drive] - residual) / _NUDGE
+                # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
+                # The first column is the change by the Newton correction of the joint.
+                columns[:, row] += slope[:, None] * move
         # A torque on the joint loads its motor, through the gear.
-        residuals[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
-    return residuals
+        for column, joint, unit in layout.tests(self.run.motion):
+            ratio = total_ratio(self.known.drives[joint])
+            columns[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
+        for joint, torque in self.hysteresis.items():
+            ratio = total_ratio(self.known.drives[joint])
+            columns[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
+        return columns
+
+    def motor_equation(self, joint: str, motion: Motion) -> tuple[tuple[str, ...], Array, Array]:
+        """Return names, zeta and R of (7), with a column for an identified torque offset."""
+        regressor, zeta, R = actuator_columns(self.known, motion, joint)
+        if Parameter(TORQUE_OFFSET, joint) not in self.layout.places:
+            return regressor.names, zeta, R
+        return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
+
+    def followed_torques(self, response: Response) -> Array:
+        """Return the columns of (8) of the followed joints, and of the free motions of others."""
+        followed = list(map(self.known.index, self.layout.followed))
+        columns = -self.jacobians.part(followed, self.joints).change(response)
+        rows = self.load_of(self.layout.followed)
+        columns[:, :, : rows.shape[2]] += rows
+        return columns
 
 
 def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
@@ -668,23 +725,74 @@ minimum, where it was 10 to 60 times on three plants of scripts/benchmarks/motor
 least noise [N m] of a log."""
 
 _SETTLED, _CLOSE = 1e-3, 0.05
-_MOST_HALVINGS, _MOST_SWEEPS = 6, 5
-_EQUAL_MERIT = 1e-3
-"""Difference below which log-likelihoods count as equal."""
+"""Next steps [standard errors] at which a search ends, and up to which it has converged."""
+
+_LARGEST = 1e100
+"""Size from which a simulation diverges: squares of what is larger overflow."""
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """A point of the iteration: parameters (p,), runs, the pull at their joints, the next step.
+class DrivenLog:
+    """The residual block of joints that are simulated from the motor angles of a log."""
 
-    `measured` are the residuals per log of what is not simulated, as functions of the parameters.
-    """
-
-    x: Array
+    layout: Layout
     runs: list[Run]
-    pulls: list[Pull]
-    step: Step
-    measured: list[Callable[[Array], Residuals]]
+    x: Array
+
+    @cached_property
+    def _linearised(self) -> list[tuple[Residuals, Pull]]:
+        diverges = "the simulation diverges at this estimate: check the identification it starts "
+        diverges += "from"
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                around = [linearised(self.layout, run, self.x) for run in self.runs]
+        except IdentificationError as problem:
+            raise IdentificationError(f"{diverges}; {problem}") from None
+        for rows, _ in around:
+            for part in (rows.residual, rows.jacobian, rows.nuisance):
+                if not np.all(np.abs(part) < _LARGEST):
+                    raise IdentificationError(diverges)
+        return around
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        """The residuals of all windows."""
+        return joined([rows for rows, _ in self._linearised])
+
+    def moved(self, x: Array, part: float, nuisance: Array) -> DrivenLog:
+        """Return the block at parameters x (p,), its joints after a part of a step."""
+        starts = np.cumsum([run.windows for run in self.runs])[:-1]
+        initial = np.split(part * nuisance, starts)
+        pulls = [pull for _, pull in self._linearised]
+        runs = [
+            _moved(self.layout, run, pull, x - self.x, part, states)
+            for run, pull, states in zip(self.runs, pulls, initial, strict=True)
+        ]
+        return replace(self, runs=runs, x=x)
+
+    def with_layout(self, layout: Layout, x: Array) -> DrivenLog:
+        """Return the block with further parameters, at x (p,)."""
+        return replace(self, layout=layout, x=x)
+
+    def with_constant(self, constant: Constant, layout: Layout) -> DrivenLog:
+        """Return the block with a constant changed, which the layout has too."""
+        runs = [
+            replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
+            for run in self.runs
+        ]
+        return replace(self, runs=runs, layout=layout)
+
+    def with_noise(self, logs: Sequence[Log], rng: np.random.Generator) -> DrivenLog:
+        """Return the block whose measured joints have the noise of the encoders once more."""
+        known = self.layout.identification.known
+        runs = [
+            replace(run, measured=with_encoder_noise(known, run.measured, logs, rng))
+            for run in self.runs
+        ]
+        return replace(self, runs=runs)
+
+
+LogPoint = Point[DrivenLog | MeasuredLog]
 
 
 @checked(IdentificationError)
@@ -750,9 +858,80 @@ def refine(
     check_offset_std(encoder_offset_std)
     _check_start(identification, without_joint_encoder(identification.known, logs))
     if identification.known.has_controllers:
-        refined, reason, evidence = refine_commanded(identification, logs, iterations, progress)
+        refined, reason, evidence = _commanded_refinement(
+            identification, logs, iterations, progress
+        )
         return _unchanged(identification, reason, evidence) if reason else refined
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
+
+
+_COMMANDED_SETTLED = 0.02
+"""Next step [standard errors] at which a search ends."""
+
+_FAR = 3.0
+"""Standard errors of the next step beyond which a search that cannot go on has not converged: 0.13
+to 0.41 on the measured logs of a Go2, 48 where friction holds the joints of an arm at reversals."""
+
+
+def _commanded_refinement(
+    start: Identification, logs: Sequence[Log], iterations: int, progress: bool
+) -> tuple[Identification, str, dict[str, float]]:
+    """Return the identification with the least output error of the closed loop, "" and {}.
+
+    Where its values are worse than those of the start, the reason why, and numbers. With errors of
+    the model in place of noise the likelihood, in which joints of small errors weigh most, may rise
+    while the positions get worse; or no step may improve it, although its slope is not zero.
+    """
+    first = commanded_point(start, logs)
+    try:
+        _ = first.step
+    except SeaidError as problem:
+        raise IdentificationError(
+            "the model cannot be simulated with the values of the identification: give the bodies "
+            f"that are known (known_bodies=), or identify with feasible=True; {problem}",
+            "known_bodies=",
+            "feasible=True",
+        ) from None
+    point, is_stuck = search(first, iterations, _COMMANDED_SETTLED, progress)
+    step = point.step
+    errors = np.sqrt(np.diag(step.covariance))
+    rest = np.abs(step.change) / np.where(errors > 0, errors, 1.0)
+    if is_stuck and np.max(rest, initial=0.0) > _FAR:
+        worst = int(np.argmax(rest))
+        name = readable(point.parameters[worst].name)
+        return (
+            start,
+            f"its search cannot improve the simulated positions, although its next step would "
+            f"change {name} by {rest[worst]:.0f} standard errors",
+            {"standard errors": float(rest[worst])},
+        )
+    before, after = _mean_absolute_error(first), _mean_absolute_error(point)
+    if after > before:
+        evidence = {"error of the start": before, "error after": after}
+        return start, "its positions follow the commands more closely", evidence
+    return _refined_commanded(point), "", {}
+
+
+def _mean_absolute_error(point: Point[CommandedLog]) -> float:
+    """Return the mean absolute error of all joints [rad or m]."""
+    residuals = [block.residuals for block in point.blocks]
+    return float(np.mean(np.concatenate([abs(x.residual[x.kept]) for x in residuals])))
+
+
+def _refined_commanded(point: Point[CommandedLog]) -> Identification:
+    """Return the identification with the values of a point and their covariance."""
+    commands, step = point.blocks[0].commands, point.step
+    start, spread = commands.identification, commands.spread
+    side = replace(
+        start.load_side,
+        values=spread @ point.x,
+        covariance=spread @ step.covariance @ spread.T,
+        residual_std=float(np.sqrt(np.mean(step.stds**2))),
+        condition_number=step.condition_number,
+        white_standard_errors=np.sqrt(np.diag(spread @ step.white_covariance @ spread.T)),
+        degrees_of_freedom=None,
+    )
+    return _with_estimates(start, {}, side)
 
 
 def refined_with_logs(
@@ -771,38 +950,42 @@ def refined_with_logs(
     # window: an iteration in short windows comes first.
     simulated, first = _filled(layout, logs, layout.start), layout.start
     if unseen:
-        _, point = _iterated(layout, simulated, first, iterations, progress, SHORT_WINDOW_S)
-        simulated, first = _simulated_logs(layout, logs, point), point.x
-    start, point = _iterated(layout, simulated, first, iterations, progress)
+        short = point_at(layout, simulated, first, SHORT_WINDOW_S)
+        point, _ = search(short, iterations, _CLOSE_TO_LONGER, progress)
+        simulated, first = [_simulated_log(layout, log, point) for log in logs], point.x
+    start = point_at(layout, simulated, first)
+    point, _ = search(start, iterations, _SETTLED, progress)
     # `not <` also refuses NaN.
-    if not _size(point.step) < _CLOSE:
+    if not point.size < _CLOSE:
         held = _held(identification, layout, point)
         if held is not None:
             return refined_with_logs(held, logs, encoder_offset_std, iterations, progress)
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
-            f"{_size(point.step):.2g} standard errors; use the result of identify, if the logs and "
+            f"{point.size:.2g} standard errors; use the result of identify, if the logs and "
             "the identification belong together"
         )
     if unseen:
-        wider, wider_point = _with_tests(layout, point)
-        noise, p = _noise_of_states(wider, wider_point), len(point.x)
-        terms = _tested_terms(wider, wider_point, noise)
-        refined = with_motor_side_findings(
-            _refined(layout, point, logs, noise[:p, :p]), terms, point.runs[0].motion
-        )
-        return refined, _simulated_logs(layout, logs, point)
-    point = _with_noisy_deflections(layout, point, logs)
-    refined = _refined(layout, point, logs)
+        return _refined_unseen(layout, point), [_simulated_log(layout, x, point) for x in logs]
+    step = point.step
+    step = replace(step, covariance=step.covariance + _of_noisy_deflections(layout, point, logs))
+    refined = _refined(layout, point, step)
     reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
-    if point.step.merit > start.step.merit + _EQUAL_MERIT:
-        reason = "its likelihood is lower than that of the start"
     if reason:
         return _unchanged(identification, reason, evidence), logs
     return refined, logs
 
 
-def _held(start: Identification, layout: Layout, point: Point) -> Identification | None:
+def _refined_unseen(layout: Layout, point: LogPoint) -> Identification:
+    """Return the refinement of joints without encoder, with the terms that their springs lack."""
+    wider, wider_point = _with_tests(layout, point)
+    noise, p = _noise_of_states(wider_point), len(point.x)
+    terms = _tested_terms(wider, without_information(wider_point.step, noise))
+    refined = _refined(layout, point, without_information(point.step, noise[:p, :p]))
+    return with_motor_side_findings(refined, terms, _runs(point)[0].motion)
+
+
+def _held(start: Identification, layout: Layout, point: LogPoint) -> Identification | None:
     """Return the start with nonlinear parameters fixed that kept the search from ending, if any.
 
     These are positive ones of elastic drives whose 95 % interval at the last point reaches zero,
@@ -849,8 +1032,8 @@ def simulated_from_motors(identification: Identification, log: Log) -> Log:
         return log
     _check_start(identification, unseen)
     layout = layout_of(identification, 0.0, unseen)
-    _, point = _iterated(layout, _filled(layout, [log], layout.start), layout.start, 0, False)
-    return _simulated_log(layout, log, point.runs)
+    filled = _filled(layout, [log], layout.start)
+    return _simulated_log(layout, log, point_at(layout, filled, layout.start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -870,25 +1053,27 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     layout = layout_of(identification, 0.0, without_joint_encoder(identification.known, logs))
     x = layout.start
     for joint in layout.unseen:  # the angles of the start are those of a spring without damping
-        if "spring_damping" in layout.actuator(joint).names:
-            damping = layout.names.index(f"spring_damping of {joint}")
-            x[damping] = identification.known.drives[joint].values.get("spring_damping", 0.0)
+        if (damping := Parameter("spring_damping", joint)) in layout.places:
+            x[layout.places[damping]] = identification.known.drives[joint].values.get(
+                "spring_damping", 0.0
+            )
     filled = _filled(layout, logs, x)
-    _, point = _iterated(layout, filled, x, _FIRST_STEPS, False, SHORT_WINDOW_S)
+    short = point_at(layout, filled, x, SHORT_WINDOW_S)
+    point, _ = search(short, _FIRST_STEPS, _CLOSE_TO_LONGER)
     # Channels: the s positions of simulated joints, then the torques of their s drives.
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
             np.hypot(*_motor_noise(identification, joint, log, run.motion))
             for log in logs
-            for run in point.runs
+            for run in _runs(point)
         )
         for joint in layout.unseen
     ]
     if any(point.x[layout.spring(joint)[0]] <= 0 for joint in layout.unseen):
         raise IdentificationError("the search of the stiffness ended below zero")
     at_noise = point.step.stds[channels] <= _AT_NOISE * np.maximum(noise, _SMALLEST_TORQUE)
-    simulated = _simulated_logs(layout, logs, point)
+    simulated = [_simulated_log(layout, log, point) for log in logs]
     return FirstEstimate(point.step.merit, simulated, bool(np.all(at_noise)))
 
 
@@ -904,39 +1089,21 @@ def _motor_noise(
     return white_noise(log.motor_torque[:, index]), rotor
 
 
-def _iterated(
-    layout: Layout,
-    logs: list[Log],
-    x: Array,
-    iterations: int,
-    progress: bool,
-    window_s: float = WINDOW_S,
-) -> tuple[Point, Point]:
-    """Return the first and the last point of an iteration from the values x (p,)."""
-    settled = _SETTLED if window_s == WINDOW_S else _CLOSE_TO_LONGER
-    parts = enumerate(_parts(layout, logs))
-    runs = list(chain(*(runs_of(layout, part, k, window_s) for k, part in parts)))
-    fixed = _measured_parts(layout, logs)
-    start = point = _simulated(layout, _point(layout, runs, fixed, x))
-    for _ in track(range(iterations), "refining", progress):
-        point, better = _improved(layout, point)
-        if _size(point.step) < settled or not better:
-            break
-    return start, point
-
-
-def _parts(layout: Layout, logs: Sequence[Log]) -> list[Log]:
-    """Return the parts of logs without gaps that are long enough."""
+def point_at(layout: Layout, logs: Sequence[Log], x: Array, window_s: float = WINDOW_S) -> LogPoint:
+    """Return the point of a search at the values x (p,), its joints simulated to satisfy (8)."""
     shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
-    return [part for log in logs for part in stretches(usable(log), shortest_s)]
+    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
+    blocks: list[DrivenLog | MeasuredLog] = []
+    if layout.simulated:
+        blocks += [DrivenLog(layout, runs_of(layout, part, window_s), x) for part in parts]
+    if layout.sensed or layout.others:
+        blocks += [MeasuredLog.of(layout, part, x) for part in parts]
+    return Point(layout.parameters, x, tuple(blocks)).settled()
 
 
-def _measured_parts(layout: Layout, logs: Sequence[Log]) -> list[Callable[[Array], Residuals]]:
-    """Return the residuals of what is not simulated, if there is any, per part of the logs."""
-    compared = {*layout.simulated, *layout.followed}
-    if not {*layout.drives, *layout.identification.model.torque_joints} - compared:
-        return []
-    return [measured(layout, part) for part in _parts(layout, logs)]
+def _runs(point: LogPoint) -> list[Run]:
+    """Return the simulated windows of all logs."""
+    return [run for block in point.blocks if isinstance(block, DrivenLog) for run in block.runs]
 
 
 def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
@@ -949,22 +1116,18 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
     return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]
 
 
-def _simulated_logs(layout: Layout, logs: Sequence[Log], point: Point) -> list[Log]:
-    """Return the simulated parts of logs with the simulated angles of the unseen joints."""
-    return [_simulated_log(layout, log, point.runs) for log in logs]
-
-
-def _simulated_log(layout: Layout, log: Log, runs: list[Run]) -> Log:
+def _simulated_log(layout: Layout, log: Log, point: LogPoint) -> Log:
     """Return the simulated part of the log with the simulated angles of the unseen joints."""
     robot = layout.identification.known
-    parts = [run.motion for run in runs if log.time[0] <= run.motion.time[0] <= log.time[-1]]
+    motions = [run.motion for run in _runs(point)]
+    parts = [x for x in motions if log.time[0] <= x.time[0] <= log.time[-1]]
     filled = with_angles(robot, with_rigid_angles(robot, log, layout.unseen), parts, layout.unseen)
     return filled.between(parts[0].time[0], parts[-1].time[-1])
 
 
 _WORSE, _WORSE_SHARE = 1.5, 0.02
-"""A joint is predicted worse if the rms error of its torque grows by this factor, and by this share
-of the torque. Without model errors the factor is at most 1.2 (`scripts/benchmarks/output_error.py`,
+"""A joint is predicted worse if the relative error of its torque grows by this factor, and by this
+much. Without model errors the factor is at most 1.2 (`scripts/benchmarks/output_error.py`,
 cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regression does.
 """
 
@@ -976,38 +1139,23 @@ def _worse(
     motions = [
         part for log in logs for part in reconstruct_motions(before.known, log, before.cutoff_hz)
     ]
-    old, size = _torque_errors(before, motions)
     shifted = [replace(motion, joint_position=motion.joint_position - zeros) for motion in motions]
-    new, _ = _torque_errors(after, shifted)
+    # (2, n): the motor torques, then the load torques.
+    old, new = (
+        np.array([fits.actuator.relative_error, fits.load.relative_error])
+        for fits in (compared(before, *motions), compared(after, *shifted))
+    )
     with np.errstate(invalid="ignore"):
-        is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE * size)
-        worst = int(np.argmax(np.where(is_worse, new / old, 0.0)))
+        is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE)
+        worst = np.unravel_index(np.argmax(np.where(is_worse, new / old, 0.0)), new.shape)
     if not is_worse[worst]:
         return "", {}
-    # (2 n,): the motor torques, then the load torques.
-    side, joint = divmod(worst, before.known.n)
-    shares = {"error before": old[worst] / size[worst], "error after": new[worst] / size[worst]}
+    side, joint = ("motor", "load")[worst[0]], before.known.joint_names[worst[1]]
+    evidence = {"error before": float(old[worst]), "error after": float(new[worst])}
     return (
-        f"the error of the {('motor', 'load')[side]} torque of {before.known.joint_names[joint]} "
-        f"would grow from {shares['error before']:.1%} to {shares['error after']:.1%}"
-    ), {name: float(share) for name, share in shares.items()}
-
-
-def _torque_errors(identification: Identification, motions: list[Motion]) -> tuple[Array, Array]:
-    """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms.
-
-    NaN where no sample counts.
-    """
-    squares, count = np.zeros((2, 2, identification.known.n)), np.zeros((2, identification.known.n))
-    for motion in motions:
-        fits = compared(identification, motion)
-        for side, fit in enumerate((fits.actuator, fits.load)):
-            pair = np.stack([fit.measured - fit.computed, fit.measured])
-            squares[:, side] += np.sum(pair**2, axis=1, where=fit.counted)
-            count[side] += np.sum(fit.counted, axis=0)
-    with np.errstate(invalid="ignore"):
-        error, size = np.sqrt(squares / count).reshape(2, -1)
-    return error, size
+        f"the error of the {side} torque of {joint} would grow from {old[worst]:.1%} to "
+        f"{new[worst]:.1%}"
+    ), evidence
 
 
 def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
@@ -1046,131 +1194,53 @@ def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
             )
 
 
-def _point(
-    layout: Layout, runs: list[Run], fixed: list[Callable[[Array], Residuals]], x: Array
-) -> Point:
-    residuals, pulls = _linear_runs(layout, runs, x)
-    residuals += [residuals_at(x) for residuals_at in fixed]
-    step = gauss_newton_step(residuals, layout.names, x, layout.precision)
-    return Point(x, runs, pulls, step, fixed)
-
-
-_LARGEST = 1e100
-"""Size from which a simulation diverges: squares of what is larger overflow."""
-
-
-def _linear_runs(layout: Layout, runs: list[Run], x: Array) -> tuple[list[Residuals], list[Pull]]:
-    """Return the residuals of the simulated joints of each log, and the pull in each run."""
-    diverges = "the simulation diverges at this estimate: check the identification it starts from"
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            around = [linearised(layout, run, x) for run in runs]
-    except IdentificationError as problem:
-        raise IdentificationError(f"{diverges}; {problem}") from None
-    sizes = [part for rows, _ in around for part in (rows.residual, rows.jacobian, rows.nuisance)]
-    if not all(np.all(np.abs(size) < _LARGEST) for size in sizes):
-        raise IdentificationError(diverges)
-    by_log: dict[int, list[Residuals]] = {}
-    for run, (rows, _) in zip(runs, around, strict=True):
-        by_log.setdefault(run.log, []).append(rows)
-    return [joined(by_log[log]) for log in sorted(by_log)], [pull for _, pull in around]
-
-
-def _size(step: Step) -> float:
-    """Return the largest change of a parameter in standard errors."""
-    return float(np.max(np.abs(step.change) / np.sqrt(np.diag(step.white_covariance))))
-
-
-def _improved(layout: Layout, point: Point) -> tuple[Point, bool]:
-    """Return the next point, the step halved until the likelihood improves; and if it did."""
-    part = 1.0
-    for _ in range(_MOST_HALVINGS):
-        change = part * point.step.change
-        with suppress(IdentificationError, ExcitationError):  # it diverges there
-            trial = _simulated(layout, _next(layout, point, change, part, point.step.nuisance))
-            if trial.step.merit <= point.step.merit + _EQUAL_MERIT:
-                return trial, True
-        part /= 2
-    return point, False
-
-
-def _simulated(layout: Layout, point: Point) -> Point:
-    """Return the point with its joints simulated to satisfy (8), by Newton's method."""
-    for _ in range(_MOST_SWEEPS):
-        new = _next(layout, point, np.zeros_like(point.x), 1.0, point.step.own)
-        settled = abs(new.step.merit - point.step.merit) < _EQUAL_MERIT
-        point = new
-        if settled:
-            break
-    return point
-
-
-def _next(
-    layout: Layout, point: Point, change: Array, part: float, initial: tuple[Array, ...]
-) -> Point:
-    """Return the point after a change of the parameters and a part of the initial states'."""
-    runs = _runs_after(layout, point, change, part, initial)
-    return _point(layout, runs, point.measured, point.x + change)
-
-
-def _runs_after(
-    layout: Layout, point: Point, change: Array, part: float, initial: Sequence[Array]
-) -> list[Run]:
-    states = iter([row for log in initial for row in log])  # per window, in the order of the runs
-    return [
-        _moved(
-            layout, run, pull, change, part, np.array([next(states) for _ in range(run.windows)])
-        )
-        for run, pull in zip(point.runs, point.pulls, strict=True)
-    ]
-
-
 _STATE_DRAWS = 8
 """Random errors of the initial states from which their part of the information is computed."""
 
 
-def _noise_of_states(layout: Layout, point: Point) -> Array:
+def _noise_of_states(point: LogPoint) -> Array:
     """Return the information (p, p) that is noise of initial states which only torques determine.
 
     Where no encoder shows the joint, noise of the torque becomes motion of the estimated initial
     states, and the derivatives by a stiffness have a part that is noise.
     """
     rng, step = np.random.default_rng(0), point.step
-    logs, _ = _linear_runs(layout, point.runs, point.x)
+    blocks = [block for block in point.blocks if isinstance(block, DrivenLog)]
     noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
-        states = [nuisance_draw(log, step.stds, rng) for log in logs]
-        runs = _runs_after(layout, point, np.zeros_like(point.x), 1.0, states)
-        drawn, _ = _linear_runs(layout, runs, point.x)
-        parts = [
-            replace(a, jacobian=b.jacobian - a.jacobian) for a, b in zip(logs, drawn, strict=True)
-        ]
+        states = [nuisance_draw(block.residuals, step.stds, rng) for block in blocks]
+        parts = []
+        for block, drawn in zip(blocks, states, strict=True):
+            rows, moved = block.residuals, block.moved(point.x, 1.0, drawn).residuals
+            parts.append(replace(rows, jacobian=moved.jacobian - rows.jacobian))
         noise += information(parts, step.stds) / _STATE_DRAWS
     return noise
 
 
-def _with_noisy_deflections(layout: Layout, point: Point, logs: list[Log]) -> Point:
-    """Return the point with the effect of noisy deflections on hysteresis in its covariance.
+def _spread(point: LogPoint, blocks: Iterable[DrivenLog | MeasuredLog]) -> Array:
+    """Return the square (p, p) of the change of the next step with other blocks at its values."""
+    change = replace(point, blocks=tuple(blocks)).step.change - point.step.change
+    return np.outer(change, change)
+
+
+def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) -> Array:
+    """Return the covariance (p, p) by the effect of noisy deflections on hysteresis.
 
     As much noise as the deflections have is added to them: the mean square of the changes of the
     estimate is that of its error by the noise that they have (Cook and Stefanski 1994).
     """
-    known = layout.identification.known
-    if not with_hysteresis(known, layout.simulated):
-        return point
-    rng, total = np.random.default_rng(0), np.zeros((len(point.x), len(point.x)))
-    for _ in range(_STATE_DRAWS):
-        runs = [
-            replace(run, measured=with_encoder_noise(known, run.measured, logs, rng))
-            for run in point.runs
-        ]
-        change = _point(layout, runs, point.measured, point.x).step.change - point.step.change
-        total += np.outer(change, change) / _STATE_DRAWS
-    step = replace(point.step, covariance=point.step.covariance + total)
-    return replace(point, step=step)
+    known, rng = layout.identification.known, np.random.default_rng(0)
+    total = np.zeros((len(point.x), len(point.x)))
+    for _ in range(_STATE_DRAWS if with_hysteresis(known, layout.simulated) else 0):
+        noisy = (
+            block.with_noise(logs, rng) if isinstance(block, DrivenLog) else block
+            for block in point.blocks
+        )
+        total += _spread(point, noisy) / _STATE_DRAWS
+    return total
 
 
-def _with_tests(layout: Layout, point: Point) -> tuple[Layout, Point]:
+def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
     """Return the point with terms that springs without encoder may lack, if they are identifiable.
 
     Their first step from zero is a score test (Rao 1948).
@@ -1179,34 +1249,23 @@ def _with_tests(layout: Layout, point: Point) -> tuple[Layout, Point]:
         (joint, order)
         for joint in layout.unseen
         for order in (1, 2)
-        if order == 2 or "spring_damping" not in layout.actuator(joint).names
+        if order == 2 or Parameter("spring_damping", joint) not in layout.places
     )
-    more = np.zeros(len(tested))
-
-    def padded(residuals_at: Callable[[Array], Residuals]) -> Callable[[Array], Residuals]:
-        def at(x: Array) -> Residuals:
-            rows = residuals_at(x[: len(point.x)])
-            none = np.zeros((*rows.residual.shape, len(more)))
-            return replace(rows, jacobian=np.concatenate([rows.jacobian, none], axis=3))
-
-        return at
-
-    wider = replace(
-        layout,
-        names=(*layout.names, *(f"order {order} of {joint}" for joint, order in tested)),
-        precision=np.append(layout.precision, more),
-        tested=tested,
-    )
+    terms = (Parameter(f"deflection derivative {order}", joint) for joint, order in tested)
+    wider = replace(layout, parameters=(*layout.parameters, *terms), tested=tested)
+    x = np.append(point.x, np.zeros(len(tested)))
     try:
-        measured = [padded(residuals_at) for residuals_at in point.measured]
-        return wider, _point(wider, point.runs, measured, np.append(point.x, more))
+        blocks = tuple(block.with_layout(wider, x) for block in point.blocks)
+        wider_point = Point(wider.parameters, x, blocks)
+        _ = wider_point.step
+        return wider, wider_point
     except ExcitationError:
         return layout, point
 
 
-def _tested_terms(wider: Layout, point: Point, noise: Array) -> dict[str, dict[int, Array]]:
+def _tested_terms(wider: Layout, step: Step) -> dict[str, dict[int, Array]]:
     """Return {joint: {order: [value, standard error]}} of the tested terms, in units of (8)."""
-    step, first = without_information(point.step, noise), len(wider.names) - len(wider.tested)
+    first = len(wider.parameters) - len(wider.tested)
     errors = np.sqrt(np.diag(step.covariance))
     tested_terms: dict[str, dict[int, Array]] = {joint: {} for joint in wider.unseen}
     for place, (joint, order) in enumerate(wider.tested, first):
@@ -1218,8 +1277,8 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     """Return a run with its simulated joints after a part of a step."""
     known, motion = layout.identification.known, run.motion
     joints = [known.index(joint) for joint in layout.simulated]
-    # q + part dq_0 + dq/dx change + part Phi(t) s: the Newton correction dq_0 of (8), the change
-    # of the parameters, and free motions Phi from the changes s of each window's initial state.
+    # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of the
+    # parameters, and free motions Phi from the changes s of each window's initial state.
     response = pull.response(pull.force @ np.append(part, change)[:, None])
     states = []
     for state, moves in zip(
@@ -1228,7 +1287,7 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
         strict=True,
     ):
         windowed = moves.reshape(run.windows, -1, *moves.shape[1:])
-        weights = np.column_stack([np.ones(run.windows), part * initial])
+        weights = np.column_stack([np.ones(run.windows), initial])
         new = state.copy()
         new[:, joints] += np.einsum("wtjs,ws->wtj", windowed, weights).reshape(moves.shape[:2])
         states.append(new)
@@ -1241,7 +1300,7 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     return replace(run, motion=moved)
 
 
-def _of_constants(layout: Layout, point: Point, logs: Sequence[Log]) -> Array:
+def _of_constants(layout: Layout, point: LogPoint) -> Array:
     """Return the covariance (p, p) of a point by errors of the known constants.
 
     A constant changes the residuals at the same values, and the next step by its derivative.
@@ -1249,40 +1308,39 @@ def _of_constants(layout: Layout, point: Point, logs: Sequence[Log]) -> Array:
     start, total = layout.identification, np.zeros((len(point.x), len(point.x)))
     for constant in constants_of(start.known, start.known_std):
         changed = replace(layout, identification=replace(start, known=constant.robot))
-        runs = [
-            replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
-            for run in point.runs
-        ]
-        others = _measured_parts(changed, [constant.scaled(log) for log in logs])
-        change = _point(changed, runs, others, point.x).step.change - point.step.change
-        total += (constant.std / STEP) ** 2 * np.outer(change, change)
+        blocks = (block.with_constant(constant, changed) for block in point.blocks)
+        total += (constant.std / STEP) ** 2 * _spread(point, blocks)
     return total
 
 
-def _refined(
-    layout: Layout, point: Point, logs: Sequence[Log], noise: Array | None = None
-) -> Identification:
-    """Return the identification with the values of a point, less information that is noise."""
+def _refined(layout: Layout, point: LogPoint, step: Step) -> Identification:
+    """Return the identification with the values of a point and the covariance of a step."""
     start, x = layout.identification, point.x
-    step = point.step if noise is None else without_information(point.step, noise)
-    step = replace(step, covariance=step.covariance + _of_constants(layout, point, logs))
-    actuators, load_side = _estimates(layout, point.x, step)
+    step = replace(step, covariance=step.covariance + _of_constants(layout, point))
+    actuators, load_side = _estimates(layout, x, step)
+    springs = FrozenMapping({joint: x[layout.spring(joint)] for joint in start.springs})
+    start = replace(start, known=layout.known_at(x), springs=springs)
+    return _with_estimates(start, actuators, load_side)
+
+
+def _with_estimates(
+    start: Identification, actuators: Mapping[str, Estimate], load_side: Estimate
+) -> Identification:
+    """Return an identification with estimates of (7) by joint, and of (8)."""
     load, load_drives = split_load_side(start.model, load_side)
-    refined = merged_estimates(actuators, load_drives)
+    refined = {**start.drive_side, **merged_estimates(actuators, load_drives)}
     drives = {joint: refined[joint] for joint in start.drive_side}
-    robot = robot_at(layout, x)
+    robot = with_base_parameters(start, load_side.values)
     known = {
         joint: with_estimate(start.known.drives[joint], drives[joint]) if joint in drives else drive
         for joint, drive in robot.drives.items()
     }
     return replace(
         start,
-        known=layout.known_at(x),
         drive_side=FrozenMapping(drives),
         load=load,
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
-        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in start.springs}),
         findings=revalued(start.findings, drives),
     )
 
@@ -1295,7 +1353,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     fixed = [] if layout.has_zeros else [layout.offset(joint) for joint in layout.unseen]
     covariance[fixed], covariance[:, fixed], x[fixed] = 0.0, 0.0, 0.0
     whole = Estimate(
-        names=layout.names,
+        names=tuple(parameter.name for parameter in layout.parameters),
         values=x,
         covariance=covariance,
         units=("",) * len(x),
@@ -1310,14 +1368,13 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     # Channels: s positions, s drives, followed joints; then, of what is not simulated, the drives
     # with a measured spring torque and the joints of (8).
     first, joints = len(layout.simulated), list(layout.simulated)
-    others = [joint for joint in layout.drives if joint not in joints]
     end = 2 * first + len(layout.followed)
     stds = dict(zip(joints, step.stds[first:], strict=False))
-    stds |= dict(zip(others, step.stds[end:], strict=False))
+    stds |= dict(zip(layout.sensed, step.stds[end:], strict=False))
     drives = {
         joint: part(layout.actuator(joint), columns, float(stds[joint]))
         for joint, columns in layout.drives.items()
     }
-    rest = np.append(step.stds[2 * first : end], step.stds[end + len(others) :])
+    rest = np.append(step.stds[2 * first : end], step.stds[end + len(layout.sensed) :])
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
     return drives, part(identification.load_side, layout.load, load_std)

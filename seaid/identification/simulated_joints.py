@@ -1,4 +1,4 @@
-"""Simulation of the joints behind springs: the load side (8), linearised along a motion.
+"""Simulation of joints behind springs and under controllers: (8) linearised along a motion.
 
 `driven_motion` is the motion of the joints by the fitted model when the motors turn as measured.
 The motor encoder sees the joint through a gear, so that its noise is small there; noise of the
@@ -14,151 +14,50 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from seaid._arrays import Array, safely, white_noise
-from seaid.drives import Drive, states
+from seaid.drives import PARAMETERS, Drive, buses_of, is_stated, states
 from seaid.errors import IdentificationError
+from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of
 from seaid.identification.datasets import Dataset, first_motion
-from seaid.log import POSITION_BAND, Log, Motion, low_pass, spline_derivatives, with_directions
+from seaid.identification.drive_estimates import with_values
+from seaid.log import (
+    OF_CONTROLLERS,
+    POSITION_BAND,
+    Log,
+    Motion,
+    commanded_part,
+    low_pass,
+    reconstruct_motion,
+    relative_supply,
+    spline_derivatives,
+    stretches,
+    usable,
+    with_directions,
+)
 from seaid.regressor import LoadModel, load_columns, motor_regressor, spring_regressor
 from seaid.robot import (
     Robot,
     at_drives,
     at_joints,
     group_of,
-    rows_at_drives,
-    torques_at_drives,
+)
+from seaid.simulation import (
+    Response,
+    TorqueJacobians,
+    response_to,
+    rollout,
+    torque_jacobians,
+    with_joints,
 )
 
-
-@dataclass(frozen=True, eq=False)
-class TorqueJacobians:
-    """Derivatives of the inverse dynamics by q, v and a along a motion, each (T, n, n)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-    def part(self, torques: list[int], joints: list[int]) -> TorqueJacobians:
-        """Return the derivatives of some torques by the states of some joints."""
-        rows = np.ix_(range(len(self.position)), torques, joints)
-        return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
-
-    def at_drives(self, transmission: Array) -> TorqueJacobians:
-        """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
-        return TorqueJacobians(
-            *(
-                torques_at_drives(transmission, rows_at_drives(transmission, part))
-                for part in (self.position, self.velocity, self.acceleration)
-            )
-        )
-
-    def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
-        """Return the derivatives with constant ones (n, n) added."""
-        return TorqueJacobians(
-            self.position + position, self.velocity + velocity, self.acceleration
-        )
-
-    def change(self, response: Response) -> Array:
-        """Return the change of the torques (T, rows, columns) with a response of the joints."""
-        return np.asarray(
-            self.position @ response.position
-            + self.velocity @ response.velocity
-            + self.acceleration @ response.acceleration
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-
-def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
-    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each.
-
-    Pinocchio adds inertias of bodies, which needs positive masses, and estimated ones may be
-    negative. Torques are linear in the parameters: equal masses are added, and theirs subtracted.
-    """
-    bodies = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
-    if np.all(bodies[:, 0] > 0):
-        return TorqueJacobians(*robot.from_model(_derivatives(robot, q, v, a), 2))
-    added = np.zeros_like(bodies)
-    added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
-    heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
-    alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
-    derivatives = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
-    return TorqueJacobians(*robot.from_model(derivatives, 2))
-
-
-def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return d tau / d (q, v, a) of the model's joints, (3, T, N, N)."""
-    model, data = robot.model, robot.model.createData()
-    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
-    derivatives = np.empty((3, len(q), model.nv, model.nv))
-    compute = pin.computeRNEADerivatives
-    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
-        compute(model, data, q_t, v_t, a_t)
-        derivatives[0, t], derivatives[1, t], derivatives[2, t] = data.dtau_dq, data.dtau_dv, data.M
-    # Pinocchio fills the upper triangle of M alone.
-    upper = np.triu(derivatives[2])
-    derivatives[2] = upper + np.swapaxes(np.triu(derivatives[2], 1), 1, 2)
-    return derivatives
-
-
-_RESOLVED = 1.0
-"""Square of an oscillation's angle per sample below which samples resolve it."""
-
-
-def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
-    """Integrate M a + C v + K q = force (T, joints, columns) by Newmark's method.
-
-    The joints start each of the equally long `windows` at rest; 2 joints more columns at the end
-    are the free motions from a unit of each initial position and velocity. The frequency of an
-    undamped oscillation is of fourth order in `step` if the samples resolve it (Fox and Goodwin
-    1949), else of second order.
-    """
-    T, joints, columns = force.shape
-    free = 2 * joints
-    M, C, K = (
-        matrix.reshape(windows, T // windows, joints, joints)
-        for matrix in (jacobians.acceleration, jacobians.velocity, jacobians.position)
-    )
-    force = force.reshape(windows, T // windows, joints, columns)
-    force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
-    # Newmark 1959 with gamma = 1/2: beta = 1/12 is stable for step^2 K / M < 6, beta = 1/4 (the
-    # trapezoidal rule) always
-    # The norm of M^-1 K is a bound of the squared angular frequencies.
-    rates = safely(np.linalg.solve, M, K, what="a simulated motion")
-    fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
-    beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
-    # (M + h/2 C + beta h^2 K) a_t = f_t - C v~ - K q~, with v~ and q~ by the state before.
-    matrix = M + step / 2 * C + beta * step**2 * K
-    inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
-    count = force.shape[1]
-    q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
-    # The last columns have no force, and start from a unit of position or of velocity.
-    q[0, :, :, columns : columns + joints] = np.eye(joints)
-    v[0, :, :, columns + joints :] = np.eye(joints)
-    a[0] = safely(
-        np.linalg.solve,
-        M[:, 0],
-        force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0],
-        what="a simulated motion",
-    )
-    for t in range(1, count):
-        v_t = v[t - 1] + step / 2 * a[t - 1]
-        q_t = q[t - 1] + step * v[t - 1] + (0.5 - beta) * step**2 * a[t - 1]
-        a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
-        v[t], q[t] = v_t + step / 2 * a[t], q_t + beta * step**2 * a[t]
-    shape = (T, joints, columns + free)
-    return Response(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+if TYPE_CHECKING:
+    from seaid.identification.result import Identification
 
 
 _START_BAND = 0.5
@@ -254,6 +153,16 @@ def fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     return robot.with_values(prior + base.least(residual), robot.drives)
 
 
+def with_base_parameters(start: Identification, load_side: Array) -> Robot:
+    """Return the identified robot with the base parameters of the load side (p,).
+
+    Its standard parameters change least (14); a simulation depends on the base parameters only.
+    """
+    base, robot = start.base, start.robot
+    correction = base.least(load_side[: len(base.columns)] - base.project(robot.parameters))
+    return robot.with_values(robot.parameters + correction, robot.drives)
+
+
 def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
     """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
     estimated = dict(zip(model.names, load_side, strict=True))
@@ -323,18 +232,6 @@ def _moved(
     return with_joints(motion, joints, states)
 
 
-def with_joints(
-    motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
-) -> Motion:
-    """Return the motion with position, velocity and acceleration of some joints replaced."""
-    q, v, a = (state.copy() for state in motion.joint_states)
-    for whole, part in zip((q, v, a), states, strict=True):
-        whole[:, joints] = part
-    return replace(
-        motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None
-    )
-
-
 def with_hysteresis(robot: Robot, joints: Sequence[str]) -> list[str]:
     """Return those of the joints whose spring has a law of hysteresis."""
     return [joint for joint in joints if "dahl" in robot.drives[joint].spring]
@@ -345,7 +242,7 @@ def hysteresis_corrections(
     joints: Sequence[str],
     motion: Motion,
     measured: Motion,
-    columns: Mapping[str, int],
+    columns: Mapping[Parameter, int],
     x: Array,
 ) -> dict[str, Array]:
     """Return the corrections of springs at parameters x (p,).
@@ -354,13 +251,13 @@ def hysteresis_corrections(
     with it, in place of those along the simulated `motion`, which are zero at its first sample. The
     simulated joint has the noise of the inputs, amplified by the spring, and a law adds up what its
     argument travels: along it widths were 1 % large, two to four standard errors, and a third of
-    the iterations did not end (`scripts/benchmarks/hysteresis.py --refine`). `columns` {"parameter
-    of joint": place in x}.
+    the iterations did not end (`scripts/benchmarks/hysteresis.py --refine`). `columns`
+    {parameter: place in x}.
     """
     corrections, length = {}, len(motion.time)
     for joint in with_hysteresis(robot, joints):
         drive = robot.drives[joint]
-        place = columns.get(f"hysteresis_deflection of {joint}")
+        place = columns.get(Parameter("hysteresis_deflection", joint))
         width = drive.values["hysteresis_deflection"]
         measured_states, simulated_states = (
             np.array(states(_deflection(robot, path, joint), width))[:, -length:]
@@ -374,7 +271,7 @@ def hysteresis_corrections(
 
 
 def friction_corrections(
-    robot: Robot, joints: Sequence[str], motion: Motion, columns: Mapping[str, int], x: Array
+    robot: Robot, joints: Sequence[str], motion: Motion, columns: Mapping[Parameter, int], x: Array
 ) -> tuple[dict[str, Array], Array]:
     """Return the corrections of dry friction, and its slopes (T, joints) by the joint's speed.
 
@@ -402,10 +299,10 @@ _LEAST_RAD_S = 1e-12
 
 
 def _linear(
-    robot: Robot, joint: str, name: str, unit: Array, columns: Mapping[str, int], x: Array
+    robot: Robot, joint: str, name: str, unit: Array, columns: Mapping[Parameter, int], x: Array
 ) -> tuple[float, Array]:
     """Return the value of a parameter, and the corrections by the torque (T,) of a `unit` of it."""
-    place = columns.get(f"{name} of {joint}")
+    place = columns.get(Parameter(name, joint))
     value = robot.drives[joint].values[name] if place is None else float(x[place])
     correction = np.zeros((len(unit), 1 + len(x)))
     correction[:, 0] = value * unit
@@ -585,3 +482,266 @@ def _kind(robot: Robot, joint: str) -> str:
     if "spring_damping" in regressor.names:
         return "has damping"
     return f"has a known {' and '.join(name.replace('_', ' ') for name in drive.known)}"
+
+
+# Joints that follow commands under their own controllers: the residual block of `refine`. A rollout
+# is that of `replay`, in which dry friction sticks; its sensitivities are those of the load side
+# (8), linearised along it, with the gains of the controllers as stiffness and damping.
+
+STEP_S = 2.5e-3
+"""Longest step [s] of a rollout: a hundredth of the period of a loop of 4 Hz; the error of the last
+digits is far below that of a model."""
+
+_BLOCK_S = 0.02
+"""Length [s] of the averages that are compared: 25 Hz is above the bandwidth of these loops."""
+
+_WINDOW_S = 20.0
+"""Longest part of a log [s] in one rollout, whose sensitivities are in memory."""
+
+_TRANSIENT_S, _DECAYS = 0.2, 4.0
+"""Excluded start of a rollout, whose first speed is noisy: 0.2 s and four times K_d / K_p."""
+
+_REST, _HOLD = 2e-3, 50.0
+"""Part of the highest speed below which a joint counts as sticking, and the damping of its
+sensitivity: this times the inertia over the step."""
+
+_NUDGE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """The parameters (f,) of a refinement; drives on one bus share that of their delay.
+
+    `spread` (p, f) @ x are the values of the load side.
+    """
+
+    identification: Identification
+    parameters: tuple[Parameter, ...]
+    spread: Array
+
+    @property
+    def start(self) -> Array:
+        """The values (f,) of the identification within their bounds.
+
+        A regression may find positive parameters below zero.
+        """
+        first = np.argmax(self.spread, axis=0)
+        values = self.identification.load_side.values[first]
+        return np.asarray(np.clip(values, *bounds_of(self.parameters)))
+
+
+@dataclass(frozen=True, eq=False)
+class CommandedLog:
+    """The residual block of a window of a log, which its commands drive at parameters x (f,).
+
+    `log` is on regular samples, and its rollouts replace the joints of `motion`.
+    """
+
+    commands: Commands
+    log: Log
+    motion: Motion
+    x: Array
+
+    @cached_property
+    def residuals(self) -> Residuals:
+        """The residuals of the joint positions."""
+        return _residuals(self.commands, self.log, self.motion, self.x)
+
+    def moved(self, x: Array, part: float, nuisance: Array) -> CommandedLog:
+        """Return the block at parameters x (f,)."""
+        return replace(self, x=x)
+
+
+def commanded_point(start: Identification, logs: Sequence[Log]) -> Point[CommandedLog]:
+    """Return the point of a search at the values of an identification."""
+    commands = _commands(start)
+    windows = []
+    for log in logs:
+        for stretch in stretches(usable(log), 1.0):
+            count = max(1, int(np.ceil((stretch.time[-1] - stretch.time[0]) / _WINDOW_S)))
+            edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
+            windows += [_window(start, stretch.between(a, b)) for a, b in pairwise(edges)]
+    x = commands.start
+    blocks = tuple(CommandedLog(commands, log, motion, x) for log, motion in windows)
+    return Point(commands.parameters, x, blocks)
+
+
+def _commands(start: Identification) -> Commands:
+    """Return the parameters of an identification; a delay that is as stated stays so."""
+    side = start.load_side
+    parameters = [_parameter(name) for name in side.names]
+    spread = np.eye(len(parameters))
+    shared: list[int] = []
+    for bus in buses_of(start.known.drives, side.names):
+        first, *others = bus.places
+        spread[others, first] = 1.0
+        shared += others
+        if is_stated(side.standard_errors[first], bus.std_s):
+            prior = Prior(bus.nominal_s, bus.std_s) if bus.std_s else None
+            parameters[first] = replace(parameters[first], prior=prior, is_fixed=True)
+    kept = [place for place in range(len(parameters)) if place not in shared]
+    return Commands(start, tuple(parameters[place] for place in kept), spread[:, kept])
+
+
+def _parameter(column: str) -> Parameter:
+    """Return the parameter of a column of the load side, with its bound."""
+    parameter = Parameter.of_column(column)
+    kind = PARAMETERS.get(parameter.quantity)
+    is_positive = kind is not None and kind.is_positive
+    return replace(parameter, lower=0.0) if is_positive else parameter
+
+
+def _window(identification: Identification, log: Log) -> tuple[Log, Motion]:
+    """Return a window on regular samples, with the motion that its rollouts replace."""
+    robot = identification.known
+    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
+    motion = reconstruct_motion(robot, log, min(3 * identification.cutoff_hz, rate_hz / 8))
+    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
+
+    def sampled(values: Array) -> Array:
+        signals = [np.interp(motion.time, log.time, values[:, column]) for column in columns]
+        return np.column_stack(signals)
+
+    unknown = np.full((len(motion.time), robot.n), np.nan)
+    regular = Log(
+        time=motion.time,
+        joint_names=robot.joint_names,
+        joint_position=sampled(log.joint_position),
+        motor_position=unknown,
+        motor_torque=unknown,
+        is_prismatic=robot.is_prismatic,
+    )
+    sensors = log.sensors()
+    sent: dict[str, Any] = {x: sampled(sensors[x]) for x in OF_CONTROLLERS if x in sensors}
+    return replace(regular, **sent), motion
+
+
+def _robot_at(start: Identification, load_side: Array) -> Robot:
+    """Return the robot with the values (p,) of the load side."""
+    robot, values = with_base_parameters(start, load_side), dict[str, dict[str, float]]()
+    # The columns of the load side are the base parameters, then the parameters of drives.
+    of_drives = load_side[len(start.base.columns) :].tolist()
+    for (joint, name, _), value in zip(start.model.drives, of_drives, strict=True):
+        values.setdefault(joint, {})[name] = value
+    drives = {joint: with_values(robot.drives[joint], named) for joint, named in values.items()}
+    return robot.with_drives(drives)
+
+
+def _residuals(commands: Commands, log: Log, motion: Motion, x: Array) -> Residuals:
+    """Return the residuals of a window."""
+    load_side = commands.spread @ x
+    robot = _robot_at(commands.identification, load_side)
+    moved = rollout(robot, log, longest_closed_s=STEP_S)
+    if not np.all(np.isfinite(moved.joint_position)):
+        raise IdentificationError("the simulation diverges")
+    motion = _motion_of(robot, motion, moved)
+    sensitivity = _sensitivity(commands.identification, robot, motion, log, load_side)
+    error = (log.joint_position - moved.joint_position)[..., None]
+    # The residual is measured less simulated: its derivatives are minus the sensitivities.
+    columns = np.concatenate([error, -sensitivity @ commands.spread], axis=2)
+    block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
+    count = len(log.time) // block
+    means = columns[: count * block].reshape(count, block, *columns.shape[1:]).mean(axis=1)
+    time = log.time[: count * block].reshape(count, block).mean(axis=1)
+    late = time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
+    if motion.bridged is not None:  # what was interpolated over a gap was not measured
+        late &= ~np.any(motion.bridged[: count * block].reshape(count, block), axis=1)
+    return Residuals(
+        residual=means[None, ..., 0],
+        jacobian=means[None, ..., 1:],
+        nuisance=np.zeros((1, count, robot.n, 0)),
+        kept=np.broadcast_to(late[None, :, None], (1, count, robot.n)).copy(),
+        time=time[None],
+        channels=range(robot.n),
+    )
+
+
+def _transient_s(robot: Robot) -> float:
+    """Return the excluded start of a rollout [s]."""
+    laws = [drive.law for drive in robot.drives.values() if drive.law is not None]
+    decays = [
+        law.velocity_gain_Nms_per_rad / law.position_gain_Nm_per_rad
+        for law in laws
+        if law.position_gain_Nm_per_rad
+    ]
+    return _TRANSIENT_S + _DECAYS * max(decays, default=0.0)
+
+
+def _motion_of(robot: Robot, motion: Motion, moved: Log) -> Motion:
+    """Return the motion of a rollout."""
+    q, v, a = spline_derivatives(moved.time, moved.joint_position)
+    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
+    return replace(
+        motion,
+        joint_position=q,
+        joint_velocity=v,
+        joint_acceleration=a,
+        motor_position=ratio * q,
+        motor_velocity=ratio * v,
+        motor_acceleration=ratio * a,
+        motor_direction=None,
+        motor_torque=moved.motor_torque
+        / [robot.drives[x].scale_of_gains for x in robot.joint_names],
+    )
+
+
+def _sensitivity(
+    identification: Identification, robot: Robot, motion: Motion, log: Log, x: Array
+) -> Array:
+    """Return the derivative (T, n, p) of the positions of a rollout by the load side x (p,)."""
+    names, p = identification.model.torque_joints, len(identification.base.columns)
+    order = [robot.index(joint) for joint in names]
+    _, _, H, _ = load_columns(identification.known, motion, identification.model, {})
+
+    def of_drives(moved: Motion) -> Array:
+        torque, _, columns, _ = load_columns(identification.known, moved, identification.model, {})
+        return torque - columns[:, :, p:] @ x[p:]
+
+    unchanged = of_drives(motion)
+    slopes = []
+    for field in ("position", "velocity", "acceleration"):
+        moves = {f"joint_{field}": 1.0, f"motor_{field}": 0.0}
+        ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
+        changes = {
+            name: getattr(motion, name) + _NUDGE * (1.0 if is_joint else ratio)
+            for name, is_joint in moves.items()
+        }
+        # Torques of drives depend on their own joint: one nudge of all gives the diagonal slopes.
+        slopes.append((unchanged - of_drives(replace(motion, **changes))) / _NUDGE)
+    jacobians = torque_jacobians(robot, *motion.joint_states).part(order, order)
+    gains = _gains(robot, names, motion, log)
+    diagonal = np.eye(len(order))
+    M = jacobians.acceleration + slopes[2][..., None] * diagonal
+    fastest = np.max(np.abs(motion.joint_velocity[:, order]), axis=0)
+    rests = np.abs(motion.joint_velocity[:, order]) < _REST * fastest
+    inertia = np.einsum("tii->ti", M)
+    # A joint that sticks does not respond: no force on it, and a damping of `_HOLD` times the
+    # inertia over the step, which stops it within a sample.
+    held = np.where(rests, _HOLD * inertia * motion.rate_hz, slopes[1] * ~rests)
+    C = jacobians.velocity + (held + gains[1])[..., None] * diagonal
+    K = jacobians.position + (slopes[0] + gains[0])[..., None] * diagonal
+    inside = replace(jacobians, position=K, velocity=C, acceleration=M)
+    # M dq'' + C dq' + K dq = -H dx: the torque that a parameter takes is not there for the motion.
+    force = np.where(rests[..., None], 0.0, -H)
+    response = response_to(inside, force, 1 / motion.rate_hz, 1).position[:, :, : H.shape[2]]
+    whole = np.zeros((len(response), robot.n, H.shape[2]))
+    whole[:, order] = response
+    return whole
+
+
+def _gains(robot: Robot, names: Sequence[str], motion: Motion, log: Log) -> tuple[Array, Array]:
+    """Return K_p and K_d (T, n) of the controllers, zero where the torque is at its limit."""
+    gains = np.zeros((2, len(motion.time), len(names)))
+    for column, joint in enumerate(names):
+        drive, index = robot.drives[joint], robot.index(joint)
+        law = drive.law
+        assert law is not None
+        late = motion.time - (drive.command_delay_s or 0.0)
+        commanded = commanded_part(robot, log.time, log.sensors(), index, is_scaled=True)
+        states = motion.joint_position[:, index], motion.joint_velocity[:, index]
+        supply = relative_supply(robot, log.time, log.sensors(), index)
+        is_free = ~law.torque(np.interp(late, log.time, commanded), *states, supply)[1]
+        factor = law.gain_factor(supply) * is_free
+        gains[0, :, column] = law.position_gain_Nm_per_rad * factor
+        gains[1, :, column] = law.velocity_gain_Nms_per_rad * factor
+    return gains[0], gains[1]

@@ -12,17 +12,18 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtr
 
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks import calibration_findings
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, checked, listed
+from seaid.estimation import Estimate
 from seaid.log import Log
 from seaid.regressor import joint_torques
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -72,13 +73,9 @@ class StaticCalibration(Result):
         The loads and readings, with directions.
     law : {"linear", "cubic"}
         load = k d, or k d + k_3 d^3, with d = reading less its zero.
-    names, values, standard_errors, units
+    estimate : Estimate
         "stiffness" (of a sensor "gain"), "cubic_stiffness" (cubic law), "zero" (the reading without
-        a load), and "friction" if loads rose and fell.
-    intervals : array (p, 2)
-        95 % intervals, by Student's t.
-    rms : float
-        Standard deviation of load less law and friction, by its degrees of freedom.
+        a load), and "friction" if loads rose and fell; the intervals are by Student's t.
     linearity, hysteresis : float
         Largest distance of the cubic law from the straight line at the readings, and mean
         difference of the load between up and down, as parts of the range of the load; hysteresis is
@@ -92,12 +89,7 @@ class StaticCalibration(Result):
 
     statics: Statics
     law: Law
-    names: tuple[str, ...]
-    values: Array
-    standard_errors: Array
-    units: tuple[str, ...]
-    intervals: Array
-    rms: float
+    estimate: Estimate
     linearity: float
     hysteresis: float
     cubic_p_value: float
@@ -107,19 +99,47 @@ class StaticCalibration(Result):
         value = f"{self.names[0]} {self.values[0]:.4g} {self.units[0]}"
         return f"{value}, rms {self.rms:.3g} {self.statics.load_unit}"
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p parameters."""
+        return self.estimate.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters."""
+        return self.estimate.units
+
+    @property
+    def values(self) -> Array:
+        """Values of the parameters (p,)."""
+        return self.estimate.values
+
+    @property
+    def standard_errors(self) -> Array:
+        """Standard errors of the parameters (p,)."""
+        return self.estimate.standard_errors
+
+    @property
+    def intervals(self) -> Array:
+        """95 % intervals (p, 2)."""
+        return self.estimate.interval(0.95)
+
+    @property
+    def rms(self) -> float:
+        """Standard deviation of load less law and friction, by its degrees of freedom."""
+        return self.estimate.residual_std
+
     def value(self, name: str) -> float:
         """Return the value of a parameter."""
-        return float(self.values[self.names.index(name)])
+        return self.estimate.value(name)
 
     def standard_error(self, name: str) -> float:
         """Return the standard error of a parameter."""
-        return float(self.standard_errors[self.names.index(name)])
+        return self.estimate.standard_error(name)
 
     def load_at(self, reading: Array) -> Array:
         """Return the load (P,) of the law at readings, without friction."""
-        d = np.asarray(reading) - self.value("zero")
-        cubic = self.value("cubic_stiffness") if self.law == "cubic" else 0.0
-        return np.asarray(self.values[0] * d + cubic * d**3)
+        return _load_at(self.estimate, np.asarray(reading))
 
 
 @checked(IdentificationError)
@@ -150,25 +170,25 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     >>> print(seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8)))
     """
     statics = _checked(statics)
-    line, cubic = (_Fit.of(statics, name) for name in ("linear", "cubic"))
-    fit = line if law == "linear" else cubic
-    p_value = cubic.p_value(1)
+    line, cubic = (_estimate(statics, name) for name in ("linear", "cubic"))
+    estimate = line if law == "linear" else cubic
+    p_value = _p_value(cubic, 1)
     spread = statics.load.max() - statics.load.min()
-    curve = cubic.law_at(statics.reading) - line.law_at(statics.reading)
-    friction = fit.theta[-1] if fit.has_friction else np.nan
-    misfit = float(np.sqrt(np.mean(fit.residual**2) / np.var(statics.load)))
+    curve = _load_at(cubic, statics.reading) - _load_at(line, statics.reading)
+    friction = estimate.value("friction") if "friction" in estimate.names else np.nan
+    count = len(statics.load)
+    rms = estimate.residual_std * np.sqrt(1 - len(estimate.names) / count)
     findings = calibration_findings(
-        misfit, float(fit.theta[0]), law, p_value, is_curved=p_value < _SIGNIFICANT
+        float(rms / np.std(statics.load)),
+        float(estimate.values[0]),
+        law,
+        p_value,
+        is_curved=p_value < _SIGNIFICANT,
     )
     return StaticCalibration(
         statics=statics,
         law=law,
-        names=fit.names,
-        values=fit.theta,
-        standard_errors=fit.errors,
-        units=fit.units,
-        intervals=fit.theta[:, None] + fit.quantile * fit.errors[:, None] * np.array([-1.0, 1.0]),
-        rms=float(np.sqrt(fit.residual @ fit.residual / (len(fit.residual) - len(fit.theta)))),
+        estimate=estimate,
         linearity=float(np.max(np.abs(curve)) / spread),
         # Between rising and falling loads there is twice the friction.
         hysteresis=float(2 * abs(friction) / spread),
@@ -209,85 +229,73 @@ def _direction(load: Array) -> Array:
     return np.concatenate([direction[:1], direction])
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A law with its parameters theta = (k, [k_3], zero, [friction])."""
+def _names_of(statics: Statics, law: Law, has_friction: bool) -> dict[str, str]:
+    """Return the parameters theta of a law, with their units."""
+    gain = "stiffness" if statics.reading_unit in ("rad", "m") else "gain"
+    force, length = statics.load_unit, statics.reading_unit
+    names = {gain: f"{force}/{length}"}
+    if law == "cubic":
+        names[f"cubic_{gain}"] = f"{force}/{length}^3"
+    names["zero"] = length
+    return names | {"friction": force} if has_friction else names
 
-    statics: Statics
-    law: Law
-    theta: Array
-    errors: Array
-    residual: Array
-    has_friction: bool
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        gain = "stiffness" if self.statics.reading_unit in ("rad", "m") else "gain"
-        cubic = (f"cubic_{gain}",) if self.law == "cubic" else ()
-        return (gain, *cubic, "zero", *(("friction",) if self.has_friction else ()))
+def _load_at(estimate: Estimate, reading: Array) -> Array:
+    """Return the load (P,) of a law at readings, without friction."""
+    d = reading - estimate.value("zero")
+    cubic = estimate.values[1] if estimate.names[1].startswith("cubic") else 0.0
+    return np.asarray(estimate.values[0] * d + cubic * d**3)
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        force, length = self.statics.load_unit, self.statics.reading_unit
-        cubic = (f"{force}/{length}^3",) if self.law == "cubic" else ()
-        units = (f"{force}/{length}", *cubic, length)
-        return (*units, force) if self.has_friction else units
 
-    @cached_property
-    def quantile(self) -> float:
-        """Student's t of a 95 % interval."""
-        from scipy.stats import t
+def _p_value(estimate: Estimate, place: int) -> float:
+    """Return the probability of so large a parameter by chance."""
+    assert estimate.degrees_of_freedom is not None
+    ratio = abs(estimate.values[place]) / max(estimate.standard_errors[place], 1e-300)
+    return float(2 * stdtr(estimate.degrees_of_freedom[place], -ratio))
 
-        return float(t.ppf(0.975, len(self.residual) - len(self.theta)))
 
-    def p_value(self, place: int) -> float:
-        """Return the probability of so large a parameter by chance."""
-        from scipy.stats import t
-
-        ratio = abs(self.theta[place]) / max(self.errors[place], 1e-300)
-        return float(2 * t.sf(ratio, len(self.residual) - len(self.theta)))
-
-    def law_at(self, reading: Array) -> Array:
-        """Return the load (P,) of the law without friction."""
-        bare = replace(self.statics, reading=reading, direction=np.zeros(len(reading)))
-        return _predicted(bare, self.law, self.theta)[0]
-
-    @classmethod
-    def of(cls, statics: Statics, law: Law) -> _Fit:
-        """Return the instrumental-variable estimate: Z^T (load - law) = 0, Z of the load alone."""
-        load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
-        has_friction = min(np.sum(direction > 0), np.sum(direction < 0)) >= 3
-        start = np.polyfit(reading, load, 1)
-        # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
-        theta = np.array([start[0], -start[1] / start[0]])
-        if law == "cubic":
-            theta = np.insert(theta, 1, 0.0)
-        if has_friction:
-            theta = np.append(theta, 0.0)
-        # the part of the reading that the load explains, without its noise
-        explained = [load, load**3] if law == "cubic" else [load]
-        basis = np.column_stack([np.ones_like(load), *explained, direction])
-        if not has_friction:
-            basis = basis[:, :-1]
-        fitted = safely(np.linalg.lstsq, basis, reading, rcond=None, what="the loads")
-        clean = replace(statics, reading=basis @ fitted[0])
-        what = "the law: give more different loads"
-        for _ in range(_TURNS):
-            predicted, J = _predicted(statics, law, theta)
-            Z = _predicted(clean, law, theta)[1]
-            step = safely(np.linalg.solve, Z.T @ J, Z.T @ (load - predicted), what=what)
-            theta = theta + step
-            if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
-                break
+def _estimate(statics: Statics, law: Law) -> Estimate:
+    """Return the instrumental-variable estimate: Z^T (load - law) = 0, Z of the load alone."""
+    load, reading, direction = statics.load, statics.reading, np.asarray(statics.direction)
+    has_friction = bool(min(np.sum(direction > 0), np.sum(direction < 0)) >= 3)
+    names = _names_of(statics, law, has_friction)
+    slope, offset = np.polyfit(reading, load, 1)
+    # load = a reading + b = k (reading - zero): k = a, zero = -b / a.
+    theta = np.zeros(len(names))
+    zero, spread = list(names).index("zero"), np.ptp(reading)
+    theta[0], theta[zero] = slope, -offset / slope
+    nearest = min(theta[zero], np.min(reading) - spread), max(theta[zero], np.max(reading) + spread)
+    # the part of the reading that the load explains, without its noise
+    powers = [np.ones_like(load), load, *([load**3] if law == "cubic" else [])]
+    basis = np.column_stack([*powers, *([direction] if has_friction else [])])
+    fitted = safely(np.linalg.lstsq, basis, reading, rcond=None, what="the loads")
+    clean = replace(statics, reading=basis @ fitted[0])
+    what = "the law: give more different loads"
+    for _ in range(_TURNS):
         predicted, J = _predicted(statics, law, theta)
         Z = _predicted(clean, law, theta)[1]
-        residual = load - predicted
-        inverse = safely(np.linalg.inv, Z.T @ J, what="the law")
-        variance = residual @ residual / max(len(load) - len(theta), 1)
-        # s^2 (Z^T J)^-1 Z^T Z (Z^T J)^-T of instrumental variables.
-        covariance = variance * inverse @ (Z.T @ Z) @ inverse.T
-        errors = np.sqrt(np.diag(covariance) * _correlation_factor(residual))
-        return cls(statics, law, theta, errors, residual, bool(has_friction))
+        step = safely(np.linalg.solve, Z.T @ J, Z.T @ (load - predicted), what=what)
+        theta = theta + step
+        # Readings that do not follow the load have no law, and a search for its zero never ends.
+        theta[zero] = np.clip(theta[zero], *nearest)
+        if np.all(np.abs(step) <= 1e-12 * np.maximum(np.abs(theta), 1e-9)):
+            break
+    predicted, J = _predicted(statics, law, theta)
+    Z = _predicted(clean, law, theta)[1]
+    residual, freedom = load - predicted, len(load) - len(theta)
+    inverse = safely(np.linalg.inv, Z.T @ J, what="the law")
+    variance = residual @ residual / max(freedom, 1)
+    # s^2 (Z^T J)^-1 Z^T Z (Z^T J)^-T of instrumental variables.
+    covariance = variance * inverse @ (Z.T @ Z) @ inverse.T * _correlation_factor(residual)
+    return Estimate(
+        names=tuple(names),
+        values=theta,
+        covariance=covariance,
+        units=tuple(names.values()),
+        residual_std=float(np.sqrt(variance)),
+        condition_number=float("nan"),
+        degrees_of_freedom=np.full(len(theta), float(freedom)),
+    )
 
 
 def _predicted(statics: Statics, law: Law, theta: Array) -> tuple[Array, Array]:

@@ -1,6 +1,7 @@
 """The plant: numbers and functions of the complete model (7) and (8), and its mass matrix.
 
-All joints are in the order of Pinocchio's model.
+All joints are in the order of Pinocchio's model, but in `torque_jacobians` and `response_to`, by
+which joints move when the load side (8) is linearised along a motion.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from seaid.drives import (
     is_plain,
 )
 from seaid.errors import RobotError
-from seaid.robot import Robot, coupled_groups
+from seaid.log import Motion
+from seaid.robot import Robot, coupled_groups, rows_at_drives, torques_at_drives
 
 _safely = partial(safely, what="the mass matrix", error=RobotError)
 
@@ -383,3 +385,142 @@ def _damping_rate(drive: Drive, effective: float) -> float:
         # damping of the spring acts on the deflection, by the lever r_M / N at the motor
         return rate + (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
     return rate + at_motor * drive.ratio**2 / effective
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueJacobians:
+    """Derivatives of the inverse dynamics by q, v and a along a motion, each (T, n, n)."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    def part(self, torques: list[int], joints: list[int]) -> TorqueJacobians:
+        """Return the derivatives of some torques by the states of some joints."""
+        rows = np.ix_(range(len(self.position)), torques, joints)
+        return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
+
+    def at_drives(self, transmission: Array) -> TorqueJacobians:
+        """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
+        return TorqueJacobians(
+            *(
+                torques_at_drives(transmission, rows_at_drives(transmission, part))
+                for part in (self.position, self.velocity, self.acceleration)
+            )
+        )
+
+    def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
+        """Return the derivatives with constant ones (n, n) added."""
+        return TorqueJacobians(
+            self.position + position, self.velocity + velocity, self.acceleration
+        )
+
+    def change(self, response: Response) -> Array:
+        """Return the change of the torques (T, rows, columns) with a response of the joints."""
+        return np.asarray(
+            self.position @ response.position
+            + self.velocity @ response.velocity
+            + self.acceleration @ response.acceleration
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
+    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each.
+
+    Pinocchio adds inertias of bodies, which needs positive masses, and estimated ones may be
+    negative. Torques are linear in the parameters: equal masses are added, and theirs subtracted.
+    """
+    bodies = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
+    if np.all(bodies[:, 0] > 0):
+        return TorqueJacobians(*robot.from_model(_derivatives(robot, q, v, a), 2))
+    added = np.zeros_like(bodies)
+    added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
+    heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
+    alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
+    derivatives = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
+    return TorqueJacobians(*robot.from_model(derivatives, 2))
+
+
+def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return d tau / d (q, v, a) of the model's joints, (3, T, N, N)."""
+    model, data = robot.model, robot.model.createData()
+    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
+    derivatives = np.empty((3, len(q), model.nv, model.nv))
+    compute = pin.computeRNEADerivatives
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        compute(model, data, q_t, v_t, a_t)
+        derivatives[0, t], derivatives[1, t], derivatives[2, t] = data.dtau_dq, data.dtau_dv, data.M
+    # Pinocchio fills the upper triangle of M alone.
+    upper = np.triu(derivatives[2])
+    derivatives[2] = upper + np.swapaxes(np.triu(derivatives[2], 1), 1, 2)
+    return derivatives
+
+
+_RESOLVED = 1.0
+"""Square of an oscillation's angle per sample below which samples resolve it."""
+
+
+def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
+    """Integrate M a + C v + K q = force (T, joints, columns) by Newmark's method.
+
+    The joints start each of the equally long `windows` at rest; 2 joints more columns at the end
+    are the free motions from a unit of each initial position and velocity. The frequency of an
+    undamped oscillation is of fourth order in `step` if the samples resolve it (Fox and Goodwin
+    1949), else of second order.
+    """
+    T, joints, columns = force.shape
+    free = 2 * joints
+    M, C, K = (
+        matrix.reshape(windows, T // windows, joints, joints)
+        for matrix in (jacobians.acceleration, jacobians.velocity, jacobians.position)
+    )
+    force = force.reshape(windows, T // windows, joints, columns)
+    force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
+    # Newmark 1959 with gamma = 1/2: beta = 1/12 is stable for step^2 K / M < 6, beta = 1/4 (the
+    # trapezoidal rule) always
+    # The norm of M^-1 K is a bound of the squared angular frequencies.
+    rates = safely(np.linalg.solve, M, K, what="a simulated motion")
+    fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
+    beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
+    # (M + h/2 C + beta h^2 K) a_t = f_t - C v~ - K q~, with v~ and q~ by the state before.
+    matrix = M + step / 2 * C + beta * step**2 * K
+    inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
+    count = force.shape[1]
+    q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
+    # The last columns have no force, and start from a unit of position or of velocity.
+    q[0, :, :, columns : columns + joints] = np.eye(joints)
+    v[0, :, :, columns + joints :] = np.eye(joints)
+    a[0] = safely(
+        np.linalg.solve,
+        M[:, 0],
+        force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0],
+        what="a simulated motion",
+    )
+    for t in range(1, count):
+        v_t = v[t - 1] + step / 2 * a[t - 1]
+        q_t = q[t - 1] + step * v[t - 1] + (0.5 - beta) * step**2 * a[t - 1]
+        a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
+        v[t], q[t] = v_t + step / 2 * a[t], q_t + beta * step**2 * a[t]
+    shape = (T, joints, columns + free)
+    return Response(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+
+
+def with_joints(
+    motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
+) -> Motion:
+    """Return the motion with position, velocity and acceleration of some joints replaced."""
+    q, v, a = (state.copy() for state in motion.joint_states)
+    for whole, part in zip((q, v, a), states, strict=True):
+        whole[:, joints] = part
+    return replace(
+        motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None
+    )

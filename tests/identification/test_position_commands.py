@@ -20,8 +20,8 @@ from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.command_delays import with_estimated_delays
-from seaid.identification.command_refinement import _rollouts, _task
 from seaid.identification.sensitivity import Fit, _scores
+from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
 from seaid.regressor import motor_regressor, signals
 from seaid.robot import nominal_model
@@ -347,8 +347,8 @@ def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
     log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
     log = log.at((log.time < 3.0) | (log.time > 3.05))
     start = seaid.identify(robot_of(urdf, HARD), log)
-    task = _task(start, [log])
-    (residuals,) = _rollouts(task, start.load_side.values).residuals
+    (block,) = commanded_point(start, [log]).blocks
+    residuals = block.residuals
     over = (residuals.time > 3.0) & (residuals.time < 3.05)
     assert np.any(over)
     assert not np.any(residuals.kept[over])
@@ -364,7 +364,7 @@ def test_refine_returns_its_start_where_the_positions_get_worse(
     start = seaid.identify(robot_of(urdf, HARD), log)
     errors = iter([1e-3, 2e-3])  # before and after
     monkeypatch.setattr(
-        "seaid.identification.command_refinement._mean_absolute_error", lambda _: next(errors)
+        "seaid.identification.output_error._mean_absolute_error", lambda _: next(errors)
     )
     found = seaid.refine(start, log, iterations=1)
     np.testing.assert_array_equal(found.load_side.values, start.load_side.values)
@@ -381,7 +381,7 @@ def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
     log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
     right = seaid.identify(robot_of(urdf, HARD), log)
     side = replace(right.load_side, values=1.1 * right.load_side.values)
-    monkeypatch.setattr("seaid.identification.command_refinement._improved", lambda *_: None)
+    monkeypatch.setattr("seaid.estimation.nonlinear_least_squares._improved", lambda *_: None)
     found = seaid.refine(replace(right, load_side=side), log)
     np.testing.assert_array_equal(found.load_side.values, side.values)
     np.testing.assert_array_equal(found.load_side.covariance, right.load_side.covariance)

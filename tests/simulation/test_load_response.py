@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.identification.simulated_joints import TorqueJacobians, response_to, torque_jacobians
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, load_robot
+from seaid.simulation.plant import TorqueJacobians, response_to, torque_jacobians
 from tests.experiments import DATA
 
 STEP = 1e-3
