@@ -8,16 +8,16 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import total_ratio
-from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line, listed
+from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line
 from seaid.export.joint_actuators import (
     JointActuator,
     actuators_of,
@@ -38,9 +38,7 @@ from seaid.export.urdf import (
 from seaid.identification import Identification
 from seaid.robot import Robot
 
-FormatName = Literal[
-    "mjcf", "urdf", "isaaclab", "mjlab", "usd", "newton", "bam", "drake", "ros2_control"
-]
+FormatName = Literal["mjcf", "urdf", "isaaclab", "usd", "newton", "drake"]
 
 _PER_DEGREE = math.pi / 180.0
 """USD has angles of joints in degrees: N m/rad times this is N m/degree."""
@@ -96,17 +94,8 @@ class Format:
     write: Callable[[_Request], _Written]
     holds: frozenset[str]
     has_bodies: bool = False
-    has_slides: bool = True
     in_steps: bool = False
     limits_offsets: bool = False
-
-    def notes(self, actuators: Iterable[JointActuator]) -> Iterator[str]:
-        """Yield the notes on joints and bodies that the files do not hold."""
-        sliding = [actuator.joint for actuator in actuators if actuator.slides]
-        if sliding and not self.has_slides:
-            yield f"{self.title} has joints that turn only: {listed(sliding)} not in the file"
-        if not self.has_bodies:
-            yield "the bodies are not in the file: --format urdf or mjcf has them"
 
 
 @checked(RobotError)
@@ -127,12 +116,11 @@ def write_model(
     path : path
         The file to write.
     format : str, optional
-        "mjcf" and "urdf" are `write_mjcf` and `write_urdf`. "drake" and "ros2_control" are the URDF
-        with rotor inertias, gear ratios and gains for Drake, or with a <ros2_control> block.
-        "isaaclab" and "mjlab" are Python files with a configuration per joint. "usd" and "newton"
-        are layers over the USD stage of the robot, whose joints are at /<robot>/joints/<joint>.
-        "bam" is the JSON of better actuator models, of each joint if there are several. Default: by
-        the suffix, mjcf for .xml, usd for .usda, urdf for others.
+        "mjcf" and "urdf" are `write_mjcf` and `write_urdf`. "drake" is the URDF with rotor
+        inertias, gear ratios and gains for Drake. "isaaclab" is a Python file with a configuration
+        per joint. "usd" and "newton" are layers over the USD stage of the robot, whose joints are
+        at /<robot>/joints/<joint>. Default: by the suffix, mjcf for .xml, usd for .usda, urdf for
+        others.
     time_step_s : float
         Time step [s] of the simulation, for formats in which delays are numbers of steps.
     force, at_temperature_degC
@@ -166,8 +154,7 @@ def write_model(
     robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
     # The TOML has drives with unknown values as they are; every other format needs numbers.
-    every = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
-    actuators = tuple(actuator for actuator in every if kind.has_slides or not actuator.slides)
+    actuators = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
     # The robot at its own temperature, because write_mjcf and write_urdf change it themselves,
     # while the actuators are already those at the temperature that was asked for.
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
@@ -177,7 +164,9 @@ def write_model(
         lost += limited_offsets(actuators)
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
-    return WrittenModel(path, drives, by_severity(lost), (*notes, *kind.notes(every)))
+    if not kind.has_bodies:
+        notes = (*notes, "the bodies are not in the file: --format urdf or mjcf has them")
+    return WrittenModel(path, drives, by_severity(lost), notes)
 
 
 def by_suffix(path: Path) -> FormatName:
@@ -248,7 +237,7 @@ def _isaaclab(request: _Request) -> Iterable[str]:
         steps = actuator.steps(request.step_s)
         delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
         fields: dict[str, str | float] = {
-            # Names are regular expressions in Isaac Lab and in mjlab.
+            # Names are regular expressions in Isaac Lab.
             "joint_names_expr": f"[{re.escape(actuator.joint)!r}]",
             "stiffness": actuator.position_gain,
             "damping": actuator.velocity_gain,
@@ -264,70 +253,6 @@ def _isaaclab(request: _Request) -> Iterable[str]:
         first, *others = _call(name, {**fields, **delay})
         yield from _indented([f"{actuator.joint!r}: {first}", *others[:-1], "),"])
     yield "}"
-
-
-def _mjlab(request: _Request) -> Iterable[str]:
-    """Yield a Python file with ACTUATORS, a configuration of mjlab per joint."""
-    yield from (
-        f"# {line}"
-        for line in request.header(
-            "Use: EntityArticulationInfoCfg(actuators=ACTUATORS) of mjlab 1.6 or later.",
-            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
-            f"delay_min_lag and delay_max_lag count physics steps of {request.step_s:g} s.",
-        )
-    )
-    yield "from mjlab.actuator import BuiltinPositionActuatorCfg, IdealPdActuatorCfg"
-    yield from ("", "ACTUATORS = (")
-    for actuator in request.actuators:
-        steps = actuator.steps(request.step_s)
-        fields: dict[str, str | float] = {
-            "target_names_expr": f"({re.escape(actuator.joint)!r},)",
-            "stiffness": actuator.position_gain,
-            "damping": actuator.velocity_gain,
-            "effort_limit": actuator.limit,
-            "armature": actuator.armature,
-            "frictionloss": actuator.dry,
-            "viscous_damping": actuator.viscous,
-            "delay_min_lag": float(steps),
-            "delay_max_lag": float(steps),
-        }
-        name = "BuiltinPositionActuatorCfg" if actuator.has_gains else "IdealPdActuatorCfg"
-        lines = _call(name, fields)
-        yield from _indented([*lines[:-1], "),"])
-    yield ")"
-
-
-def _bam(request: _Request) -> Iterable[str]:
-    """Yield the JSON of BAM: the parameters of one joint, or {joint: parameters}."""
-    joints = {actuator.joint: _bam_joint(actuator) for actuator in request.actuators}
-    yield json.dumps(next(iter(joints.values())) if len(joints) == 1 else joints, indent=1)
-
-
-def _bam_joint(actuator: JointActuator) -> dict[str, Any]:
-    values, ratio = actuator.drive.values, total_ratio(actuator.drive)  # as the armature has it
-    parameters: dict[str, Any] = {"armature": actuator.armature, "friction_base": actuator.dry}
-    parameters["friction_viscous"], model = actuator.viscous, "m1"
-    if "stribeck" in actuator.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2
-        parameters |= {
-            "friction_stribeck": ratio * values["stribeck_friction"],
-            "dtheta_stribeck": values["stribeck_speed"] / ratio,
-            "alpha": 2.0,
-        }
-        model = "m2"
-    if actuator.drive.motor_input == "voltage":
-        # torque = k_t/R U - k_t^2/R q': a voltage shows k_t/R, and k_t^2/R + viscous friction
-        per_volt = ratio * values["voltage_constant"]
-        parameters |= {"kt": actuator.viscous / per_volt, "R": actuator.viscous / per_volt**2}
-        parameters["friction_viscous"], kind = 0.0, "xl330"
-    elif actuator.drive.motor_input == "current":
-        parameters["kt"], kind = ratio * values["torque_constant"], "xl330i"
-    else:
-        parameters["ratio"], kind = 1.0, "unitree_go1"
-        if math.isfinite(actuator.limit):
-            parameters["max_torque"] = actuator.limit
-    if actuator.delay_s > 0:
-        parameters["command_delay"] = actuator.delay_s
-    return {**parameters, "model": model, "actuator": kind}
 
 
 def _identifier(name: str) -> str:
@@ -462,33 +387,6 @@ def _drake_transmission(actuator: JointActuator) -> bytes:
     ).encode()
 
 
-def _ros2_control(request: _Request) -> _Written:
-    """Write the URDF with a <ros2_control> block: an effort command per joint, with its limits."""
-
-    def more(text: bytes, root: Element) -> list[Edit]:
-        block = ['<ros2_control name="seaid" type="system">', "  <hardware>"]
-        block += ["    <plugin>gz_ros2_control/GazeboSimSystem</plugin>", "  </hardware>"]
-        for actuator in request.actuators:
-            block.append(f"  <joint name={quoteattr(actuator.joint)}>")
-            block.append('    <command_interface name="effort">')
-            if math.isfinite(actuator.limit):
-                limits = {"min": -actuator.limit, "max": actuator.limit}
-                block += [
-                    f'      <param name="{x}">{_number(y)}</param>' for x, y in limits.items()
-                ]
-            block.append("    </command_interface>")
-            states = ("position", "velocity", "effort")
-            block += [f'    <state_interface name="{state}"/>' for state in states]
-            block.append("  </joint>")
-        block.append("</ros2_control>")
-        old = [child for child in root.children if child.tag == "ros2_control"]
-        gone = [without(text, child) for child in old if _name_of(child) == "seaid"]
-        new = with_content(text, root, ["\n".join(block).encode()])
-        return [*gone, *_rigid_dynamics(text, root, request), new]
-
-    return _edited_urdf(request, more)
-
-
 _PASSIVE = frozenset({"armature", "viscous friction", "dry friction"})
 _ACTIVE = _PASSIVE | {"gains", "torque limit"}
 _CONSTANT = frozenset({"friction offset", "feed-forward"})
@@ -496,15 +394,12 @@ _MOST = _ACTIVE | _CONSTANT | {"delay", "spring", "parallel spring", "coupled dr
 _IN_TOML = _MOST | {"Stribeck friction", "other terms"}
 """Of a URDF, whose drives are whole in the TOML next to it, for seaid."""
 
-_OF_BAM = _PASSIVE | {"torque limit", "delay", "Stribeck friction"}
 _OF_DRAKE = frozenset({"armature", "viscous friction", "gains"})
-_OF_GAZEBO = frozenset({"viscous friction", "dry friction", "torque limit"})
 
 FORMATS: Mapping[FormatName, Format] = {
     "mjcf": Format("MuJoCo", ".xml", _mjcf, _MOST, has_bodies=True),
     "urdf": Format("URDF with the TOML of its drives", ".urdf", _urdf, _IN_TOML, has_bodies=True),
     "isaaclab": Format("Isaac Lab", ".py", _text(_isaaclab), _ACTIVE | {"delay"}, in_steps=True),
-    "mjlab": Format("mjlab", ".py", _text(_mjlab), _ACTIVE | {"delay"}, in_steps=True),
     "usd": Format("USD for PhysX", ".usda", _text(_usd), _ACTIVE),
     "newton": Format(
         "Newton",
@@ -514,10 +409,6 @@ FORMATS: Mapping[FormatName, Format] = {
         in_steps=True,
         limits_offsets=True,
     ),
-    "bam": Format("BAM", ".json", _text(_bam), _OF_BAM, has_slides=False),
     "drake": Format("Drake", ".urdf", _drake, _OF_DRAKE, has_bodies=True),
-    "ros2_control": Format(
-        "Gazebo with ros2_control", ".urdf", _ros2_control, _OF_GAZEBO, has_bodies=True
-    ),
 }
 """{name of a format: the format}."""
