@@ -6,7 +6,6 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +47,7 @@ from seaid.report.html_verdict import (
     notices_of,
     page_verdict,
 )
+from seaid.report.templates import rendered
 from seaid.report.text import group_name
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison
@@ -134,7 +134,7 @@ def write_report(
         **_responses(frequency),
         "parameters": _packed_parameters(identification, results),
     }
-    write_whole(path, _rendered("report.html.j2", robot=identification.robot.name, **content))
+    write_whole(path, rendered("report.html.j2", robot=identification.robot.name, **content))
 
 
 @checked(SeaidError)
@@ -173,7 +173,7 @@ def write_comparison(
         (group_name(group), short(test.chi_square), test.freedom, probability(test.p_value))
         for group, test in result.groups.items()
     ]
-    page = _rendered(
+    page = rendered(
         "comparison.html.j2",
         robot=first.robot.name,
         result=result,
@@ -236,7 +236,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
             if friction and of.any()
         ),
     ]
-    page = _rendered(
+    page = rendered(
         "calibration.html.j2",
         robot=name,
         found=found,
@@ -339,20 +339,6 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
-def _rendered(template: str, **content: Any) -> str:
-    """Return a page as text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("seaid.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(template).render(asset=_asset, **content)
-
-
 def _parameters(
     result: Identification, robot: Robot, nominal: Nominal, posture: Posture
 ) -> dict[str, Any]:
@@ -425,7 +411,7 @@ def _motions(
         "printed": printed_traces(identification.robot, pictured),
         "has_own": bool(identification.motions),
         "has_runs": bool(runs),
-        "traces": _as_json(traces),
+        "traces": traces,
         "without_traces": len(runs) - len(traces["runs"]),
     }
 
@@ -570,23 +556,5 @@ def _correlations(identification: Identification) -> dict[str, Any]:
             (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS)),
             shown.strongest,
         ),
-        "data": _as_json({"names": shown.names, "data": packed_correlations(shown)}),
+        "data": {"names": shown.names, "data": packed_correlations(shown)},
     }
-
-
-def _as_json(content: Any) -> Any:
-    """Return JSON that is safe inside a <script>: without '<', '>', '&' and NaN."""
-    from markupsafe import Markup
-
-    text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
-    # "</script>" inside a text would end the script.
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return Markup(text)
-
-
-def _asset(name: str) -> Any:
-    """Return a file of the page verbatim: style, script, or the chart library."""
-    from markupsafe import Markup
-
-    return Markup((files("seaid.report") / "page" / name).read_text(encoding="utf-8"))
