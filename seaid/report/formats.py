@@ -92,6 +92,21 @@ def share(value: float) -> str:
     return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
 
 
+BADLY_PREDICTED = 0.2
+"""Relative error of an unseen torque from which a prediction is doubtful, and a joint poor."""
+
+_WELL_PREDICTED = 0.05
+"""Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
+on the measured robots of docs/results.md."""
+
+
+def explained_as(error: float) -> str:
+    """Return how well a torque with a relative error is explained: a class of report.css."""
+    if not math.isfinite(error):
+        return "none"
+    return "good" if error < _WELL_PREDICTED else "fair" if error < BADLY_PREDICTED else "poor"
+
+
 def signed_share(value: float) -> str:
     """Return a change in percent for a page, with its sign."""
     text = share(value)

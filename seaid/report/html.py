@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,6 @@ from seaid.report.html_verdict import (
     Nominal,
     Notice,
     before_and_after,
-    explained_as,
     nominal_values,
     notices_of,
     page_verdict,
@@ -56,9 +55,6 @@ Fact = str | int | float
 
 _LARGEST_GROUPING = 300_000
 """Coefficients of the groupings up to which a page contains parameters.json."""
-
-_FEW_BARS = 8
-"""Bars of before and after on the first screen; the others open on a click."""
 
 
 @checked(SeaidError)
@@ -473,7 +469,7 @@ def _labels(
         joint: Label(
             joint,
             f"{share(errors[joint])} error" if joint in errors else _NO_ERROR[joint in at_rest],
-            explained_as(errors.get(joint, np.nan)),
+            formats.explained_as(errors.get(joint, np.nan)),
             joint in flagged,
         )
         for joint in result.robot.joint_names
@@ -484,43 +480,31 @@ _NO_ERROR = {False: "no torque", True: "stands still"}
 
 
 def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
-    """Return the errors before and after: bars of each side, as parts of the largest shown."""
+    """Return the errors before and after by side, the largest first, and that of a whole bar."""
     rows = [row for run in pictured for row in before_and_after(nominal, run)]
-    known = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
-    full = min(max(known, default=1.0), 1.0) or 1.0
-    bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.relative_error)]
-    has_rests = any(bar["counted"] for bar in bars)
-    return {"sides": list(_sides(bars)), "full": share(full), "has_rests": has_rests}
-
-
-def _bar(row: tables.ErrorRow, full: float) -> dict[str, Any]:
-    """Return the bars of a torque, which are whole at an error `full`."""
-    before, after = row.before, row.relative_error
+    rows.sort(key=lambda row: -row.relative_error)
+    errors = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
+    by_side = {
+        title: [row for row in rows if row.side == side] for side, title in _BAR_TITLES.items()
+    }
     return {
-        "joint": row.joint,
-        "side": row.side,
-        "after": share(after),
-        "before": share(before) if np.isfinite(before) else "",
-        "reason": row.reason,
-        "counted": share(row.counted_share) if is_partial(row.counted_share) else "",
-        "colour": explained_as(after),
-        "after_length": round(100 * min(after / full, 1.0), 2),
-        "before_length": round(100 * min(np.nan_to_num(before, posinf=1.0) / full, 1.0), 2),
+        "full": min(max(errors, default=1.0), 1.0) or 1.0,
+        "has_rests": any(is_partial(row.counted_share) for row in rows),
+        "sides": [
+            {"name": title, "reason": _common_reason(of_side), "rows": of_side}
+            for title, of_side in by_side.items()
+            if of_side
+        ],
     }
 
 
-def _sides(bars: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield the sides that have bars, with the reason that all of theirs have in common."""
-    for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor")):
-        of_side = [bar for bar in bars if bar["side"] == side]
-        reasons = {bar["reason"] for bar in of_side}
-        if of_side:
-            yield {
-                "name": name,
-                "reason": reasons.pop() if len(reasons) == 1 else "",
-                "few": of_side[:_FEW_BARS],
-                "more": of_side[_FEW_BARS:],
-            }
+_BAR_TITLES = {"load": "Torque on the load", "actuator": "Torque of the motor"}
+
+
+def _common_reason(rows: Sequence[tables.ErrorRow]) -> str:
+    """Return why the torques have no error before, if all have the same reason."""
+    reasons = {row.reason for row in rows}
+    return reasons.pop() if len(reasons) == 1 else ""
 
 
 def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
 from seaid._arrays import Array
 from seaid._files import plain
+from seaid.report.formats import explained_as, is_partial, share
 
 
 def rendered(template: str, **content: Any) -> Any:
@@ -30,7 +32,13 @@ def _environment() -> Any:
         lstrip_blocks=True,
     )
     environment.globals["asset"] = _asset
-    environment.filters |= {"in_script": _in_script, "svg_path": svg_path}
+    environment.filters |= {
+        "in_script": _in_script,
+        "svg_path": svg_path,
+        "share": share,
+        "explained": explained_as,
+    }
+    environment.tests |= {"finite": math.isfinite, "partial": is_partial}
     return environment
 
 
