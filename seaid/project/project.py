@@ -347,17 +347,21 @@ class _Table:
 
     def _listed(self, key: str, kinds: Sequence[Any]) -> tuple[Any, ...]:
         """Return a list of texts, names or paths of any length, or one of so many numbers."""
-        value, kind = self.content[key], kinds[0]
-        if kind is float:
-            is_list = isinstance(value, list) and len(value) == len(kinds)
-            if not is_list or not all(type(element) in (int, float) for element in value):
-                raise self.refuse(key, f"a list of {len(kinds)} numbers")
-            return tuple(map(float, value))
+        if kinds[0] is float:
+            return self._numbers(key, len(kinds))
+        value = self.content[key]
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
-        if get_origin(kind) is Literal:
-            return tuple(self._one_of(key, text, get_args(kind)) for text in value)
-        return tuple(self.folder / text if kind is Path else text for text in value)
+        if get_origin(kinds[0]) is Literal:
+            return tuple(self._one_of(key, text, get_args(kinds[0])) for text in value)
+        return tuple(self.folder / text if kinds[0] is Path else text for text in value)
+
+    def _numbers(self, key: str, count: int) -> tuple[float, ...]:
+        value = self.content[key]
+        is_list = isinstance(value, list) and len(value) == count
+        if not is_list or not all(type(element) in (int, float) for element in value):
+            raise self.refuse(key, f"a list of {count} numbers")
+        return tuple(map(float, value))
 
 
 def _robot_file(text: str, folder: Path) -> Path | str:
@@ -431,23 +435,28 @@ def check_logs(project: Project) -> None:
             if not path.exists():
                 raise SeaidError(f"'{project.file}': there is no log '{path}': correct its name")
     for fitted in project.logs_for("identify"):
-        for log in project.logs:
-            if log is not fitted and _shares_samples(log, fitted):
-                again = (
-                    "to identify and to validate: validate on another log"
-                    if log.use == "validate"
-                    else "twice, which would count its samples twice: name each log once"
-                )
-                raise SeaidError(
-                    f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
-                    "as between_s = [0, 20]"
-                )
+        _check_samples(project, fitted)
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
         raise SeaidError(
             f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
             f"validation; conditions are {listed(project.conditions)}"
         )
+
+
+def _check_samples(project: Project, fitted: ProjectLog) -> None:
+    """Raise SeaidError if another log has samples of one to identify from."""
+    for log in project.logs:
+        if log is not fitted and _shares_samples(log, fitted):
+            again = (
+                "to identify and to validate: validate on another log"
+                if log.use == "validate"
+                else "twice, which would count its samples twice: name each log once"
+            )
+            raise SeaidError(
+                f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
+                "as between_s = [0, 20]"
+            )
 
 
 def _shares_samples(first: ProjectLog, second: ProjectLog) -> bool:
