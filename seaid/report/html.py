@@ -24,7 +24,16 @@ from seaid.identification import (
 from seaid.report import formats, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
 from seaid.report.figures import actuator_figures, response_figures
-from seaid.report.formats import Column, is_partial, probability, share, short, table_of, words
+from seaid.report.formats import (
+    Column,
+    is_partial,
+    probability,
+    rendered,
+    share,
+    short,
+    table_of,
+    words,
+)
 from seaid.report.html_charts import (
     Axis,
     Layer,
@@ -46,7 +55,6 @@ from seaid.report.html_verdict import (
     notices_of,
     page_verdict,
 )
-from seaid.report.templates import rendered
 from seaid.report.text import group_name
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison

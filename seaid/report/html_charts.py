@@ -25,9 +25,8 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.formats import is_partial, power_of_ten, powers_of_ten
+from seaid.report.formats import is_partial, power_of_ten, powers_of_ten, rendered
 from seaid.report.html_traces import SIDES, axis_time, torque_units
-from seaid.report.templates import rendered
 
 if TYPE_CHECKING:
     from seaid.identification import Identification

@@ -16,7 +16,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from seaid._arrays import Array, safely
-from seaid.report.templates import rendered, svg_path
+from seaid.report.formats import rendered, svg_path
 from seaid.robot import THIN, is_physical, pseudo_inertia
 
 if TYPE_CHECKING:
