@@ -466,13 +466,7 @@ def _labels(
     flagged = {joint for n in notices if n.severity != "note" for joint in n.joints}
     # Rows of the load side come last, and replace those of the actuator side.
     errors = {row.joint: row.relative_error for row in tables.error_rows(pictured, result.robot)}
-    at_rest = {
-        joint
-        for run in pictured
-        for fit in (run.result.actuator, run.result.load)
-        for joint, counted in zip(run.result.joints, fit.counted_share, strict=True)
-        if counted == 0
-    }
+    at_rest = set().union(*map(_standing_joints, pictured))
     return {
         joint: Label(
             joint,
@@ -482,6 +476,12 @@ def _labels(
         )
         for joint in result.robot.joint_names
     }
+
+
+def _standing_joints(run: Run) -> set[str]:
+    """Return the joints of which no sample counts on a side, as their motors stand still."""
+    shares = np.array([run.result.actuator.counted_share, run.result.load.counted_share])
+    return {joint for joint, x in zip(run.result.joints, shares.T, strict=True) if 0.0 in x}
 
 
 _NO_ERROR = {False: "no torque", True: "stands still"}
