@@ -21,30 +21,10 @@ from seaid.identification import (
     Validation,
     compared,
 )
-from seaid.report import formats, html_experiment, tables
+from seaid.report import figures, formats, html_charts, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
-from seaid.report.figures import actuator_figures, response_figures
-from seaid.report.formats import (
-    Column,
-    is_partial,
-    probability,
-    rendered,
-    share,
-    short,
-    table_of,
-    words,
-)
-from seaid.report.html_charts import (
-    Axis,
-    Layer,
-    cells_of,
-    chart,
-    correlation_map,
-    packed_correlations,
-    printed_traces,
-    singular_chart,
-    singular_values,
-)
+from seaid.report.formats import is_partial, probability, rendered, share, short
+from seaid.report.html_charts import Axis, Layer, chart, printed_traces
 from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
 from seaid.report.html_traces import Run, axis_time, traces_of
 from seaid.report.html_verdict import (
@@ -130,12 +110,22 @@ def write_report(
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
+    checked_facts = _checked_facts(facts or {})
     content = {
-        **_parameters(identification, nominal_robot, values, posture),
-        **_experiment(identification, _checked_facts(facts or {})),
+        # The template has its sections, and makes their tables and figures of these.
+        **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
+        **{"tables": tables, "figures": figures, "charts": html_charts},
+        "experiment": html_experiment,
+        "base": tables.load_table(identification.load, values.bodies),
+        "bodies": bodies_picture(
+            posture, nominal_robot.parameters, identification.robot.parameters, _BODIES_TITLE
+        ),
+        "correlations": html_charts.correlation_map(identification),
+        "measures": html_experiment.measure_facts(("",), (measures_of(identification),)),
+        "command": [text for name, text in checked_facts if name.lower() == "command"],
+        "facts": [fact for fact in checked_facts if fact[0].lower() != "command"],
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
-        **_responses(frequency),
         "parameters": _packed_parameters(identification, results),
     }
     write_whole(path, rendered("report.html.j2", robot=identification.robot.name, **content))
@@ -343,42 +333,7 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
-def _parameters(
-    result: Identification, robot: Robot, nominal: Nominal, posture: Posture
-) -> dict[str, Any]:
-    """Return the template values of the estimates."""
-    return {
-        "drives": tables.drive_table(result, robot),
-        "actuators": actuator_figures(result, robot),
-        "base": tables.load_table(result.load, nominal.bodies),
-        "links": tables.bodies_table(result, robot),
-        "whole": tables.whole_body_table(result),
-        "bodies": bodies_picture(
-            posture, robot.parameters, result.robot.parameters, "Ellipsoids of inertia of the links"
-        ),
-        "feasible": result.feasible,
-        "terms": tables.term_table(result),
-        "residuals": tables.residual_table(result),
-        "conditions": tables.condition_table(result),
-        "singular": _singular(result),
-        "correlations": _correlations(result),
-    }
-
-
-def _experiment(identification: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
-    """Return the template values of data, settings and experiment."""
-    return {
-        "cutoff": f"{identification.cutoff_hz:.3g}",
-        "logs": html_experiment.log_facts(identification),
-        "used": html_experiment.settings_facts(identification),
-        "known": html_experiment.known_table(identification),
-        "setup": html_experiment.setup_rows(identification),
-        "excitation": html_experiment.excitation_table(identification),
-        "measures": html_experiment.measure_facts(("",), (measures_of(identification),)),
-        "command": [text for name, text in facts if name.lower() == "command"],
-        "facts": [fact for fact in facts if fact[0].lower() != "command"],
-        "versions": html_experiment.versions(),
-    }
+_BODIES_TITLE = "Ellipsoids of inertia of the links"
 
 
 def _motions(
@@ -406,26 +361,13 @@ def _motions(
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": tables.error_table(errors),
-        "contacts": [
-            tables.contact_table(run.name, run.result.contacts)
-            for run in runs
-            if run.result.contacts is not None
-        ],
+        "runs": runs,
         "all_errors": len(errors),
         "printed": printed_traces(identification.robot, pictured),
         "has_own": bool(identification.motions),
-        "has_runs": bool(runs),
         "traces": traces,
         "without_traces": len(runs) - len(traces["runs"]),
     }
-
-
-def _responses(frequency: FrequencyResponse | None) -> dict[str, Any]:
-    """Return the template values of a frequency response."""
-    if frequency is None:
-        return {"frequency": None, "responses": [], "springs": None}
-    figures, springs = response_figures(frequency), tables.response_table(frequency)
-    return {"frequency": frequency, "responses": figures, "springs": springs}
 
 
 _REPLAY_SAMPLES = 1200
@@ -523,30 +465,3 @@ def _packed_parameters(identification: Identification, results: Sequence[Validat
     text = json.dumps(plain(content), indent=2, allow_nan=False)
     # Without the time of writing, so that equal results are equal pages.
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
-
-
-def _singular(identification: Identification) -> dict[str, Any] | None:
-    values = singular_values(identification)
-    if values is None:
-        return None
-    return {
-        "chart": singular_chart(values),
-        "condition": f"{1 / values.shares[-1]:.3g}",
-        "combinations": values.combinations,
-    }
-
-
-def _correlations(identification: Identification) -> dict[str, Any]:
-    shown = correlation_map(identification)
-    return {
-        "map": shown,
-        "cells": cells_of(shown),
-        "strongest": table_of(
-            "correlations",
-            "The strongest correlations: such parameters are better identifiable in combination "
-            "than individually.",
-            (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS)),
-            shown.strongest,
-        ),
-        "data": {"names": shown.names, "data": packed_correlations(shown)},
-    }

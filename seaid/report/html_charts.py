@@ -25,7 +25,17 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.formats import is_partial, power_of_ten, powers_of_ten, rendered
+from seaid.report import formats
+from seaid.report.formats import (
+    Column,
+    Table,
+    is_partial,
+    power_of_ten,
+    powers_of_ten,
+    rendered,
+    table_of,
+    words,
+)
 from seaid.report.html_traces import SIDES, axis_time, torque_units
 
 if TYPE_CHECKING:
@@ -313,6 +323,16 @@ def cells_of(shown: CorrelationMap) -> list[Cells]:
         if strength or sign == "none":
             paths.setdefault((sign, strength), []).append(f"M{column} {row}h1v1h-1z")
     return [Cells(sign, strength, "".join(path)) for (sign, strength), path in paths.items()]
+
+
+def strongest_table(shown: CorrelationMap) -> Table:
+    """Return the strongest correlations of a map."""
+    caption = (
+        "The strongest correlations: such parameters are better identifiable in combination than "
+        "individually."
+    )
+    columns = (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS))
+    return table_of("correlations", caption, columns, shown.strongest)
 
 
 def packed_correlations(shown: CorrelationMap) -> str:
