@@ -110,7 +110,7 @@ def write_report(
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
-    checked_facts = _checked_facts(facts or {})
+    checked_facts, measures = _checked_facts(facts or {}), measures_of(identification)
     content = {
         # The template has its sections, and makes their tables and figures of these.
         **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
@@ -121,7 +121,7 @@ def write_report(
             posture, nominal_robot.parameters, identification.robot.parameters, _BODIES_TITLE
         ),
         "correlations": html_charts.correlation_map(identification),
-        "measures": html_experiment.measure_facts(("",), (measures_of(identification),)),
+        "measures": html_experiment.measure_facts([("", measures)] if measures else []),
         "command": [text for name, text in checked_facts if name.lower() == "command"],
         "facts": [fact for fact in checked_facts if fact[0].lower() != "command"],
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
@@ -167,6 +167,7 @@ def write_comparison(
         (group_name(group), short(test.chi_square), test.freedom, probability(test.p_value))
         for group, test in result.groups.items()
     ]
+    measured = list(zip(names, result.measures or (), strict=False))
     page = rendered(
         "comparison.html.j2",
         robot=first.robot.name,
@@ -179,7 +180,7 @@ def write_comparison(
         tests=tests,
         table=tables.difference_table(result),
         numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
-        motions=html_experiment.measure_facts(names, result.measures),
+        motions=html_experiment.measure_facts(measured),
     )
     write_whole(path, page)
 
