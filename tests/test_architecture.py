@@ -119,7 +119,7 @@ def test_no_module_imports_one_that_imports_it() -> None:
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("identification.instrumental", "identification.simultaneous"),
-        "identification.linear_joints",
+        *("identification.consistency", "identification.linear_joints"),
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
         "regressor.exact.recursion",

@@ -781,5 +781,5 @@ def test_export_for_a_simulator_with_ranges(arm: Path, tmp_path: Path) -> None:
         *("--randomization", ranges, "--samples", "3"),
     )
     assert "not determined by the log, and as wide as the prior: " in said.out
-    assert "ACTUATORS = (" in actuators.read_text()
+    assert "ACTUATORS = {" in actuators.read_text()
     assert ranges.read_text().startswith('format: "seaid randomization 1"')
