@@ -144,8 +144,7 @@ def _stance_content(
     """Return what stances of a floating base determine, alone and together, and as lines."""
     usual = [["air"], *([link] for link in links), links] if links else [["air"]]
     stances = _stances(asked_stances or usual)
-    asked = [*stances.values()]
-    asked = asked if asked_stances else asked[-1:]
+    asked = list(stances.values())[0 if asked_stances else -1 :]
     cases = {
         text: seaid.identifiability(robot, stances=[stance]) for text, stance in stances.items()
     }
