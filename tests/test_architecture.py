@@ -195,7 +195,7 @@ def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
             ),
         ),
         ("matplotlib", ("seaid.report",)),
-        ("jinja2", ("seaid.report", "seaid.project")),
+        ("jinja2", ("seaid._files", "seaid.report")),
         ("viser", ("seaid.view",)),
         ("typer", ("seaid.cli",)),
     ],

@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
-from seaid._files import write_whole
+from seaid._files import from_template, write_whole
 from seaid._progress import Display
 from seaid.drives import total_ratio
 from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line
@@ -54,10 +54,6 @@ class _Request:
     step_s: float
     force: bool
     temperature_degC: float | None
-
-    def header(self, *lines: str) -> list[str]:
-        """Return the lines at the top of a file: whose model it is, and `lines`."""
-        return [f"{in_one_line(self.robot.name)}, identified by seaid.", *lines]
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,14 +176,44 @@ def _number(value: float) -> str:
     return f"{value:.9g}"
 
 
-def _text(lines: Callable[[_Request], Iterable[str]]) -> Callable[[_Request], _Written]:
-    """Return the writer of a file with these lines."""
+def _by_template(template: str) -> Callable[[_Request], _Written]:
+    """Return the writer of a file that one of the templates in `seaid/export/files` has."""
 
     def write(request: _Request) -> _Written:
-        write_whole(request.path, "\n".join([*lines(request), ""]))
+        text = from_template(
+            "seaid.export",
+            f"files/{template}",
+            _FILTERS,
+            robot=in_one_line(request.robot.name),
+            actuators=request.actuators,
+            step_s=request.step_s,
+        )
+        write_whole(request.path, text)
         return None, ()
 
     return write
+
+
+def _per_angle(value: float, actuator: JointActuator) -> str:
+    """Return what is per angle of a joint as USD has it, in degrees."""
+    return _number(value if actuator.slides else value * _PER_DEGREE)
+
+
+def _identifier(name: str) -> str:
+    """Return a name as USD allows it: letters, digits and _, no digit first."""
+    identifier = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"
+
+
+_FILTERS: Mapping[str, Callable[..., str]] = {
+    "number": _number,
+    "per_angle": _per_angle,
+    "identifier": _identifier,
+    "pattern": re.escape,  # names are regular expressions in Isaac Lab
+    "python": repr,
+    "json": json.dumps,
+}
+"""How the templates write values."""
 
 
 def _urdf(request: _Request) -> _Written:
@@ -204,142 +230,6 @@ def _mjcf(request: _Request) -> _Written:
     r = request
     written = write_mjcf(r.robot, r.path, force=r.force, at_temperature_degC=r.temperature_degC)
     return None, written.notes
-
-
-def _call(name: str, fields: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a Python call with one argument a line; without infinite ones."""
-    texts = {
-        key: value if isinstance(value, str) else _number(value)
-        for key, value in fields.items()
-        if isinstance(value, str) or math.isfinite(value)
-    }
-    return [f"{name}(", *(f"    {key}={text}," for key, text in texts.items()), ")"]
-
-
-def _indented(lines: Iterable[str], by: int = 4) -> list[str]:
-    return [" " * by + line for line in lines]
-
-
-def _isaaclab(request: _Request) -> Iterable[str]:
-    """Yield a Python file with ACTUATORS, a configuration of Isaac Lab per joint."""
-    yield from (
-        f"# {line}"
-        for line in request.header(
-            "Use: ArticulationCfg(actuators=ACTUATORS) of Isaac Lab.",
-            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
-            "The friction fields are efforts, as Isaac Sim has them since version 5.",
-            f"min_delay and max_delay count physics steps of {request.step_s:g} s.",
-        )
-    )
-    yield "from isaaclab.actuators import DelayedPDActuatorCfg, IdealPDActuatorCfg"
-    yield from ("", "ACTUATORS = {")
-    for actuator in request.actuators:
-        steps = actuator.steps(request.step_s)
-        delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
-        fields: dict[str, str | float] = {
-            # Names are regular expressions in Isaac Lab.
-            "joint_names_expr": f"[{re.escape(actuator.joint)!r}]",
-            "stiffness": actuator.position_gain,
-            "damping": actuator.velocity_gain,
-            "armature": actuator.armature,
-            "friction": actuator.dry,
-            # Coulomb friction has one level: PhysX's static and dynamic efforts are equal.
-            "dynamic_friction": actuator.dry,
-            "viscous_friction": actuator.viscous,
-            "effort_limit": actuator.limit,
-            "velocity_limit": actuator.velocity_limit,
-        }
-        name = "DelayedPDActuatorCfg" if delay else "IdealPDActuatorCfg"
-        first, *others = _call(name, {**fields, **delay})
-        yield from _indented([f"{actuator.joint!r}: {first}", *others[:-1], "),"])
-    yield "}"
-
-
-def _identifier(name: str) -> str:
-    """Return a name as USD allows it: letters, digits and _, no digit first."""
-    identifier = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"
-
-
-def _layer(request: _Request, joints: list[str], more: Iterable[str] = ()) -> Iterable[str]:
-    """Yield a USD layer over the joints of a robot."""
-    robot = _identifier(request.robot.name)
-    yield from ("#usda 1.0", "(", f'    defaultPrim = "{robot}"')
-    doc = " ".join(
-        request.header(
-            "Use: a sublayer over the stage of the robot, in metres and kilograms, "
-            f"whose joints are at /{robot}/joints."
-        )
-    )
-    yield from (f"    doc = {json.dumps(doc)}", "    metersPerUnit = 1", ")", "")
-    yield from (f'over "{robot}"', "{")
-    yield from ('    over "joints"', "    {", *_indented(joints, 8), "    }", *_indented(more))
-    yield "}"
-
-
-def _prim(start: str, schemas: Iterable[str], attributes: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a prim; attributes are '<type> <name>', without infinite ones."""
-    names = ", ".join(f'"{name}"' for name in schemas)
-    texts = [
-        f"    {name} = {value if isinstance(value, str) else _number(value)}"
-        for name, value in attributes.items()
-        if isinstance(value, str) or math.isfinite(value)
-    ]
-    return [f"{start} (", f"    prepend apiSchemas = [{names}]", ")", "{", *texts, "}"]
-
-
-def _usd(request: _Request) -> Iterable[str]:
-    """Return a layer with drives of UsdPhysics, and armature and friction of PhysX."""
-    joints: list[str] = []
-    for actuator in request.actuators:
-        axis, per_unit = ("linear", 1.0) if actuator.slides else ("angular", _PER_DEGREE)
-        drive, physx = f"drive:{axis}:physics", f"physxJointAxis:{axis}"
-        attributes: dict[str, str | float] = {
-            f"uniform token {drive}:type": '"force"',
-            f"float {drive}:stiffness": actuator.position_gain * per_unit,
-            f"float {drive}:damping": actuator.velocity_gain * per_unit,
-            f"float {drive}:maxForce": actuator.limit,
-            # Only what is per angle depends on its unit; inertia and efforts do not.
-            "float physxJoint:armature": actuator.armature,
-            f"float {physx}:armature": actuator.armature,
-            f"float {physx}:staticFrictionEffort": actuator.dry,
-            f"float {physx}:dynamicFrictionEffort": actuator.dry,
-            f"float {physx}:viscousFrictionCoefficient": actuator.viscous * per_unit,
-        }
-        schemas = (f"PhysicsDriveAPI:{axis}", "PhysxJointAPI", f"PhysxJointAxisAPI:{axis}")
-        joints += _prim(f'over "{_identifier(actuator.joint)}"', schemas, attributes)
-    return _layer(request, joints)
-
-
-def _newton(request: _Request) -> Iterable[str]:
-    """Return a layer with the passive joints of Newton, and its actuators, which use radians."""
-    joints: list[str] = []
-    actuators: list[str] = ['def Scope "actuators"', "{"]
-    robot = _identifier(request.robot.name)
-    for actuator in request.actuators:
-        name, per_unit = _identifier(actuator.joint), 1.0 if actuator.slides else _PER_DEGREE
-        passive: dict[str, str | float] = {
-            "float newton:armature": actuator.armature,
-            "float newton:damping": actuator.viscous * per_unit,
-            "float newton:friction": actuator.dry,
-        }
-        joints += _prim(f'over "{name}"', ("NewtonJointAPI",), passive)
-        active: dict[str, str | float] = {
-            "rel newton:targets": f"</{robot}/joints/{name}>",
-            "float newton:kp": actuator.position_gain,
-            "float newton:kd": actuator.velocity_gain,
-            # `offset` brakes, constEffort drives. Newton limits the sum of all efforts.
-            "float newton:constEffort": actuator.feedforward - actuator.offset,
-        }
-        schemas, steps = ["NewtonPDControlAPI"], actuator.steps(request.step_s)
-        if math.isfinite(actuator.limit):
-            schemas.append("NewtonMaxEffortClampingAPI")
-            active["float newton:maxEffort"] = actuator.limit
-        if steps:
-            schemas.append("NewtonActuatorDelayAPI")
-            active["int newton:delaySteps"] = str(steps)
-        actuators += _indented(_prim(f'def NewtonActuator "{name}"', schemas, active))
-    return _layer(request, joints, [*actuators, "}"])
 
 
 def _name_of(element: Element) -> str:
@@ -399,12 +289,14 @@ _OF_DRAKE = frozenset({"armature", "viscous friction", "gains"})
 FORMATS: Mapping[FormatName, Format] = {
     "mjcf": Format("MuJoCo", ".xml", _mjcf, _MOST, has_bodies=True),
     "urdf": Format("URDF with the TOML of its drives", ".urdf", _urdf, _IN_TOML, has_bodies=True),
-    "isaaclab": Format("Isaac Lab", ".py", _text(_isaaclab), _ACTIVE | {"delay"}, in_steps=True),
-    "usd": Format("USD for PhysX", ".usda", _text(_usd), _ACTIVE),
+    "isaaclab": Format(
+        "Isaac Lab", ".py", _by_template("isaaclab.py.j2"), _ACTIVE | {"delay"}, in_steps=True
+    ),
+    "usd": Format("USD for PhysX", ".usda", _by_template("usd.usda.j2"), _ACTIVE),
     "newton": Format(
         "Newton",
         ".usda",
-        _text(_newton),
+        _by_template("newton.usda.j2"),
         _ACTIVE | _CONSTANT | {"delay"},
         in_steps=True,
         limits_offsets=True,

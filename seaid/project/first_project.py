@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid._files import PROJECT_FILE, write_whole
+from seaid._files import PROJECT_FILE, from_template, write_whole
 from seaid._progress import Display
 from seaid.checks import is_unsigned, no_measurements
 from seaid.drives import (
@@ -172,7 +172,10 @@ def write_first_project(
     unscaled = _unscaled(robot, logs_read, tables)
     bodies = _known_bodies(robot) if is_commanded or unscaled else []
     doubts += _flag_doubts(robot, logs_read)
-    text = _from_template(
+    text = from_template(
+        "seaid.project",
+        "first_project.toml.j2",
+        {"toml": as_toml},
         doubts=list(map(_comment, doubts)),
         has_scale_of_bodies=bool(bodies and unscaled),
         known_bodies=bodies,
@@ -849,22 +852,6 @@ def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
 def _comment(doubt: str) -> str:
     """Return a doubt on one line."""
     return abridged(" ".join(doubt.split()))
-
-
-def _from_template(**content: Any) -> str:
-    """Return the text of a project file; the template has its sections in their order."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("seaid.project", ".")
-    environment = Environment(
-        loader=loader,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["toml"] = as_toml
-    return environment.get_template("first_project.toml.j2").render(content)
 
 
 def _robot_content(
