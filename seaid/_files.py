@@ -308,6 +308,27 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 _Place = tuple["_Place", str | int] | None
 
 
+def from_template(
+    package: str, template: str, filters: Mapping[str, Callable[..., Any]], **content: Any
+) -> str:
+    """Return the text of a file by its template in a package; `filters` say how values are written.
+
+    `template` is relative to the folder of the package.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader(package, "."),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= filters
+    environment.tests["finite"] = math.isfinite
+    return environment.get_template(template).render(content)
+
+
 def toml_text(value: str) -> str:
     """Return a text as a TOML string: as in JSON, but with the delete character escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -55,8 +55,7 @@ def export(
     output
         File to write: .urdf, .xml for MuJoCo, .py or .c for code, or of --format.
     format
-        mjcf, urdf, isaaclab, mjlab, usd, newton, bam, drake or ros2_control, or python or c for
-        code; default: by the suffix.
+        mjcf, urdf, isaaclab, usd, newton or drake, or python or c for code; default: by the suffix.
     time_step
         Time step [s] of the simulation, in which delays are counted.
     parameters

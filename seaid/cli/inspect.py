@@ -143,10 +143,8 @@ def _stance_content(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return what stances of a floating base determine, alone and together, and as lines."""
     usual = [["air"], *([link] for link in links), links] if links else [["air"]]
-    by_word: dict[str, Sequence[str]] = {seaid.robot.HANGING: seaid.robot.HANGING, "air": []}
-    texts = [",".join(stance) for stance in asked_stances or usual]
-    stances = {text: by_word.get(text, text.split(",")) for text in texts}
-    asked = [*stances.values()] if asked_stances else [stances[texts[-1]]]
+    stances = _stances(asked_stances or usual)
+    asked = list(stances.values())[0 if asked_stances else -1 :]
     cases = {
         text: seaid.identifiability(robot, stances=[stance]) for text, stance in stances.items()
     }
@@ -162,6 +160,13 @@ def _stance_content(
     content["base_parameters"] = list(together.base.expressions)  # type: ignore[assignment]
     title = "\nIdentifiable from joint torques and the motion of the base, by stance"
     return content, [*_base_lines(together.base), seaid.report.table(title, header, rows)]
+
+
+def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
+    """Return {text: contacts on the ground, or the word for a robot that hangs} of stances."""
+    by_word: dict[str, Sequence[str]] = {seaid.robot.HANGING: seaid.robot.HANGING, "air": []}
+    texts = [",".join(links) for links in asked]
+    return {text: by_word.get(text, text.split(",")) for text in texts}
 
 
 def _measured(robot: seaid.Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:

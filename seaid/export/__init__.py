@@ -4,7 +4,7 @@ An `Identification`, or a `Robot` with its values, comes in; files go out:
 
 - `write_urdf`: the source URDF with the identified inertias, otherwise unchanged byte by byte;
 - `write_mjcf`: a MuJoCo model with the springs, the armature and the friction of the drives;
-- `write_model`: these, and actuators for Isaac Lab, mjlab, USD, Newton, BAM, Drake and Gazebo;
+- `write_model`: these, and actuators for Isaac Lab, USD, Newton and Drake;
 - `write_randomization`: ranges and correlated samples, for domain randomization;
 - `parameters.json` by `Identification.save`, which `read_parameters` reads back.
 

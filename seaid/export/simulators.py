@@ -8,16 +8,16 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from xml.sax.saxutils import quoteattr
 
-from seaid._files import write_whole
+from seaid._files import from_template, write_whole
 from seaid._progress import Display
 from seaid.drives import total_ratio
-from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line, listed
+from seaid.errors import Finding, RobotError, by_severity, checked, in_one_line
 from seaid.export.joint_actuators import (
     JointActuator,
     actuators_of,
@@ -38,9 +38,7 @@ from seaid.export.urdf import (
 from seaid.identification import Identification
 from seaid.robot import Robot
 
-FormatName = Literal[
-    "mjcf", "urdf", "isaaclab", "mjlab", "usd", "newton", "bam", "drake", "ros2_control"
-]
+FormatName = Literal["mjcf", "urdf", "isaaclab", "usd", "newton", "drake"]
 
 _PER_DEGREE = math.pi / 180.0
 """USD has angles of joints in degrees: N m/rad times this is N m/degree."""
@@ -56,10 +54,6 @@ class _Request:
     step_s: float
     force: bool
     temperature_degC: float | None
-
-    def header(self, *lines: str) -> list[str]:
-        """Return the lines at the top of a file: whose model it is, and `lines`."""
-        return [f"{in_one_line(self.robot.name)}, identified by seaid.", *lines]
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,17 +90,8 @@ class Format:
     write: Callable[[_Request], _Written]
     holds: frozenset[str]
     has_bodies: bool = False
-    has_slides: bool = True
     in_steps: bool = False
     limits_offsets: bool = False
-
-    def notes(self, actuators: Iterable[JointActuator]) -> Iterator[str]:
-        """Yield the notes on joints and bodies that the files do not hold."""
-        sliding = [actuator.joint for actuator in actuators if actuator.slides]
-        if sliding and not self.has_slides:
-            yield f"{self.title} has joints that turn only: {listed(sliding)} not in the file"
-        if not self.has_bodies:
-            yield "the bodies are not in the file: --format urdf or mjcf has them"
 
 
 @checked(RobotError)
@@ -127,12 +112,11 @@ def write_model(
     path : path
         The file to write.
     format : str, optional
-        "mjcf" and "urdf" are `write_mjcf` and `write_urdf`. "drake" and "ros2_control" are the URDF
-        with rotor inertias, gear ratios and gains for Drake, or with a <ros2_control> block.
-        "isaaclab" and "mjlab" are Python files with a configuration per joint. "usd" and "newton"
-        are layers over the USD stage of the robot, whose joints are at /<robot>/joints/<joint>.
-        "bam" is the JSON of better actuator models, of each joint if there are several. Default: by
-        the suffix, mjcf for .xml, usd for .usda, urdf for others.
+        "mjcf" and "urdf" are `write_mjcf` and `write_urdf`. "drake" is the URDF with rotor
+        inertias, gear ratios and gains for Drake. "isaaclab" is a Python file with a configuration
+        per joint. "usd" and "newton" are layers over the USD stage of the robot, whose joints are
+        at /<robot>/joints/<joint>. Default: by the suffix, mjcf for .xml, usd for .usda, urdf for
+        others.
     time_step_s : float
         Time step [s] of the simulation, for formats in which delays are numbers of steps.
     force, at_temperature_degC
@@ -166,8 +150,7 @@ def write_model(
     robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
     # The TOML has drives with unknown values as they are; every other format needs numbers.
-    every = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
-    actuators = tuple(actuator for actuator in every if kind.has_slides or not actuator.slides)
+    actuators = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
     # The robot at its own temperature, because write_mjcf and write_urdf change it themselves,
     # while the actuators are already those at the temperature that was asked for.
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
@@ -177,7 +160,9 @@ def write_model(
         lost += limited_offsets(actuators)
     if kind.in_steps:
         lost += rounded_delays(actuators, time_step_s)
-    return WrittenModel(path, drives, by_severity(lost), (*notes, *kind.notes(every)))
+    if not kind.has_bodies:
+        notes = (*notes, "the bodies are not in the file: --format urdf or mjcf has them")
+    return WrittenModel(path, drives, by_severity(lost), notes)
 
 
 def by_suffix(path: Path) -> FormatName:
@@ -191,14 +176,44 @@ def _number(value: float) -> str:
     return f"{value:.9g}"
 
 
-def _text(lines: Callable[[_Request], Iterable[str]]) -> Callable[[_Request], _Written]:
-    """Return the writer of a file with these lines."""
+def _by_template(template: str) -> Callable[[_Request], _Written]:
+    """Return the writer of a file that one of the templates in `seaid/export/files` has."""
 
     def write(request: _Request) -> _Written:
-        write_whole(request.path, "\n".join([*lines(request), ""]))
+        text = from_template(
+            "seaid.export",
+            f"files/{template}",
+            _FILTERS,
+            robot=in_one_line(request.robot.name),
+            actuators=request.actuators,
+            step_s=request.step_s,
+        )
+        write_whole(request.path, text)
         return None, ()
 
     return write
+
+
+def _per_angle(value: float, actuator: JointActuator) -> str:
+    """Return what is per angle of a joint as USD has it, in degrees."""
+    return _number(value if actuator.slides else value * _PER_DEGREE)
+
+
+def _identifier(name: str) -> str:
+    """Return a name as USD allows it: letters, digits and _, no digit first."""
+    identifier = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"
+
+
+_FILTERS: Mapping[str, Callable[..., str]] = {
+    "number": _number,
+    "per_angle": _per_angle,
+    "identifier": _identifier,
+    "pattern": re.escape,  # names are regular expressions in Isaac Lab
+    "python": repr,
+    "json": json.dumps,
+}
+"""How the templates write values."""
 
 
 def _urdf(request: _Request) -> _Written:
@@ -215,206 +230,6 @@ def _mjcf(request: _Request) -> _Written:
     r = request
     written = write_mjcf(r.robot, r.path, force=r.force, at_temperature_degC=r.temperature_degC)
     return None, written.notes
-
-
-def _call(name: str, fields: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a Python call with one argument a line; without infinite ones."""
-    texts = {
-        key: value if isinstance(value, str) else _number(value)
-        for key, value in fields.items()
-        if isinstance(value, str) or math.isfinite(value)
-    }
-    return [f"{name}(", *(f"    {key}={text}," for key, text in texts.items()), ")"]
-
-
-def _indented(lines: Iterable[str], by: int = 4) -> list[str]:
-    return [" " * by + line for line in lines]
-
-
-def _isaaclab(request: _Request) -> Iterable[str]:
-    """Yield a Python file with ACTUATORS, a configuration of Isaac Lab per joint."""
-    yield from (
-        f"# {line}"
-        for line in request.header(
-            "Use: ArticulationCfg(actuators=ACTUATORS) of Isaac Lab.",
-            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
-            "The friction fields are efforts, as Isaac Sim has them since version 5.",
-            f"min_delay and max_delay count physics steps of {request.step_s:g} s.",
-        )
-    )
-    yield "from isaaclab.actuators import DelayedPDActuatorCfg, IdealPDActuatorCfg"
-    yield from ("", "ACTUATORS = {")
-    for actuator in request.actuators:
-        steps = actuator.steps(request.step_s)
-        delay: dict[str, float] = {"min_delay": steps, "max_delay": steps} if steps else {}
-        fields: dict[str, str | float] = {
-            # Names are regular expressions in Isaac Lab and in mjlab.
-            "joint_names_expr": f"[{re.escape(actuator.joint)!r}]",
-            "stiffness": actuator.position_gain,
-            "damping": actuator.velocity_gain,
-            "armature": actuator.armature,
-            "friction": actuator.dry,
-            # Coulomb friction has one level: PhysX's static and dynamic efforts are equal.
-            "dynamic_friction": actuator.dry,
-            "viscous_friction": actuator.viscous,
-            "effort_limit": actuator.limit,
-            "velocity_limit": actuator.velocity_limit,
-        }
-        name = "DelayedPDActuatorCfg" if delay else "IdealPDActuatorCfg"
-        first, *others = _call(name, {**fields, **delay})
-        yield from _indented([f"{actuator.joint!r}: {first}", *others[:-1], "),"])
-    yield "}"
-
-
-def _mjlab(request: _Request) -> Iterable[str]:
-    """Yield a Python file with ACTUATORS, a configuration of mjlab per joint."""
-    yield from (
-        f"# {line}"
-        for line in request.header(
-            "Use: EntityArticulationInfoCfg(actuators=ACTUATORS) of mjlab 1.6 or later.",
-            "Units: N m, rad, s at the joint (N, m, s of a prismatic one).",
-            f"delay_min_lag and delay_max_lag count physics steps of {request.step_s:g} s.",
-        )
-    )
-    yield "from mjlab.actuator import BuiltinPositionActuatorCfg, IdealPdActuatorCfg"
-    yield from ("", "ACTUATORS = (")
-    for actuator in request.actuators:
-        steps = actuator.steps(request.step_s)
-        fields: dict[str, str | float] = {
-            "target_names_expr": f"({re.escape(actuator.joint)!r},)",
-            "stiffness": actuator.position_gain,
-            "damping": actuator.velocity_gain,
-            "effort_limit": actuator.limit,
-            "armature": actuator.armature,
-            "frictionloss": actuator.dry,
-            "viscous_damping": actuator.viscous,
-            "delay_min_lag": float(steps),
-            "delay_max_lag": float(steps),
-        }
-        name = "BuiltinPositionActuatorCfg" if actuator.has_gains else "IdealPdActuatorCfg"
-        lines = _call(name, fields)
-        yield from _indented([*lines[:-1], "),"])
-    yield ")"
-
-
-def _bam(request: _Request) -> Iterable[str]:
-    """Yield the JSON of BAM: the parameters of one joint, or {joint: parameters}."""
-    joints = {actuator.joint: _bam_joint(actuator) for actuator in request.actuators}
-    yield json.dumps(next(iter(joints.values())) if len(joints) == 1 else joints, indent=1)
-
-
-def _bam_joint(actuator: JointActuator) -> dict[str, Any]:
-    values, ratio = actuator.drive.values, total_ratio(actuator.drive)  # as the armature has it
-    parameters: dict[str, Any] = {"armature": actuator.armature, "friction_base": actuator.dry}
-    parameters["friction_viscous"], model = actuator.viscous, "m1"
-    if "stribeck" in actuator.drive.friction:  # F_S exp(-|w / w_S|^alpha) with alpha = 2
-        parameters |= {
-            "friction_stribeck": ratio * values["stribeck_friction"],
-            "dtheta_stribeck": values["stribeck_speed"] / ratio,
-            "alpha": 2.0,
-        }
-        model = "m2"
-    if actuator.drive.motor_input == "voltage":
-        # torque = k_t/R U - k_t^2/R q': a voltage shows k_t/R, and k_t^2/R + viscous friction
-        per_volt = ratio * values["voltage_constant"]
-        parameters |= {"kt": actuator.viscous / per_volt, "R": actuator.viscous / per_volt**2}
-        parameters["friction_viscous"], kind = 0.0, "xl330"
-    elif actuator.drive.motor_input == "current":
-        parameters["kt"], kind = ratio * values["torque_constant"], "xl330i"
-    else:
-        parameters["ratio"], kind = 1.0, "unitree_go1"
-        if math.isfinite(actuator.limit):
-            parameters["max_torque"] = actuator.limit
-    if actuator.delay_s > 0:
-        parameters["command_delay"] = actuator.delay_s
-    return {**parameters, "model": model, "actuator": kind}
-
-
-def _identifier(name: str) -> str:
-    """Return a name as USD allows it: letters, digits and _, no digit first."""
-    identifier = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"
-
-
-def _layer(request: _Request, joints: list[str], more: Iterable[str] = ()) -> Iterable[str]:
-    """Yield a USD layer over the joints of a robot."""
-    robot = _identifier(request.robot.name)
-    yield from ("#usda 1.0", "(", f'    defaultPrim = "{robot}"')
-    doc = " ".join(
-        request.header(
-            "Use: a sublayer over the stage of the robot, in metres and kilograms, "
-            f"whose joints are at /{robot}/joints."
-        )
-    )
-    yield from (f"    doc = {json.dumps(doc)}", "    metersPerUnit = 1", ")", "")
-    yield from (f'over "{robot}"', "{")
-    yield from ('    over "joints"', "    {", *_indented(joints, 8), "    }", *_indented(more))
-    yield "}"
-
-
-def _prim(start: str, schemas: Iterable[str], attributes: Mapping[str, str | float]) -> list[str]:
-    """Return the lines of a prim; attributes are '<type> <name>', without infinite ones."""
-    names = ", ".join(f'"{name}"' for name in schemas)
-    texts = [
-        f"    {name} = {value if isinstance(value, str) else _number(value)}"
-        for name, value in attributes.items()
-        if isinstance(value, str) or math.isfinite(value)
-    ]
-    return [f"{start} (", f"    prepend apiSchemas = [{names}]", ")", "{", *texts, "}"]
-
-
-def _usd(request: _Request) -> Iterable[str]:
-    """Return a layer with drives of UsdPhysics, and armature and friction of PhysX."""
-    joints: list[str] = []
-    for actuator in request.actuators:
-        axis, per_unit = ("linear", 1.0) if actuator.slides else ("angular", _PER_DEGREE)
-        drive, physx = f"drive:{axis}:physics", f"physxJointAxis:{axis}"
-        attributes: dict[str, str | float] = {
-            f"uniform token {drive}:type": '"force"',
-            f"float {drive}:stiffness": actuator.position_gain * per_unit,
-            f"float {drive}:damping": actuator.velocity_gain * per_unit,
-            f"float {drive}:maxForce": actuator.limit,
-            # Only what is per angle depends on its unit; inertia and efforts do not.
-            "float physxJoint:armature": actuator.armature,
-            f"float {physx}:armature": actuator.armature,
-            f"float {physx}:staticFrictionEffort": actuator.dry,
-            f"float {physx}:dynamicFrictionEffort": actuator.dry,
-            f"float {physx}:viscousFrictionCoefficient": actuator.viscous * per_unit,
-        }
-        schemas = (f"PhysicsDriveAPI:{axis}", "PhysxJointAPI", f"PhysxJointAxisAPI:{axis}")
-        joints += _prim(f'over "{_identifier(actuator.joint)}"', schemas, attributes)
-    return _layer(request, joints)
-
-
-def _newton(request: _Request) -> Iterable[str]:
-    """Return a layer with the passive joints of Newton, and its actuators, which use radians."""
-    joints: list[str] = []
-    actuators: list[str] = ['def Scope "actuators"', "{"]
-    robot = _identifier(request.robot.name)
-    for actuator in request.actuators:
-        name, per_unit = _identifier(actuator.joint), 1.0 if actuator.slides else _PER_DEGREE
-        passive: dict[str, str | float] = {
-            "float newton:armature": actuator.armature,
-            "float newton:damping": actuator.viscous * per_unit,
-            "float newton:friction": actuator.dry,
-        }
-        joints += _prim(f'over "{name}"', ("NewtonJointAPI",), passive)
-        active: dict[str, str | float] = {
-            "rel newton:targets": f"</{robot}/joints/{name}>",
-            "float newton:kp": actuator.position_gain,
-            "float newton:kd": actuator.velocity_gain,
-            # `offset` brakes, constEffort drives. Newton limits the sum of all efforts.
-            "float newton:constEffort": actuator.feedforward - actuator.offset,
-        }
-        schemas, steps = ["NewtonPDControlAPI"], actuator.steps(request.step_s)
-        if math.isfinite(actuator.limit):
-            schemas.append("NewtonMaxEffortClampingAPI")
-            active["float newton:maxEffort"] = actuator.limit
-        if steps:
-            schemas.append("NewtonActuatorDelayAPI")
-            active["int newton:delaySteps"] = str(steps)
-        actuators += _indented(_prim(f'def NewtonActuator "{name}"', schemas, active))
-    return _layer(request, joints, [*actuators, "}"])
 
 
 def _name_of(element: Element) -> str:
@@ -462,33 +277,6 @@ def _drake_transmission(actuator: JointActuator) -> bytes:
     ).encode()
 
 
-def _ros2_control(request: _Request) -> _Written:
-    """Write the URDF with a <ros2_control> block: an effort command per joint, with its limits."""
-
-    def more(text: bytes, root: Element) -> list[Edit]:
-        block = ['<ros2_control name="seaid" type="system">', "  <hardware>"]
-        block += ["    <plugin>gz_ros2_control/GazeboSimSystem</plugin>", "  </hardware>"]
-        for actuator in request.actuators:
-            block.append(f"  <joint name={quoteattr(actuator.joint)}>")
-            block.append('    <command_interface name="effort">')
-            if math.isfinite(actuator.limit):
-                limits = {"min": -actuator.limit, "max": actuator.limit}
-                block += [
-                    f'      <param name="{x}">{_number(y)}</param>' for x, y in limits.items()
-                ]
-            block.append("    </command_interface>")
-            states = ("position", "velocity", "effort")
-            block += [f'    <state_interface name="{state}"/>' for state in states]
-            block.append("  </joint>")
-        block.append("</ros2_control>")
-        old = [child for child in root.children if child.tag == "ros2_control"]
-        gone = [without(text, child) for child in old if _name_of(child) == "seaid"]
-        new = with_content(text, root, ["\n".join(block).encode()])
-        return [*gone, *_rigid_dynamics(text, root, request), new]
-
-    return _edited_urdf(request, more)
-
-
 _PASSIVE = frozenset({"armature", "viscous friction", "dry friction"})
 _ACTIVE = _PASSIVE | {"gains", "torque limit"}
 _CONSTANT = frozenset({"friction offset", "feed-forward"})
@@ -496,28 +284,23 @@ _MOST = _ACTIVE | _CONSTANT | {"delay", "spring", "parallel spring", "coupled dr
 _IN_TOML = _MOST | {"Stribeck friction", "other terms"}
 """Of a URDF, whose drives are whole in the TOML next to it, for seaid."""
 
-_OF_BAM = _PASSIVE | {"torque limit", "delay", "Stribeck friction"}
 _OF_DRAKE = frozenset({"armature", "viscous friction", "gains"})
-_OF_GAZEBO = frozenset({"viscous friction", "dry friction", "torque limit"})
 
 FORMATS: Mapping[FormatName, Format] = {
     "mjcf": Format("MuJoCo", ".xml", _mjcf, _MOST, has_bodies=True),
     "urdf": Format("URDF with the TOML of its drives", ".urdf", _urdf, _IN_TOML, has_bodies=True),
-    "isaaclab": Format("Isaac Lab", ".py", _text(_isaaclab), _ACTIVE | {"delay"}, in_steps=True),
-    "mjlab": Format("mjlab", ".py", _text(_mjlab), _ACTIVE | {"delay"}, in_steps=True),
-    "usd": Format("USD for PhysX", ".usda", _text(_usd), _ACTIVE),
+    "isaaclab": Format(
+        "Isaac Lab", ".py", _by_template("isaaclab.py.j2"), _ACTIVE | {"delay"}, in_steps=True
+    ),
+    "usd": Format("USD for PhysX", ".usda", _by_template("usd.usda.j2"), _ACTIVE),
     "newton": Format(
         "Newton",
         ".usda",
-        _text(_newton),
+        _by_template("newton.usda.j2"),
         _ACTIVE | _CONSTANT | {"delay"},
         in_steps=True,
         limits_offsets=True,
     ),
-    "bam": Format("BAM", ".json", _text(_bam), _OF_BAM, has_slides=False),
     "drake": Format("Drake", ".urdf", _drake, _OF_DRAKE, has_bodies=True),
-    "ros2_control": Format(
-        "Gazebo with ros2_control", ".urdf", _ros2_control, _OF_GAZEBO, has_bodies=True
-    ),
 }
 """{name of a format: the format}."""

@@ -381,11 +381,14 @@ def _rounded(value: float) -> float | int:
 def as_toml(value: Any) -> str:
     """Return a value of a description as the text after `key =`."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {as_toml(entry)}" for key, entry in value.items()) + " }"
+        pairs = [f"{toml_key(key)} = {as_toml(entry)}" for key, entry in value.items()]
+        return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, str):
         return toml_text(value)
     if isinstance(value, list):
         return f"[{', '.join(map(as_toml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid._files import PROJECT_FILE, toml_key, write_whole
+from seaid._files import PROJECT_FILE, from_template, write_whole
 from seaid._progress import Display
 from seaid.checks import is_unsigned, no_measurements
 from seaid.drives import (
@@ -31,13 +31,14 @@ from seaid.log import (
     Description,
     Log,
     LogDescription,
+    as_toml,
     describe_log,
     logs_of_files,
     low_pass,
     open_tables,
     read_log,
 )
-from seaid.robot import BaseKind, Contact, FloatingBase, Payload, Robot, load_robot
+from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""
@@ -169,16 +170,18 @@ def write_first_project(
             texts[known] = _drives_text(tables, unsure, known)
     is_commanded = any("controller" in table for table in tables.values())
     unscaled = _unscaled(robot, logs_read, tables)
-    bodies = _known_bodies(robot) if is_commanded or unscaled else ()
+    bodies = _known_bodies(robot) if is_commanded or unscaled else []
     doubts += _flag_doubts(robot, logs_read)
-    lines = [
-        *_robot_lines(urdf, known, folder, robot, joints),
-        *bodies,
-        *_payload_lines(payloads),
-        *_log_lines(robot, read, folder, _SHORTEST_S[is_commanded]),
-        _OPTIONS.format(known_std=_KNOWN_STD[bool(bodies) and bool(unscaled)]),
-    ]
-    text = _as_comments(doubts) + "\n".join(lines) + "\n"
+    text = from_template(
+        "seaid.project",
+        "first_project.toml.j2",
+        {"toml": as_toml},
+        doubts=list(map(_comment, doubts)),
+        has_scale_of_bodies=bool(bodies and unscaled),
+        known_bodies=bodies,
+        logs=_log_tables(robot, read, folder, _SHORTEST_S[is_commanded]),
+        **_robot_content(urdf, known, folder, robot, joints, payloads),
+    )
     for path, content in {**texts, file: text}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
@@ -552,7 +555,9 @@ def _drives_text(tables: Mapping[str, _Table], doubts: Sequence[str], file: Path
     if file.exists():
         raise SeaidError(f"'{file}' is there already: give it as drives")
     write_drives(drives_from_mapping(tables), file)
-    return _as_comments(doubts) + _with_gaps(file.read_text(encoding="utf-8"))
+    lines = [f"# unsure: {_comment(doubt)}\n" for doubt in doubts]
+    text = _with_gaps(file.read_text(encoding="utf-8"))
+    return "".join([*lines, *["\n"] * bool(lines), text])
 
 
 def _is_held(log: Log, kind: str, joint: str) -> bool:
@@ -579,15 +584,9 @@ def _with_gaps(text: str) -> str:
     return text.replace(str(_UNKNOWN_GAIN), '"?"')
 
 
-def _known_bodies(robot: Robot) -> tuple[str, ...]:
-    """Return the lines by which the bodies with inertial parameters are known."""
-    if not np.any(robot.parameters):
-        return ()
-    links = ", ".join(map(_quoted, robot.body_names))
-    return (
-        "# Bodies as in the URDF; without this line they are identified too:",
-        f'known_bodies = "all"  # or some of [{links}]',
-    )
+def _known_bodies(robot: Robot) -> list[str]:
+    """Return the bodies that count as known, none if the file has no inertial parameters."""
+    return list(robot.body_names) if np.any(robot.parameters) else []
 
 
 _NO_ENCODER = (
@@ -850,112 +849,79 @@ def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
     return float(fit[0]), 1 - rest, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
 
 
-def _as_comments(doubts: Sequence[str]) -> str:
-    lines = (f"# unsure: {abridged(' '.join(doubt.split()))}\n" for doubt in doubts)
-    return "".join(lines) + "\n" * bool(doubts)
+def _comment(doubt: str) -> str:
+    """Return a doubt on one line."""
+    return abridged(" ".join(doubt.split()))
 
 
-def _robot_lines(
+def _robot_content(
     urdf: str | Path,
     drives: str | Path | None,
     folder: Path,
     robot: Robot,
     joints: Sequence[str] | None,
-) -> Iterator[str]:
-    yield f"urdf = {_quoted(_relative(urdf, folder))}"
-    if drives is not None:
-        yield f"drives = {_quoted(_relative(drives, folder))}"
-    gravity = robot.model.gravity.linear.tolist()
-    if gravity != [0.0, 0.0, -9.81]:
-        yield f"gravity = {gravity}  # [m/s^2] in the base frame"
-    if robot.floating_base is not None:
-        yield from _base_lines(robot.floating_base)
-    if robot.locked:
-        positions = ", ".join(f"{toml_key(joint)} = {at!r}" for joint, at in robot.locked.items())
-        yield f"locked = {{ {positions} }}"
-    if joints is not None:
-        yield f"joints = [{', '.join(map(_quoted, joints))}]"
+    payloads: Sequence[Payload],
+) -> dict[str, Any]:
+    """Return the content of the template about the robot, with None for what is as usual."""
+    gravity, base = robot.model.gravity.linear.tolist(), robot.floating_base
+    return {
+        "urdf": _relative(urdf, folder),
+        "drives": None if drives is None else _relative(drives, folder),
+        "gravity": None if gravity == [0.0, 0.0, -9.81] else gravity,
+        "base": base,
+        "contacts": [] if base is None else _contact_tables(base.contacts),
+        "locked": robot.locked,
+        "joints": None if joints is None else list(joints),
+        "payloads": list(map(_payload_table, payloads)),
+    }
 
 
-def _base_lines(base: FloatingBase) -> Iterator[str]:
-    yield f"base = {_quoted(base.kind)}"
-    if base.imu_link is not None:
-        yield f"imu_link = {_quoted(base.imu_link)}"
-    shapes: dict[str, list[str]] = {}
-    for point in base.contacts:
-        more = f", radius_m = {point.radius_m!r}" if point.radius_m else ""
-        more += ", is_flat = true" * point.is_flat
-        more += f", position_m = {[*map(float, point.position_m)]}" if any(point.position_m) else ""
-        shapes.setdefault(more, []).append(_quoted(point.link))
-    tables = [f"{{ links = [{', '.join(links)}]{more} }}" for more, links in shapes.items()]
-    yield f"contacts = [{', '.join(tables)}]"
+def _contact_tables(contacts: Sequence[Contact]) -> list[dict[str, Any]]:
+    """Return a table for all links of each shape of contacts."""
+    tables: dict[str, dict[str, Any]] = {}
+    for point in contacts:
+        position = list(map(float, point.position_m))
+        shape: dict[str, Any] = {
+            "radius_m": point.radius_m,
+            "is_flat": point.is_flat,
+            "position_m": position,
+        }
+        shape = {name: value for name, value in shape.items() if np.any(value)}
+        tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
+    return list(tables.values())
 
 
-def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
-    yield "\n# A known test mass determines masses and motor constants:"
-    for payload in payloads:
-        yield f"[[payload]]\nlink = {_quoted(payload.link)}\nmass_kg = {payload.mass!r}"
-        yield f"com_m = {list(map(float, payload.com))}"
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
-        yield f"inertia_kg_m2 = {[float(each) for each in (xx, yy, zz, xy, xz, yz)]}\n"
-    if not payloads:
-        yield '# [[payload]]\n# link = "hand"\n# mass_kg = 2.0\n# com_m = [0.15, 0, 0]'
-        yield '# condition = "loaded"  # and in the logs with the mass; others have another\n'
+def _payload_table(payload: Payload) -> dict[str, Any]:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
+    inertia = [float(moment) for moment in (xx, yy, zz, xy, xz, yz)]
+    com = list(map(float, payload.com))
+    return {"link": payload.link, "mass": payload.mass, "com": com, "inertia": inertia}
 
 
-_KNOWN_STD = (
-    "# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known",
-    "known_std = { bodies = 0.05 }  # how well the URDF's masses are known, relative",
-)
-"""Lines of the relative standard deviations, and those where known bodies give the scale."""
-
-_OPTIONS = """\
-[identify]
-method = "auto"  # "simultaneous" where the data support it, else "two-step"
-estimator = "wls"    # or "ols", "huber", "tukey", "iv"
-feasible = true      # physically consistent bodies
-{known_std}
-
-[run]
-folder = "runs"
-write = ["parameters", "report", "urdf"]  # and "mjcf"
-# fail_on = "wrong"  # exit code 3 of seaid run"""
-
-
-def _log_lines(
+def _log_tables(
     robot: Robot, logs: Sequence[_ReadLog], folder: Path, shortest_s: float
-) -> Iterator[str]:
-    """Yield the lines of the logs: the last validates, or the last part of the only one."""
-    first = logs[0].log
-    duration = float(first.time[-1] - first.time[0])
+) -> list[dict[str, Any]]:
+    """Return the tables of the logs: the last validates, or the last part of the only one."""
+    tables: list[dict[str, Any]] = [
+        {
+            "files": [_relative(file, folder) for file in entry.files],
+            "description": entry.description_file and _relative(entry.description_file, folder),
+            "use": "identify",
+            "find_contacts": bool(_unflagged(robot, entry.log)),
+            "between_s": None,
+        }
+        for entry in logs
+    ]
+    time = logs[0].log.time
+    duration = float(time[-1] - time[0])
     if len(logs) == 1 and duration > shortest_s:
-        start, end = float(np.floor(first.time[0])), float(np.ceil(first.time[-1] + 1))
-        middle = float(np.round(first.time[0] + _OWN_PART * duration, 1))
-        yield from _log_table(robot, logs[0], folder, "identify", (start, middle))
-        yield from _log_table(robot, logs[0], folder, "validate", (middle, end))
-        return
-    for place, entry in enumerate(logs):
-        last = len(logs) > 1 and place == len(logs) - 1
-        yield from _log_table(robot, entry, folder, "validate" if last else "identify", None)
-    if len(logs) == 1:
-        yield '# Another motion, for the validation:\n# [[log]]\n# file = "other.csv"'
-        yield '# use = "validate"\n'
-
-
-def _log_table(
-    robot: Robot, entry: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
-) -> Iterator[str]:
-    files = [_quoted(_relative(each, folder)) for each in entry.files]
-    yield "[[log]]"
-    yield f"file = {files[0]}" if len(files) == 1 else f"files = [{', '.join(files)}]"
-    if entry.description_file is not None:
-        yield f"description = {_quoted(_relative(entry.description_file, folder))}"
-    yield f'use = "{use}"'
-    if _unflagged(robot, entry.log):
-        yield "find_contacts = true  # from torques and motion"
-    if part is not None:
-        yield f"between_s = [{part[0]:.12g}, {part[1]:.12g}]"
-    yield ""
+        middle = float(np.round(time[0] + _OWN_PART * duration, 1))
+        own = (float(np.floor(time[0])), middle)
+        rest = (middle, float(np.ceil(time[-1] + 1)))
+        tables = [{**tables[0], "between_s": own}, {**tables[0], "between_s": rest}]
+    if len(tables) > 1:
+        tables[-1]["use"] = "validate"
+    return tables
 
 
 _UNFLAGGED = (
@@ -981,9 +947,3 @@ def _relative(path: str | Path, folder: Path) -> str:
     """Return a path relative to the folder of the project; the name of a robot stays."""
     is_name = not Path(path).suffix and not Path(path).is_file()
     return str(path) if is_name else os.path.relpath(path, folder)
-
-
-def _quoted(text: str) -> str:
-    import tomli_w
-
-    return tomli_w.dumps({"a": text}).removeprefix("a = ").rstrip("\n")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
-
-import numpy as np
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
 
 from seaid._arrays import FrozenMapping
 from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
-from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, shown, unknown_name
+from seaid.errors import SeaidError, Severity, checked, hints_of, listed, shown, unknown_name
 from seaid.estimation import EstimatorName
 from seaid.identification import Method, find_contacts
 from seaid.log import Log, Repairs, read_log
@@ -22,8 +21,6 @@ FILE_NAME = PROJECT_FILE
 
 Use = Literal["identify", "validate"]
 Output = Literal["parameters", "report", "urdf", "mjcf"]
-
-OUTPUTS: tuple[Output, ...] = get_args(Output)
 
 
 @dataclass(frozen=True)
@@ -153,7 +150,7 @@ class Project(Display):
     locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
     payloads: Mapping[str, tuple[Payload, ...]] = field(default_factory=dict)
     known_bodies: tuple[str, ...] = ()
-    gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     independent_mimics: bool = False
     base: BaseKind = "fixed"
     contacts: tuple[Contact, ...] = ()
@@ -233,44 +230,49 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
     path = Path(path)
     file = path / FILE_NAME if path.is_dir() else path
     content = read_toml(file, "the project", SeaidError)
+    if content.get("known_bodies") == "all":
+        content["known_bodies"] = ["all"]
     table = _Table(f"'{file}'", content, file.parent)
-    table.check(_TOP)
-    if "urdf" not in content:
+    values = table.values(_OF_PROJECT, "contacts", "payload", "log", "identify", "run")
+    if "urdf" not in values:
         raise SeaidError(f"'{file}': the key 'urdf' is missing; give the robot's file")
     logs = tuple(map(_log, table.tables("log")))
-    options, run = table.table("identify"), table.table("run")
-    known = ("all",) if content.get("known_bodies") == "all" else table.texts("known_bodies")
-    run.check(("folder", "write", "fail_on"))
-    write = run.texts("write")
+    values["urdf"] = _robot_file(values["urdf"], file.parent)
+    values["experiment"] = {name: str(x) for name, x in values.get("experiment", {}).items()}
     return Project(
         file=file,
-        urdf=table.robot(),
-        drives=table.path("drives"),
-        joints=table.texts("joints"),
-        locked=table.table("locked").named_numbers(),
+        **values,
         payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
-        known_bodies=() if known is None else known,
-        gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
-        independent_mimics=table.flag("independent_mimics", False),
-        base=table.choice("base", get_args(BaseKind)) or "fixed",
         contacts=_contacts(table),
-        imu_link=table.text("imu_link"),
         logs=logs,
-        options=_options(options),
-        write=("parameters", "report", "urdf")
-        if write is None
-        else tuple(run.one_of("write", output, OUTPUTS) for output in write),
-        folder=run.path("folder") or file.parent / "runs",
-        fail_on=run.choice("fail_on", SEVERITIES),
-        experiment=table.table("experiment").named_texts(),
+        options=Options(**table.table("identify").values(hints_of(Options))),
+        **{"folder": file.parent / "runs", **table.table("run").values(_OF_RUN)},
     )
 
 
-_TOP = (
-    *("urdf", "drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics"),
-    *("base", "contacts", "imu_link"),
-    *("payload", "log", "identify", "run", "experiment"),
-)
+_VECTOR = tuple[float, float, float]
+_HINTS = hints_of(Project)
+_ROBOT = ("drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics")
+_OF_PROJECT = {
+    **{"urdf": str, "experiment": Mapping[str, Any]},
+    **{key: _HINTS[key] for key in (*_ROBOT, "base", "imu_link")},
+}
+_OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
+_OF_LOG = {"file": Path, **hints_of(ProjectLog)}
+_OF_CONTACT = {"links": tuple[str, ...], **hints_of(Contact)}
+_OF_PAYLOAD = {
+    **{"link": str, "mass_kg": float, "com_m": _VECTOR, "condition": str},
+    "inertia_kg_m2": tuple[float, float, float, float, float, float],
+}
+"""{key: type} of the tables of a project file; those of [identify] are the fields of `Options`."""
+
+_SCALARS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
+    str: ("a text", lambda value: isinstance(value, str) and value != ""),
+    Path: ("a text", lambda value: isinstance(value, str) and value != ""),
+    bool: ("true or false", lambda value: isinstance(value, bool)),
+    float: ("a number", lambda value: type(value) in (int, float)),
+}
+"""{type: (what a value of it is called in a message, whether a value of the file is one)}."""
 
 
 @dataclass(frozen=True)
@@ -281,82 +283,31 @@ class _Table:
     content: Mapping[str, Any]
     folder: Path
 
-    def check(self, allowed: Iterable[str]) -> None:
+    def values(self, types: Mapping[str, Any], *others: str) -> dict[str, Any]:
+        """Return the values of the keys that are there, each as its type.
+
+        Raises SeaidError for keys that neither `types` nor `others` have.
+        """
+        allowed = (*types, *others)
         for key in self.content:
             if key not in allowed:
                 raise SeaidError(f"{self.where}: {unknown_name('key', key, allowed)}")
+        return {key: self._value(key, kind) for key, kind in types.items() if key in self.content}
 
     def refuse(self, key: str, wanted: str) -> SeaidError:
+        """Return the error of a value that is not what is wanted."""
         value = shown(self.content[key])
         return SeaidError(f"{self.where}: '{key}' must be {wanted}, found {value}")
 
-    def text(self, key: str) -> str | None:
-        value = self.content.get(key)
-        if value is not None and not (isinstance(value, str) and value):
-            raise self.refuse(key, "a text")
-        return value
-
-    def choice(self, key: str, allowed: Sequence[Any]) -> Any:
-        value = self.text(key)
-        return None if value is None else self.one_of(key, value, allowed)
-
-    def one_of(self, key: str, value: str, allowed: Sequence[Any]) -> Any:
-        if value not in allowed:
-            raise SeaidError(f"{self.where}: '{key}': {unknown_name('value', value, allowed)}")
-        return value
-
-    def path(self, key: str) -> Path | None:
-        value = self.text(key)
-        return None if value is None else self.folder / value
-
-    def robot(self) -> Path | str:
-        """Return the path of the robot's file, or its name if it is no path."""
-        value = self.text("urdf") or ""
-        path = self.folder / value
-        return path if path.exists() or Path(value).suffix or "/" in value else value
-
-    def flag(self, key: str, default: bool) -> bool:
-        value = self.content.get(key, default)
-        if not isinstance(value, bool):
-            raise self.refuse(key, "true or false")
-        return value
-
-    def texts(self, key: str) -> tuple[str, ...] | None:
-        value = self.content.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
-        return tuple(value)
-
-    def named_numbers(self) -> FrozenMapping[float]:
-        return FrozenMapping({name: self.number(name) or 0.0 for name in self.content})
-
-    def named_texts(self) -> FrozenMapping[str]:
-        return FrozenMapping({name: str(value) for name, value in self.content.items()})
-
-    def number(self, key: str) -> float | None:
-        value = self.content.get(key)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise self.refuse(key, "a number")
-        return None if value is None else float(value)
-
-    def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
-        value = self.content.get(key)
-        if value is None:
-            return None
-        is_list = isinstance(value, list) and len(value) == count
-        if not is_list or not all(type(element) in (int, float) for element in value):
-            raise self.refuse(key, f"a list of {count} numbers")
-        return tuple(map(float, value))
-
     def table(self, key: str) -> _Table:
+        """Return a table in this one, an empty one if it is not there."""
         value = self.content.get(key, {})
         if not isinstance(value, Mapping):
             raise self.refuse(key, f"a table [{key}]")
         return _Table(f"{self.where} [{key}]", value, self.folder)
 
     def tables(self, key: str) -> list[_Table]:
+        """Return the tables of a list in this one."""
         value = self.content.get(key, [])
         if not isinstance(value, list) or not all(isinstance(entry, Mapping) for entry in value):
             raise self.refuse(key, f"tables [[{key}]], one each")
@@ -365,26 +316,69 @@ class _Table:
             for place, entry in enumerate(value, 1)
         ]
 
+    def _value(self, key: str, kind: Any) -> Any:
+        """Return the value of a key as a type, or raise SeaidError."""
+        inner = [part for part in get_args(kind) if part is not NoneType]
+        origin = get_origin(kind) or kind
+        if NoneType in get_args(kind):
+            return self._value(key, inner[0])
+        if origin is Literal:
+            return self._one_of(key, self._value(key, str), inner)
+        if origin is Mapping:
+            table = self.table(key)
+            return FrozenMapping({name: table._value(name, inner[1]) for name in table.content})
+        if origin is tuple:
+            return self._listed(key, inner)
+        return self._scalar(key, kind)
+
+    def _scalar(self, key: str, kind: Any) -> Any:
+        value = self.content[key]
+        if kind is Any:
+            return value
+        words, is_right = _SCALARS[kind]
+        if not is_right(value):
+            raise self.refuse(key, words)
+        return self.folder / value if kind is Path else kind(value)
+
+    def _one_of(self, key: str, value: str, allowed: Sequence[str]) -> str:
+        if value not in allowed:
+            raise SeaidError(f"{self.where}: '{key}': {unknown_name('value', value, allowed)}")
+        return value
+
+    def _listed(self, key: str, kinds: Sequence[Any]) -> tuple[Any, ...]:
+        """Return a list of texts, names or paths of any length, or one of so many numbers."""
+        if kinds[0] is float:
+            return self._numbers(key, len(kinds))
+        value = self.content[key]
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
+        if get_origin(kinds[0]) is Literal:
+            return tuple(self._one_of(key, text, get_args(kinds[0])) for text in value)
+        return tuple(self.folder / text if kinds[0] is Path else text for text in value)
+
+    def _numbers(self, key: str, count: int) -> tuple[float, ...]:
+        value = self.content[key]
+        is_list = isinstance(value, list) and len(value) == count
+        if not is_list or not all(type(element) in (int, float) for element in value):
+            raise self.refuse(key, f"a list of {count} numbers")
+        return tuple(map(float, value))
+
+
+def _robot_file(text: str, folder: Path) -> Path | str:
+    """Return the path of the robot's file, or its name if it is no path."""
+    path = folder / text
+    return path if path.exists() or Path(text).suffix or "/" in text else text
+
 
 def _log(table: _Table) -> ProjectLog:
-    names = ("file", "files", "use", "description", "repair", "find_contacts", "condition")
-    table.check((*names, "between_s"))
-    file, several = table.path("file"), table.texts("files")
+    values = table.values(_OF_LOG)
+    file, several = values.pop("file", None), values.pop("files", ())
     if (file is None) == (not several):
         raise SeaidError(f"{table.where}: give either 'file' or 'files' of one motion")
-    part = table.numbers("between_s", 2)
-    if part is not None and not part[0] < part[1]:
+    log = ProjectLog(several or (file,), **values)
+    if log.between_s is not None and not log.between_s[0] < log.between_s[1]:
         raise table.refuse("between_s", "[start, end] with the end after the start")
-    files = (file,) if file is not None else tuple(table.folder / each for each in several or ())
-    return ProjectLog(
-        files=files,
-        use=table.choice("use", get_args(Use)) or "identify",
-        description=table.path("description"),
-        repair=table.flag("repair", False),
-        find_contacts=table.flag("find_contacts", False),
-        condition=table.text("condition") or "",
-        between_s=None if part is None else (part[0], part[1]),
-    )
+    return log
 
 
 def _contacts(table: _Table) -> tuple[Contact, ...]:
@@ -398,13 +392,12 @@ def _contacts(table: _Table) -> tuple[Contact, ...]:
         if not isinstance(content, Mapping):
             raise table.refuse("contacts", 'a list of links or of tables, as { link = "foot" }')
         contact_table = _Table(f"{table.where} contacts {place}", content, table.folder)
-        contact_table.check(("link", "links", "position_m", "is_flat", "radius_m"))
-        links = [link] if (link := contact_table.text("link")) else contact_table.texts("links")
+        values = contact_table.values(_OF_CONTACT)
+        links = values.pop("links", ())
+        links = [values.pop("link")] if "link" in values else links
         if not links:
             raise SeaidError(f"{contact_table.where}: a contact needs 'link', or 'links'")
-        x, y, z = contact_table.numbers("position_m", 3) or (0.0, 0.0, 0.0)
-        flat, radius = contact_table.flag("is_flat", False), contact_table.number("radius_m") or 0.0
-        contacts += [Contact(link, (x, y, z), flat, radius) for link in links]
+        contacts += [Contact(link, **values) for link in links]
     return tuple(contacts)
 
 
@@ -415,39 +408,20 @@ def _payloads(
     payloads: dict[str, tuple[Payload, ...]] = {}
     conditions = {log.condition for log in logs} - {""}
     for table in tables:
-        table.check(("link", "mass_kg", "com_m", "inertia_kg_m2", "condition"))
-        link, mass = table.text("link"), table.number("mass_kg")
-        if link is None or mass is None:
+        values = table.values(_OF_PAYLOAD)
+        if not {"link", "mass_kg"} <= {*values}:
             raise SeaidError(f"{table.where}: a payload needs 'link' and 'mass_kg'")
-        condition = table.text("condition") or ""
+        condition = values.get("condition", "")
         if condition and condition not in conditions:
             name = unknown_name("condition of a log", condition, sorted(conditions))
             raise SeaidError(f"{table.where}: {name}")
-        x, y, z = table.numbers("com_m", 3) or (0.0, 0.0, 0.0)
-        payload = Payload(link, mass, (x, y, z), _inertia(table))
+        # The inertia at the centre of mass, in the order of a file.
+        xx, yy, zz, xy, xz, yz = values.get("inertia_kg_m2", (0.0,) * 6)
+        inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+        com = values.get("com_m", (0.0, 0.0, 0.0))
+        payload = Payload(values["link"], values["mass_kg"], com, inertia)
         payloads[condition] = (*payloads.get(condition, ()), payload)
     return payloads
-
-
-def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
-    """Return the inertia of a payload at its centre of mass: xx, yy, zz, xy, xz, yz in the file."""
-    xx, yy, zz, xy, xz, yz = table.numbers("inertia_kg_m2", 6) or np.zeros(6).tolist()
-    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-
-
-def _options(table: _Table) -> Options:
-    table.check(Options.__dataclass_fields__)
-    return Options(
-        method=table.choice("method", get_args(Method)) or "auto",
-        estimator=table.choice("estimator", get_args(EstimatorName)) or "wls",
-        feasible=table.flag("feasible", True),
-        torque_joints=table.texts("torque_joints"),
-        cutoff_hz=table.number("cutoff_hz"),
-        encoder_offset_std=table.number("encoder_offset_std") or 0.0,
-        known_std=table.table("known_std").named_numbers(),
-        refine=table.flag("refine", False),
-        condition_specific=table.texts("condition_specific"),
-    )
 
 
 def check_logs(project: Project) -> None:
@@ -461,23 +435,28 @@ def check_logs(project: Project) -> None:
             if not path.exists():
                 raise SeaidError(f"'{project.file}': there is no log '{path}': correct its name")
     for fitted in project.logs_for("identify"):
-        for log in project.logs:
-            if log is not fitted and _shares_samples(log, fitted):
-                again = (
-                    "to identify and to validate: validate on another log"
-                    if log.use == "validate"
-                    else "twice, which would count its samples twice: name each log once"
-                )
-                raise SeaidError(
-                    f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
-                    "as between_s = [0, 20]"
-                )
+        _check_samples(project, fitted)
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
         raise SeaidError(
             f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
             f"validation; conditions are {listed(project.conditions)}"
         )
+
+
+def _check_samples(project: Project, fitted: ProjectLog) -> None:
+    """Raise SeaidError if another log has samples of one to identify from."""
+    for log in project.logs:
+        if log is not fitted and _shares_samples(log, fitted):
+            again = (
+                "to identify and to validate: validate on another log"
+                if log.use == "validate"
+                else "twice, which would count its samples twice: name each log once"
+            )
+            raise SeaidError(
+                f"'{project.file}': the log '{log.name}' is used {again}, or give both a part, "
+                "as between_s = [0, 20]"
+            )
 
 
 def _shares_samples(first: ProjectLog, second: ProjectLog) -> bool:

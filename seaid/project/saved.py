@@ -2,8 +2,8 @@
 
 The origin (`provenance_of`) has versions, inputs with their digests, options and command line.
 Results are frozen dataclasses. The file is an NPZ archive of their arrays and one JSON text of all
-the rest, in which an object names its class; only the classes listed here are made again. Nothing
-is pickled or evaluated.
+the rest, in which an object names its class; only the classes in the annotations of a run are made
+again. Nothing is pickled or evaluated.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -28,24 +28,14 @@ from typing import Any, Literal, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import MOST_JSON_BYTES, followed, whole_file
 from seaid._progress import Display
-from seaid.checks import JointFit
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
-from seaid.errors import Finding, SeaidError, checked, hints_of, listed, reason_of, shortened, shown
-from seaid.estimation import Diagnostics, Drift, Estimate, ModelChecks, TermTest, Whiteness
-from seaid.identification import (
-    ContactForces,
-    FeasibleParameters,
-    Fit,
-    Identification,
-    JointCheck,
-    Validation,
-)
-from seaid.log import BaseMotion, CutoffSelection, Motion, Processing, Repair, decimated
-from seaid.regressor import BaseParameters, LoadModel
-from seaid.robot import Contact, DependentJoint, FloatingBase, Robot, joints_of, model_of
+from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
+from seaid.identification import Identification, Validation
+from seaid.log import Motion, decimated
+from seaid.robot import Robot, joints_of, model_of
 from seaid.simulation import ReplayComparison
 
 FILE = "identification.npz"
@@ -57,17 +47,6 @@ _FORMAT = "seaid run 3"
 _MOST_GROWTH = 20
 """Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
 
-_CLASSES = {
-    kind.__name__: kind
-    for kind in (
-        *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
-        *(Diagnostics, Drift),
-        *(FeasibleParameters, JointCheck, JointFit, Finding),
-        *(Processing, CutoffSelection, Repair, Motion),
-        *(Validation, Fit, ContactForces, Robot, DependentJoint, ReplayComparison),
-        *(FloatingBase, Contact, BaseMotion),
-    )
-}
 _RATE_PER_CUTOFF = 25.0
 """Least sampling rate of a saved motion over its cutoff; positions have five times the cutoff."""
 
@@ -392,25 +371,34 @@ def _thinned_validation(validation: Validation) -> Validation:
             for start, length, motion in zip(starts[:-1], lengths, validation.motions, strict=True)
         ]
     )
-    actuator, load = (
-        replace(
-            fit,
-            **{name: getattr(fit, name)[kept] for name in ("measured", "computed", "counted")},
-        )
-        for fit in (validation.actuator, validation.load)
-    )
-    contacts = validation.contacts
-    if contacts is not None:
-        forces = {"predicted": contacts.predicted[kept], "measured": contacts.measured[kept]}
-        contacts = replace(contacts, **forces)
-    return replace(
-        validation,
-        time=validation.time[kept],
-        actuator=actuator,
-        load=load,
-        motions=tuple(map(_thinned, validation.motions)),
-        contacts=contacts,
-    )
+    parts = ("actuator", "load", "base", "contacts")
+    thinned: dict[str, Any] = {x: _with_samples(getattr(validation, x), kept) for x in parts}
+    motions = tuple(map(_thinned, validation.motions))
+    return replace(validation, time=validation.time[kept], motions=motions, **thinned)
+
+
+def _with_samples(value: Any, kept: IndexArray) -> Any:
+    """Return an object of a dataclass with some samples of its arrays (T, ...), or None of None."""
+    if value is None:
+        return None
+    kind: Any = type(value)
+    shapes = _documented_shapes(kind)
+    names = [name for name, symbols in shapes.items() if symbols[0] == "T"]
+    return replace(value, **{name: getattr(value, name)[kept] for name in names})
+
+
+@cache
+def _classes() -> dict[str, Any]:
+    """Return the dataclasses of a run by their names: those in the annotations of its parts."""
+    found: dict[str, Any] = {}
+    waiting: list[Any] = [Identification, Validation, ReplayComparison]
+    while waiting:
+        hint = waiting.pop()
+        waiting += get_args(hint)
+        if isinstance(hint, type) and is_dataclass(hint) and hint.__name__ not in found:
+            found[hint.__name__] = hint
+            waiting += _hints_of(hint).values()
+    return found
 
 
 def _plain(value: Any, arrays: dict[str, Array]) -> Any:
@@ -420,7 +408,7 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
         name = f"a{len(arrays)}"
         arrays[name] = value
         return {"is": "array", "name": name}
-    if type(value).__name__ in _CLASSES:
+    if type(value).__name__ in _classes():
         content = _robot_fields(value) if isinstance(value, Robot) else _fields_of(value)
         return {"is": type(value).__name__, "fields": plain(content)}
     if isinstance(value, JointParameter):
@@ -451,7 +439,7 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
     if kind == "Path":
         return Path(value["path"])
     content = restored(value["fields"])
-    return _as_annotated(_robot(content) if kind == "Robot" else _CLASSES[kind](**content))
+    return _as_annotated(_robot(content) if kind == "Robot" else _classes()[kind](**content))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:

@@ -1,18 +1,23 @@
-"""Formats of values, and the columns and tables made of them: for a terminal, and for a page.
+"""Formats of values, the columns and tables made of them, and the templates of the pages.
 
 A table is made once, by a function of `tables`. Each kind of value has one format for a terminal,
 with four digits, and one for a page, with no digit below those of the error. The page's own script
-makes CSV and LaTeX of what the page shows, with the exact values that its cells have.
+makes CSV and LaTeX of what the page shows, with the exact values that its cells have. A template
+(`seaid/report/page`) makes the markup of a page or of a picture.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.resources import files
 from typing import Any, Literal, NamedTuple
 
+from seaid._arrays import Array
+from seaid._files import plain
 from seaid.checks import POOR
 from seaid.drives import readable
 
@@ -92,6 +97,21 @@ def share(value: float) -> str:
     return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
 
 
+BADLY_PREDICTED = 0.2
+"""Relative error of an unseen torque from which a prediction is doubtful, and a joint poor."""
+
+_WELL_PREDICTED = 0.05
+"""Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
+on the measured robots of docs/results.md."""
+
+
+def explained_as(error: float) -> str:
+    """Return how well a torque with a relative error is explained: a class of report.css."""
+    if not math.isfinite(error):
+        return "none"
+    return "good" if error < _WELL_PREDICTED else "fair" if error < BADLY_PREDICTED else "poor"
+
+
 def signed_share(value: float) -> str:
     """Return a change in percent for a page, with its sign."""
     text = share(value)
@@ -105,8 +125,8 @@ def seconds(value: float) -> str:
 
 def readable_unit(unit: str) -> str:
     """Return a unit for a page with superscript exponents, empty for 1."""
-    for plain, raised in _UNITS.items():
-        unit = unit.replace(plain, raised)
+    for written, raised in _UNITS.items():
+        unit = unit.replace(written, raised)
     return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -414,3 +434,55 @@ def numbers(*heads: str) -> tuple[Column, ...]:
 def shares(*heads: str) -> tuple[Column, ...]:
     """Return columns of ratios in percent."""
     return tuple(Column(head, SHARE) for head in heads)
+
+
+def rendered(template: str, **content: Any) -> Any:
+    """Return a page or a picture as markup; texts in the content are escaped."""
+    from markupsafe import Markup
+
+    return Markup(_environment().get_template(template).render(content))
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("seaid.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["asset"] = _asset
+    environment.filters |= {
+        "in_script": _in_script,
+        "svg_path": svg_path,
+        "share": share,
+        "explained": explained_as,
+    }
+    environment.tests |= {"finite": math.isfinite, "partial": is_partial}
+    return environment
+
+
+def _asset(name: str) -> Any:
+    """Return a file of the page verbatim: style, script, or the chart library."""
+    from markupsafe import Markup
+
+    return Markup((files("seaid.report") / "page" / name).read_text(encoding="utf-8"))
+
+
+def _in_script(content: Any) -> Any:
+    """Return JSON that is safe inside a <script>: without '<', '>', '&' and NaN."""
+    from markupsafe import Markup
+
+    text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
+    # "</script>" inside a text would end the script.
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return Markup(text)
+
+
+def svg_path(points: Array) -> str:
+    """Return the path of an SVG through points (P, 2)."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.resources import files
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,28 +21,16 @@ from seaid.identification import (
     Validation,
     compared,
 )
-from seaid.report import formats, html_experiment, tables
+from seaid.report import figures, formats, html_charts, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
-from seaid.report.figures import actuator_figures, response_figures
-from seaid.report.formats import Column, is_partial, probability, share, short, table_of, words
-from seaid.report.html_charts import (
-    Axis,
-    Layer,
-    cells_of,
-    chart,
-    correlation_map,
-    packed_correlations,
-    printed_traces,
-    singular_chart,
-    singular_values,
-)
+from seaid.report.formats import is_partial, probability, rendered, share, short
+from seaid.report.html_charts import Axis, Layer, chart, printed_traces
 from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
 from seaid.report.html_traces import Run, axis_time, traces_of
 from seaid.report.html_verdict import (
     Nominal,
     Notice,
     before_and_after,
-    explained_as,
     nominal_values,
     notices_of,
     page_verdict,
@@ -56,9 +43,6 @@ Fact = str | int | float
 
 _LARGEST_GROUPING = 300_000
 """Coefficients of the groupings up to which a page contains parameters.json."""
-
-_FEW_BARS = 8
-"""Bars of before and after on the first screen; the others open on a click."""
 
 
 @checked(SeaidError)
@@ -126,15 +110,25 @@ def write_report(
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
+    checked_facts, measures = _checked_facts(facts or {}), measures_of(identification)
     content = {
-        **_parameters(identification, nominal_robot, values, posture),
-        **_experiment(identification, _checked_facts(facts or {})),
+        # The template has its sections, and makes their tables and figures of these.
+        **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
+        **{"tables": tables, "figures": figures, "charts": html_charts},
+        "experiment": html_experiment,
+        "base": tables.load_table(identification.load, values.bodies),
+        "bodies": bodies_picture(
+            posture, nominal_robot.parameters, identification.robot.parameters, _BODIES_TITLE
+        ),
+        "correlations": html_charts.correlation_map(identification),
+        "measures": html_experiment.measure_facts([("", measures)] if measures else []),
+        "command": [text for name, text in checked_facts if name.lower() == "command"],
+        "facts": [fact for fact in checked_facts if fact[0].lower() != "command"],
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
-        **_responses(frequency),
         "parameters": _packed_parameters(identification, results),
     }
-    write_whole(path, _rendered("report.html.j2", robot=identification.robot.name, **content))
+    write_whole(path, rendered("report.html.j2", robot=identification.robot.name, **content))
 
 
 @checked(SeaidError)
@@ -173,7 +167,8 @@ def write_comparison(
         (group_name(group), short(test.chi_square), test.freedom, probability(test.p_value))
         for group, test in result.groups.items()
     ]
-    page = _rendered(
+    measured = list(zip(names, result.measures or (), strict=False))
+    page = rendered(
         "comparison.html.j2",
         robot=first.robot.name,
         result=result,
@@ -185,7 +180,7 @@ def write_comparison(
         tests=tests,
         table=tables.difference_table(result),
         numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
-        motions=html_experiment.measure_facts(names, result.measures),
+        motions=html_experiment.measure_facts(measured),
     )
     write_whole(path, page)
 
@@ -236,7 +231,7 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
             if friction and of.any()
         ),
     ]
-    page = _rendered(
+    page = rendered(
         "calibration.html.j2",
         robot=name,
         found=found,
@@ -339,56 +334,7 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
-def _rendered(template: str, **content: Any) -> str:
-    """Return a page as text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("seaid.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(template).render(asset=_asset, **content)
-
-
-def _parameters(
-    result: Identification, robot: Robot, nominal: Nominal, posture: Posture
-) -> dict[str, Any]:
-    """Return the template values of the estimates."""
-    return {
-        "drives": tables.drive_table(result, robot),
-        "actuators": actuator_figures(result, robot),
-        "base": tables.load_table(result.load, nominal.bodies),
-        "links": tables.bodies_table(result, robot),
-        "whole": tables.whole_body_table(result),
-        "bodies": bodies_picture(
-            posture, robot.parameters, result.robot.parameters, "Ellipsoids of inertia of the links"
-        ),
-        "feasible": result.feasible,
-        "terms": tables.term_table(result),
-        "residuals": tables.residual_table(result),
-        "conditions": tables.condition_table(result),
-        "singular": _singular(result),
-        "correlations": _correlations(result),
-    }
-
-
-def _experiment(identification: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
-    """Return the template values of data, settings and experiment."""
-    return {
-        "cutoff": f"{identification.cutoff_hz:.3g}",
-        "logs": html_experiment.log_facts(identification),
-        "used": html_experiment.settings_facts(identification),
-        "known": html_experiment.known_table(identification),
-        "setup": html_experiment.setup_rows(identification),
-        "excitation": html_experiment.excitation_table(identification),
-        "measures": html_experiment.measure_facts(("",), (measures_of(identification),)),
-        "command": [text for name, text in facts if name.lower() == "command"],
-        "facts": [fact for fact in facts if fact[0].lower() != "command"],
-        "versions": html_experiment.versions(),
-    }
+_BODIES_TITLE = "Ellipsoids of inertia of the links"
 
 
 def _motions(
@@ -416,26 +362,13 @@ def _motions(
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": tables.error_table(errors),
-        "contacts": [
-            tables.contact_table(run.name, run.result.contacts)
-            for run in runs
-            if run.result.contacts is not None
-        ],
+        "runs": runs,
         "all_errors": len(errors),
         "printed": printed_traces(identification.robot, pictured),
         "has_own": bool(identification.motions),
-        "has_runs": bool(runs),
-        "traces": _as_json(traces),
+        "traces": traces,
         "without_traces": len(runs) - len(traces["runs"]),
     }
-
-
-def _responses(frequency: FrequencyResponse | None) -> dict[str, Any]:
-    """Return the template values of a frequency response."""
-    if frequency is None:
-        return {"frequency": None, "responses": [], "springs": None}
-    figures, springs = response_figures(frequency), tables.response_table(frequency)
-    return {"frequency": frequency, "responses": figures, "springs": springs}
 
 
 _REPLAY_SAMPLES = 1200
@@ -476,65 +409,53 @@ def _labels(
     flagged = {joint for n in notices if n.severity != "note" for joint in n.joints}
     # Rows of the load side come last, and replace those of the actuator side.
     errors = {row.joint: row.relative_error for row in tables.error_rows(pictured, result.robot)}
-    at_rest = {
-        joint
-        for run in pictured
-        for fit in (run.result.actuator, run.result.load)
-        for joint, counted in zip(run.result.joints, fit.counted_share, strict=True)
-        if counted == 0
-    }
+    at_rest = set().union(*map(_standing_joints, pictured))
     return {
         joint: Label(
             joint,
             f"{share(errors[joint])} error" if joint in errors else _NO_ERROR[joint in at_rest],
-            explained_as(errors.get(joint, np.nan)),
+            formats.explained_as(errors.get(joint, np.nan)),
             joint in flagged,
         )
         for joint in result.robot.joint_names
     }
 
 
+def _standing_joints(run: Run) -> set[str]:
+    """Return the joints of which no sample counts on a side, as their motors stand still."""
+    shares = np.array([run.result.actuator.counted_share, run.result.load.counted_share])
+    return {joint for joint, x in zip(run.result.joints, shares.T, strict=True) if 0.0 in x}
+
+
 _NO_ERROR = {False: "no torque", True: "stands still"}
 
 
 def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
-    """Return the errors before and after: bars of each side, as parts of the largest shown."""
+    """Return the errors before and after by side, the largest first, and that of a whole bar."""
     rows = [row for run in pictured for row in before_and_after(nominal, run)]
-    known = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
-    full = min(max(known, default=1.0), 1.0) or 1.0
-    bars = [_bar(row, full) for row in sorted(rows, key=lambda row: -row.relative_error)]
-    has_rests = any(bar["counted"] for bar in bars)
-    return {"sides": list(_sides(bars)), "full": share(full), "has_rests": has_rests}
-
-
-def _bar(row: tables.ErrorRow, full: float) -> dict[str, Any]:
-    """Return the bars of a torque, which are whole at an error `full`."""
-    before, after = row.before, row.relative_error
+    rows.sort(key=lambda row: -row.relative_error)
+    errors = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
+    by_side = {
+        title: [row for row in rows if row.side == side] for side, title in _BAR_TITLES.items()
+    }
     return {
-        "joint": row.joint,
-        "side": row.side,
-        "after": share(after),
-        "before": share(before) if np.isfinite(before) else "",
-        "reason": row.reason,
-        "counted": share(row.counted_share) if is_partial(row.counted_share) else "",
-        "colour": explained_as(after),
-        "after_length": round(100 * min(after / full, 1.0), 2),
-        "before_length": round(100 * min(np.nan_to_num(before, posinf=1.0) / full, 1.0), 2),
+        "full": min(max(errors, default=1.0), 1.0) or 1.0,
+        "has_rests": any(is_partial(row.counted_share) for row in rows),
+        "sides": [
+            {"name": title, "reason": _common_reason(of_side), "rows": of_side}
+            for title, of_side in by_side.items()
+            if of_side
+        ],
     }
 
 
-def _sides(bars: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield the sides that have bars, with the reason that all of theirs have in common."""
-    for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor")):
-        of_side = [bar for bar in bars if bar["side"] == side]
-        reasons = {bar["reason"] for bar in of_side}
-        if of_side:
-            yield {
-                "name": name,
-                "reason": reasons.pop() if len(reasons) == 1 else "",
-                "few": of_side[:_FEW_BARS],
-                "more": of_side[_FEW_BARS:],
-            }
+_BAR_TITLES = {"load": "Torque on the load", "actuator": "Torque of the motor"}
+
+
+def _common_reason(rows: Sequence[tables.ErrorRow]) -> str:
+    """Return why the torques have no error before, if all have the same reason."""
+    reasons = {row.reason for row in rows}
+    return reasons.pop() if len(reasons) == 1 else ""
 
 
 def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:
@@ -545,48 +466,3 @@ def _packed_parameters(identification: Identification, results: Sequence[Validat
     text = json.dumps(plain(content), indent=2, allow_nan=False)
     # Without the time of writing, so that equal results are equal pages.
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
-
-
-def _singular(identification: Identification) -> dict[str, Any] | None:
-    values = singular_values(identification)
-    if values is None:
-        return None
-    return {
-        "chart": singular_chart(values),
-        "condition": f"{1 / values.shares[-1]:.3g}",
-        "combinations": values.combinations,
-    }
-
-
-def _correlations(identification: Identification) -> dict[str, Any]:
-    shown = correlation_map(identification)
-    return {
-        "map": shown,
-        "cells": cells_of(shown),
-        "strongest": table_of(
-            "correlations",
-            "The strongest correlations: such parameters are better identifiable in combination "
-            "than individually.",
-            (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS)),
-            shown.strongest,
-        ),
-        "data": _as_json({"names": shown.names, "data": packed_correlations(shown)}),
-    }
-
-
-def _as_json(content: Any) -> Any:
-    """Return JSON that is safe inside a <script>: without '<', '>', '&' and NaN."""
-    from markupsafe import Markup
-
-    text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
-    # "</script>" inside a text would end the script.
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return Markup(text)
-
-
-def _asset(name: str) -> Any:
-    """Return a file of the page verbatim: style, script, or the chart library."""
-    from markupsafe import Markup
-
-    return Markup((files("seaid.report") / "page" / name).read_text(encoding="utf-8"))

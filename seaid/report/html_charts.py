@@ -10,7 +10,6 @@ import base64
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,7 +25,17 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.formats import is_partial, power_of_ten, powers_of_ten
+from seaid.report import formats
+from seaid.report.formats import (
+    Column,
+    Table,
+    is_partial,
+    power_of_ten,
+    powers_of_ten,
+    rendered,
+    table_of,
+    words,
+)
 from seaid.report.html_traces import SIDES, axis_time, torque_units
 
 if TYPE_CHECKING:
@@ -54,6 +63,20 @@ class Layer:
     name: str
     kind: Literal["points", "line"] = "points"
 
+    def path(self, across: _Scale, up: _Scale) -> str:
+        """Return the points as the path of an SVG."""
+        x, y = across.places(self.x), up.places(self.y)
+        visible = np.isfinite(x) & np.isfinite(y)
+        pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[visible], y[visible], strict=True)]
+        if self.kind == "points":
+            # A line of length zero with round caps is a dot: one path for all points.
+            return "".join(f"M{pair}h0" for pair in pairs)
+        # Where sample numbers of the visible points are not consecutive, NaN lies between.
+        starts = np.diff(np.flatnonzero(visible), prepend=-2) > 1
+        return "".join(
+            ("M" if new else "L") + pair for new, pair in zip(starts, pairs, strict=True)
+        )
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -76,21 +99,12 @@ def chart(
     height: float = _HEIGHT,
 ) -> Any:
     """Return a chart as SVG; `title` says to a screen reader what it shows."""
-    from markupsafe import Markup
-
     across = _Scale(x, _ends(x, [layer.x for layer in layers]), _LEFT, width - _RIGHT)
     up = _Scale(y, _ends(y, [layer.y for layer in layers], 0.05), height - _BOTTOM, _TOP)
-    parts = [
-        f'<svg class="plot" role="img" viewBox="0 0 {width:g} {height:g}" '
-        f'aria-label="{escape(title)}">',
-        *_grid(across, up, width, height),
-        f'<svg x="{_LEFT:g}" y="{_TOP:g}" width="{width - _LEFT - _RIGHT:g}" '
-        f'height="{height - _TOP - _BOTTOM:g}" viewBox="{_LEFT:g} {_TOP:g} '
-        f'{width - _LEFT - _RIGHT:g} {height - _TOP - _BOTTOM:g}">',  # cuts what is outside
-        *(_drawn(layer, across, up) for layer in layers),
-        "</svg></svg>",
-    ]
-    return Markup("".join(parts))
+    margins = {"left": _LEFT, "right": _RIGHT, "top": _TOP, "bottom": _BOTTOM}
+    size = {"width": width, "height": height}
+    content = {"across": across, "up": up, "layers": layers, "margins": margins, **size}
+    return rendered("chart.svg.j2", title=title, **content)
 
 
 @dataclass(frozen=True)
@@ -111,6 +125,7 @@ class _Scale:
 
     @property
     def label(self) -> str:
+        """The label of the axis with its unit."""
         power = power_of_ten(self.power) if self.power else ""
         unit = " ".join(part for part in (power, self.axis.unit) if part)
         return f"{self.axis.label} [{unit}]" if unit else self.axis.label
@@ -174,45 +189,6 @@ def _ends(axis: Axis, values: Sequence[Array], margin: float = 0.02) -> tuple[fl
         low if math.isfinite(axis.low) else low - room,
         high if math.isfinite(axis.high) else high + room,
     )
-
-
-def _grid(across: _Scale, up: _Scale, width: float, height: float) -> list[str]:
-    """Return grid lines, ticks and labels."""
-    bottom = height - _BOTTOM
-    lines = "".join(f"M{place:.1f} {_TOP:g}V{bottom:g}" for place, _ in across.ticks())
-    lines += "".join(f"M{_LEFT:g} {place:.1f}H{width - _RIGHT:g}" for place, _ in up.ticks())
-    middle = (bottom + _TOP) / 2
-    return [
-        f'<path class="grid" d="{lines}"/>',
-        *(
-            f'<text x="{place:.1f}" y="{bottom + 16:g}" text-anchor="middle">{text}</text>'
-            for place, text in across.ticks()
-        ),
-        *(
-            f'<text x="{_LEFT - 6:g}" y="{place + 4:.1f}" text-anchor="end">{text}</text>'
-            for place, text in up.ticks()
-        ),
-        f'<text class="of-axis" x="{(width + _LEFT - _RIGHT) / 2:g}" y="{height - 8:g}" '
-        f'text-anchor="middle">{escape(across.label)}</text>',
-        f'<text class="of-axis" text-anchor="middle" '
-        f'transform="translate(13 {middle:g}) rotate(-90)">{escape(up.label)}</text>',
-    ]
-
-
-def _drawn(layer: Layer, across: _Scale, up: _Scale) -> str:
-    x, y = across.places(layer.x), up.places(layer.y)
-    visible = np.isfinite(x) & np.isfinite(y)
-    pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[visible], y[visible], strict=True)]
-    if layer.kind == "points":
-        # A line of length zero with round caps is a dot: one path for all points.
-        path = "".join(f"M{pair}h0" for pair in pairs)
-    else:
-        # Where sample numbers of the visible points are not consecutive, NaN lies between.
-        starts = np.diff(np.flatnonzero(visible), prepend=-2) > 1
-        path = "".join(
-            ("M" if new else "L") + pair for new, pair in zip(starts, pairs, strict=True)
-        )
-    return f'<path class="{layer.kind} {layer.name}" d="{path}"/>'
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,6 +323,16 @@ def cells_of(shown: CorrelationMap) -> list[Cells]:
         if strength or sign == "none":
             paths.setdefault((sign, strength), []).append(f"M{column} {row}h1v1h-1z")
     return [Cells(sign, strength, "".join(path)) for (sign, strength), path in paths.items()]
+
+
+def strongest_table(shown: CorrelationMap) -> Table:
+    """Return the strongest correlations of a map."""
+    caption = (
+        "The strongest correlations: such parameters are better identifiable in combination than "
+        "individually."
+    )
+    columns = (*words("parameter", "with"), Column("correlation", formats.TWO_DIGITS))
+    return table_of("correlations", caption, columns, shown.strongest)
 
 
 def packed_correlations(shown: CorrelationMap) -> str:

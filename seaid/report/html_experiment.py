@@ -221,24 +221,22 @@ def excitation_table(result: Identification) -> Table | None:
     return table_of("excitation", caption, (*words("joint"), *figures(*heads)), rows)
 
 
-def measure_facts(
-    names: Sequence[str], every: Sequence[ExcitationMeasures | None] | None
-) -> list[tuple[str, str]]:
-    """Return the measures of motions, with the D-efficiency of the first over the second."""
+def measure_facts(named: Sequence[tuple[str, ExcitationMeasures]]) -> list[tuple[str, str]]:
+    """Return the measures of motions by name, with the D-efficiency of the first over the second.
+
+    A motion that is the only one has the name "".
+    """
     facts = []
-    for name, measures in zip(names, every or (), strict=False):
-        if measures is not None:
-            of = f" of {name}" if name else ""
-            drives = ", drives included" if measures.has_drives else ""
-            columns = f"{measures.parameters} columns of unit norm{drives}"
-            facts += [
-                (f"Condition number{of}", f"{short(measures.scaled_condition_number)} ({columns})"),
-                (f"D-value{of}", short(measures.d_value)),
-            ]
-    if len(facts) == 4 and every is not None:
-        first, second = every
-        efficiency = first.d_efficiency(second)  # type: ignore[arg-type, union-attr]
-        facts.append(("D-efficiency", f"{short(efficiency)} ({names[0]} over {names[1]})"))
+    for name, measures in named:
+        of = f" of {name}" if name else ""
+        drives = ", drives included" if measures.has_drives else ""
+        columns = f"{measures.parameters} columns of unit norm{drives}"
+        condition = f"{short(measures.scaled_condition_number)} ({columns})"
+        facts.append((f"Condition number{of}", condition))
+        facts.append((f"D-value{of}", short(measures.d_value)))
+    if len(named) == 2:
+        (first, old), (second, new) = named
+        facts.append(("D-efficiency", f"{short(old.d_efficiency(new))} ({first} over {second})"))
     return facts
 
 

@@ -6,10 +6,9 @@ the links. A cylinder is a revolute joint, a box on a rail a prismatic one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull
 
 from seaid._arrays import Array, safely
+from seaid.report.formats import rendered, svg_path
 from seaid.robot import THIN, is_physical, pseudo_inertia
 
 if TYPE_CHECKING:
@@ -184,22 +184,25 @@ def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> 
     centers = _joint_centers(posture)
     followers = posture.robot.dependent_joints
     labels = {**{j.name: Label(j.name, j.leader, "none") for j in followers}, **labels}
-    leaders, texts = _labelled(posture, view.places(centers), labels)
-    parts = [_ground(posture, view), _links(posture, view, "link"), *leaders]
     depth = np.argsort(centers @ view.rows[2], kind="stable")
-    for joint in depth.tolist():
-        name = posture.robot.all_joint_names[joint]
-        parts.append(_joint(posture, view, joint, centers[joint], labels[name]))
-    return _svg("robot", title, [*parts, *texts])
-
-
-def _svg(name: str, title: str, parts: Sequence[str]) -> Any:
-    from markupsafe import Markup
-
-    return Markup(
-        f'<svg class="{name}" role="img" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" '
-        f'aria-label="{escape(title)}">{"".join(parts)}</svg>'
+    names = posture.robot.all_joint_names
+    return rendered(
+        "robot.svg.j2",
+        **_background(posture, view),
+        title=title,
+        labels=_labelled(posture, view.places(centers), labels),
+        joints=[
+            {"label": labels[names[joint]], **_joint(posture, view, joint, centers[joint])}
+            for joint in depth.tolist()
+        ],
     )
+
+
+def _background(posture: Posture, view: _View) -> dict[str, Any]:
+    """Return the base, as a plate perpendicular to gravity, and the links, as paths."""
+    rim = 2.2 * _JOINT * posture.size * _circle(posture.up, 40)
+    ground, links = svg_path(view.places(rim)), _links(posture, view)
+    return {"size": (_WIDTH, _HEIGHT), "ground": ground, "links": links}
 
 
 def _joint_centers(posture: Posture) -> Array:
@@ -213,16 +216,6 @@ def _joint_centers(posture: Posture) -> Array:
     return centers
 
 
-def _path(points: Array) -> str:
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-
-
-def _ground(posture: Posture, view: _View) -> str:
-    """Return the base as a plate perpendicular to gravity, with the direction of gravity."""
-    rim = 2.2 * _JOINT * posture.size * _circle(posture.up, 40)
-    return f'<path class="ground" d="{_path(view.places(rim))}Z"/>'
-
-
 def _circle(axis: Array, count: int) -> Array:
     """Return points (count, 3) of the unit circle about an axis."""
     turn = np.linspace(0, 2 * np.pi, count)
@@ -231,50 +224,36 @@ def _circle(axis: Array, count: int) -> Array:
     return np.asarray(np.outer(np.cos(turn), u) + np.outer(np.sin(turn), np.cross(axis, u)))
 
 
-def _links(posture: Posture, view: _View, name: str) -> str:
+def _links(posture: Posture, view: _View) -> str:
     places, ends = view.places(posture.origins), view.places(posture.ends)
     base = view.places(np.zeros((1, 3)))[0]
     lines = ""
     for joint, parent in enumerate(posture.parents):
         start = base if parent < 0 else places[parent]
-        lines += _path(np.array([start, places[joint]]))
+        lines += svg_path(np.array([start, places[joint]]))
         if np.isfinite(ends[joint, 0]):
-            lines += _path(np.array([places[joint], ends[joint]]))
-    return f'<path class="{name} edge" d="{lines}"/><path class="{name}" d="{lines}"/>'
+            lines += svg_path(np.array([places[joint], ends[joint]]))
+    return lines
 
 
-def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Label) -> str:
+def _joint(posture: Posture, view: _View, joint: int, center: Array) -> dict[str, Any]:
     """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
     size, axis = posture.joint_size, posture.axes[joint]
     # The face towards the eye is drawn over the side.
     axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
-    text = f"{posture.robot.all_joint_names[joint]}: {label.value}"
-    head = f'<g class="joint {label.colour}"><title>{escape(text)}</title>'
     if posture.robot.all_prismatic[joint]:
-        rail, box = (
-            _path(view.places(center + np.array([[-k], [k]]) * size * axis)) for k in (1.8, 0.8)
-        )
-        width = 1.3 * size * view.scale
-        return (
-            f'{head}<path class="rail" d="{rail}"/>'
-            f'<path class="box" stroke-width="{width:.1f}" d="{box}"/></g>'
-        )
+        rail, box = (view.places(center + np.array([[-k], [k]]) * size * axis) for k in (1.8, 0.8))
+        return {"rail": rail, "box": box, "width": 1.3 * size * view.scale}
     rim = 0.62 * _circle(axis, 48)
     # Both faces of the cylinder; in parallel projection its outline is their common convex hull.
     near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
     both = np.concatenate([near, far])
-    body = both[ConvexHull(both).vertices]
-    dot = view.places((center + 0.75 * size * axis)[None])[0]
-    return (
-        f'{head}<path class="side" d="{_path(body)}Z"/><path class="face" d="{_path(near)}Z"/>'
-        f'<circle class="axle" cx="{dot[0]:.1f}" cy="{dot[1]:.1f}" r="2.2"/></g>'
-    )
+    axle = view.places((center + 0.75 * size * axis)[None])[0]
+    return {"side": both[ConvexHull(both).vertices], "face": near, "axle": axle}
 
 
-def _labelled(
-    posture: Posture, places: Array, labels: Mapping[str, Label]
-) -> tuple[list[str], list[str]]:
-    """Return lines to joints, and their labels in a column on each side, the flagged ones first."""
+def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[dict[str, Any]]:
+    """Return labels in a column on each side, the flagged ones first, with lines to the joints."""
     names = posture.robot.joint_names
     rank = [
         (not labels[name].is_flagged, ("poor", "fair", "good", "none").index(labels[name].colour))
@@ -283,25 +262,19 @@ def _labelled(
     ranked = sorted(range(len(names)), key=rank.__getitem__)[: 2 * _MOST_LABELS]
     across = sorted(ranked, key=lambda k: float(places[k, 0]))
     half = -(-len(across) // 2)
-    lines, texts = [], []
+    texts = []
     for is_left, column in ((True, across[:half]), (False, across[half:])):
         column = sorted(column, key=lambda k: float(places[k, 1]))
         for joint, y in zip(column, _spread(places[column, 1]), strict=True):
-            label = labels[names[joint]]
             edge, anchor = (_LABELS - 22, "end") if is_left else (_WIDTH - _LABELS + 22, "start")
             x, joint_y = places[joint]
             near = edge + (14 if is_left else -14)
             line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {joint_y:.1f}"
-            name = label.name if len(label.name) <= _LONGEST else f"{label.name[: _LONGEST - 1]}…"
-            flag = '<tspan class="flag"> !</tspan>' if label.is_flagged else ""
-            lines.append(f'<path class="leader" d="{line}"/>')
-            texts.append(
-                f'<text x="{edge:.1f}" y="{y:.1f}" text-anchor="{anchor}">'
-                f"<title>{escape(label.name)}</title>{escape(name)}{flag}"
-                f'<tspan class="value {label.colour}" x="{edge:.1f}" dy="1.15em">'
-                f"{escape(label.value)}</tspan></text>"
-            )
-    return lines, texts
+            name = names[joint]
+            text = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…"
+            place = {"line": line, "x": edge, "y": y, "anchor": anchor}
+            texts.append({"of": labels[name], "text": text, **place})
+    return texts
 
 
 def _spread(wanted: Array, step: float = 62.0) -> list[float]:
@@ -332,15 +305,20 @@ def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: s
         reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
         points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
     view = _view(posture, np.concatenate(points), 20.0)
-    parts = [_ground(posture, view), _links(posture, view, "bone")]
-    for name, joint, mass, place, second in drawn:
-        x, y = view.places(place[None])[0]
-        text = f"{posture.robot.body_names[joint]}, {name}: {mass:.4g} kg"
-        parts.append(f'<g class="body {name}"><title>{escape(text)}</title>')
-        if second is not None:
-            parts.append(_ellipse(view, posture.frame(joint)[1], second, (x, y)))
-        parts.append(f'<path class="center" d="M{x - 4:.1f} {y:.1f}h8M{x:.1f} {y - 4:.1f}v8"/></g>')
-    return _svg("robot bodies", title, parts) if any(d[-1] is not None for d in drawn) else None
+    bodies = [
+        {
+            "kind": kind,
+            "name": posture.robot.body_names[joint],
+            "mass": mass,
+            **dict(zip("xy", view.places(place[None])[0], strict=True)),
+            "ellipse": None if second is None else _ellipse(view, posture.frame(joint)[1], second),
+        }
+        for kind, joint, mass, place, second in drawn
+    ]
+    if not any(body["ellipse"] for body in bodies):
+        return None
+    background = _background(posture, view)
+    return rendered("bodies.svg.j2", **background, title=title, bodies=bodies)
 
 
 def _placed_bodies(
@@ -370,11 +348,10 @@ def principal_moments(body: Array) -> Array:
     return np.asarray(safely(np.linalg.eigvalsh, inertia, what="the inertia of a body"))
 
 
-def _ellipse(view: _View, turn: Array, second: Array, center: tuple[float, float]) -> str:
-    """Return the outline of x^T (5 S_c / m)^-1 x = 1, an ellipsoid with the inertia of the body.
+def _ellipse(view: _View, turn: Array, second: Array) -> tuple[float, float, float]:
+    """Return radii and angle [deg] of the outline of x^T (5 S_c / m)^-1 x = 1 in the picture.
 
-    S_c / m is the `second` moment; the outline in the picture has the matrix of the ellipsoid
-    between the rows of the projection.
+    That ellipsoid has the inertia of the body; S_c / m is the `second` moment.
     """
     # The projection P of x^T E^-1 x = 1 has the outline y^T (P E P^T)^-1 y = 1: a, b, c of P E P^T.
     flat = view.rows[:2] @ turn
@@ -384,8 +361,4 @@ def _ellipse(view: _View, turn: Array, second: Array, center: tuple[float, float
     radii = np.sqrt(np.maximum([middle + half, middle - half], 1.0))
     # y points down in an SVG, hence the minus.
     angle = -np.degrees(0.5 * np.arctan2(2 * b, a - c))
-    x, y = center
-    return (
-        f'<ellipse rx="{radii[0]:.1f}" ry="{radii[1]:.1f}" '
-        f'transform="translate({x:.1f} {y:.1f}) rotate({angle:.1f})"/>'
-    )
+    return float(radii[0]), float(radii[1]), float(angle)

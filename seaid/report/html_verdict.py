@@ -20,7 +20,7 @@ from seaid.drives import PARAMETERS_OF, readable
 from seaid.errors import SEVERITIES, Severity
 from seaid.identification import compared, verdict_with
 from seaid.log import row_samples
-from seaid.report.formats import seconds, share, short
+from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
 from seaid.report.tables import ErrorRow, error_rows, place_name, side_name, term_name
 from seaid.robot import THIN, is_physical
 
@@ -34,13 +34,6 @@ if TYPE_CHECKING:
     from seaid.simulation import ReplayComparison
 
 _LARGE_EXCLUDED_SHARE = 0.5
-_BADLY_PREDICTED = 0.2
-"""Relative error of an unseen torque from which a prediction is doubtful, and a joint poor."""
-
-_WELL_PREDICTED = 0.05
-"""Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
-on the measured robots of docs/results.md."""
-
 _CORRELATED = 0.9
 """Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
@@ -132,13 +125,6 @@ def _prediction(rows: Sequence[ErrorRow], is_unseen: bool) -> tuple[str, str, st
     return motion, share(float(np.median(errors))), f"median error of the torques; {note}"
 
 
-def explained_as(error: float) -> str:
-    """Return how well a torque with a relative error is explained: a class of report.css."""
-    if not np.isfinite(error):
-        return "none"
-    return "good" if error < _WELL_PREDICTED else "fair" if error < _BADLY_PREDICTED else "poor"
-
-
 def notices_of(
     result: Identification,
     runs: Sequence[Run],
@@ -201,7 +187,7 @@ def _badly_predicted(identification: Identification, run: Run) -> Iterator[Notic
     """Yield the notice of torques with a large error, of joints without a warning of their own."""
     warned = {finding.joint for finding in run.result.warnings}
     rows = [row for row in error_rows([run], identification.robot) if row.joint not in warned]
-    bad = [row for row in rows if row.relative_error > _BADLY_PREDICTED]
+    bad = [row for row in rows if row.relative_error > BADLY_PREDICTED]
     if bad:
         torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
         message = f"Relative error of torques in the {run.name}: {_listed(torques)}."

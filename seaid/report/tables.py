@@ -361,19 +361,16 @@ def error_rows(runs: Sequence[Run], robot: Robot | None = None) -> list[ErrorRow
 
 
 def _error_row(run: Run, side: str, name: str, unit: str, fit: Fit, index: int) -> ErrorRow:
-    return ErrorRow(
-        run=run.name,
-        is_unseen=run.is_unseen,
-        joint=name,
-        side=side,
-        unit=unit,
-        relative_error=float(fit.relative_error[index]),
-        counted_share=float(fit.counted_share[index]),
-        relative_error_with_standstill=float(fit.relative_error_with_standstill[index]),
-        raw_relative_error=float(fit.raw_relative_error[index]),
-        rms_error=float(fit.rms_error[index]),
-        r_squared=float(fit.r_squared[index]),
-    )
+    measures: dict[str, Any] = {
+        measure: float(getattr(fit, measure)[index]) for measure in _MEASURES
+    }
+    return ErrorRow(run.name, run.is_unseen, name, side, unit, **measures)
+
+
+_MEASURES = (
+    *("relative_error", "counted_share", "relative_error_with_standstill", "raw_relative_error"),
+    *("rms_error", "r_squared"),
+)
 
 
 def whole_rows(run: Run) -> list[ErrorRow]:

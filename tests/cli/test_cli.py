@@ -777,9 +777,9 @@ def test_export_for_a_simulator_with_ranges(arm: Path, tmp_path: Path) -> None:
     robot, actuators = robot_and_drives(arm), tmp_path / "actuators.py"
     ranges = tmp_path / "ranges.yaml"
     said = done(
-        *("export", *robot, "--from", arm / "run.csv", "--format", "mjlab", "-o", actuators),
+        *("export", *robot, "--from", arm / "run.csv", "--format", "isaaclab", "-o", actuators),
         *("--randomization", ranges, "--samples", "3"),
     )
     assert "not determined by the log, and as wide as the prior: " in said.out
-    assert "ACTUATORS = (" in actuators.read_text()
+    assert "ACTUATORS = {" in actuators.read_text()
     assert ranges.read_text().startswith('format: "seaid randomization 1"')

@@ -54,7 +54,7 @@ def offered(line: str, folder: Path, shell: str = "bash") -> list[str]:
         (f"seaid identify {LEG} --fail-on d", ["doubtful"]),
         (f"seaid excite {LEG} --basis ", ["bspline", "polynomial", "fourier", "multisine"]),
         (f"seaid excite {LEG} --criterion d", ["d_optimality"]),
-        (f"seaid export {LEG} --format m", ["mjcf", "mjlab"]),
+        (f"seaid export {LEG} --format m", ["mjcf"]),
         (f"seaid excite {LEG} --spectrum v", ["velocity"]),
         (f"seaid inspect {LEG} --joints ", JOINTS),
         (f"seaid inspect {LEG} --joints hip_yaw,hip_r", ["hip_yaw,hip_roll"]),

@@ -1,13 +1,12 @@
 """write_model: files of simulators hold the drives' numbers, and say what they cannot hold.
 
 Each file is read by its own package where that is installed (make test-simulators: usd-core and
-drake; mjlab, newton and better-actuator-models by hand, see docs/results.md); else its schema is
-checked, as the documentation of the package has it.
+drake; newton by hand, see docs/results.md); else its schema is checked, as the documentation of the
+package has it.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import runpy
 import sys
@@ -78,11 +77,6 @@ FIELDS = {
         *("armature", "friction", "dynamic_friction", "viscous_friction"),
         *("min_delay", "max_delay"),
     ),
-    # mjlab.actuator.ActuatorCfg and BuiltinPositionActuatorCfg, mjlab 1.6
-    "mjlab.actuator": (
-        *("target_names_expr", "armature", "frictionloss", "viscous_damping", "stiffness"),
-        *("damping", "effort_limit", "delay_min_lag", "delay_max_lag"),
-    ),
 }
 
 
@@ -117,37 +111,15 @@ def test_isaac_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_mjlab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = written(robot_with(tmp_path), tmp_path, "mjlab", time_step_s=0.002)
-    ((name, fields),) = configured(model.path, "mjlab.actuator", monkeypatch)
-    assert name == "BuiltinPositionActuatorCfg"
-    assert fields.pop("target_names_expr") == ("arm",)
-    assert fields == pytest.approx(
-        {"stiffness": KP, "damping": KD, "armature": ARMATURE, "effort_limit": LIMIT}
-        | {"frictionloss": DRY, "viscous_damping": VISCOUS}
-        | {"delay_min_lag": 6, "delay_max_lag": 6}
-    )
-
-
-@pytest.mark.parametrize("name", ["isaaclab", "mjlab"])
 def test_a_drive_without_controller_has_no_gains(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     torque = replace(SERVO, motor_input="torque", controller=None, command_delay_s=None)
-    model = written(robot_with(tmp_path, torque), tmp_path, name)
-    module = {"isaaclab": "isaaclab.actuators", "mjlab": "mjlab.actuator"}[name]
-    found = configured(model.path, module, monkeypatch)
-    ((kind, fields),) = found.values() if name == "isaaclab" else found
+    model = written(robot_with(tmp_path, torque), tmp_path, "isaaclab")
+    ((kind, fields),) = configured(model.path, "isaaclab.actuators", monkeypatch).values()
     assert kind.startswith("IdealP")
     assert (fields["stiffness"], fields["damping"]) == (0, 0)
     assert "effort_limit" not in fields
-
-
-def test_mjlab_reads_its_file(tmp_path: Path) -> None:
-    pytest.importorskip("mjlab")
-    model = written(robot_with(tmp_path), tmp_path, "mjlab")
-    (one,) = runpy.run_path(str(model.path))["ACTUATORS"]
-    assert (one.stiffness, one.effort_limit, one.delay_max_lag) == (KP, LIMIT, 2)
 
 
 def stage_of(robot: Robot, layer: Path, kind: str) -> Any:
@@ -235,39 +207,6 @@ def test_newton_reads_its_file(tmp_path: Path) -> None:
     assert np.ravel(actuator.drive.const_effort.numpy()) == pytest.approx([-OFFSET])
 
 
-def test_bam_has_the_keys_that_it_reads(tmp_path: Path) -> None:
-    drive = replace(
-        SERVO,
-        friction=(*SERVO.friction, "stribeck"),
-        nominal={**SERVO.nominal, "stribeck_friction": 0.01, "stribeck_speed": 2.0},
-    )
-    found = json.loads(written(robot_with(tmp_path, drive), tmp_path, "bam").path.read_text())
-    assert (found.pop("model"), found.pop("actuator")) == ("m2", "unitree_go1")
-    assert found == pytest.approx(
-        {"armature": ARMATURE, "friction_base": DRY, "friction_viscous": VISCOUS}
-        | {"friction_stribeck": N * 0.01, "dtheta_stribeck": 2.0 / N, "alpha": 2.0}
-        | {"ratio": 1.0, "max_torque": LIMIT, "command_delay": DELAY_S}
-    )
-
-
-def test_bam_has_the_pulleys_of_a_spring_in_all_that_a_motor_does(tmp_path: Path) -> None:
-    """A torque of the motor is r_L/r_M times as large at the joint as behind the gear."""
-    drive = SeriesElasticDrive(
-        gear_ratio=10.0,
-        motor_pulley_radius_m=0.02,
-        load_pulley_radius_m=0.04,
-        motor_inertia_kg_m2=1e-5,
-        viscous_friction_Nms_per_rad=0.0,
-        coulomb_friction_Nm=0.0,
-        stiffness_N_per_m=1e6,
-        motor_input="current",
-        nominal={"torque_constant": 0.05},
-    )
-    found = json.loads(written(robot_with(tmp_path, drive), tmp_path, "bam").path.read_text())
-    assert found["kt"] == pytest.approx(20.0 * 0.05)
-    assert found["armature"] == pytest.approx(20.0**2 * 1e-5)
-
-
 def test_the_law_of_a_spring_with_pulleys_is_that_at_the_joint(tmp_path: Path) -> None:
     """It acts at theta_M/N = (r_L/r_M) q, here at twice the angle, with twice its torque."""
     law = Controller(
@@ -326,46 +265,6 @@ def test_newton_has_both_constants_and_a_note_on_their_common_limit(tmp_path: Pa
     assert "no friction offset: arm (0.09 of 12)" in finding.message
 
 
-PUBLISHED = Path(__file__).parents[3] / "shared/data/xl330_pendulum/published/published_m1.json"
-VOLTAGE = StiffDrive(
-    motor_inertia_kg_m2=0.0016,
-    viscous_friction_Nms_per_rad=0.0324,  # with the back-EMF
-    coulomb_friction_Nm=0.007,
-    motor_input="voltage",
-    nominal={"voltage_constant": 0.0678},
-)
-
-
-def test_bam_of_a_voltage_has_the_torque_of_the_drive(tmp_path: Path) -> None:
-    found = json.loads(written(robot_with(tmp_path, VOLTAGE), tmp_path, "bam").path.read_text())
-    volts, speed = 3.0, 2.0
-    # as BAM computes it: torque = k_t/R U - k_t^2/R q', and viscous friction
-    per_ohm = found["kt"] / found["R"]
-    torque = per_ohm * volts - (found["kt"] * per_ohm + found["friction_viscous"]) * speed
-    assert torque == pytest.approx(0.0678 * volts - 0.0324 * speed)
-    if not PUBLISHED.exists():
-        pytest.skip("the published parameters of BAM are not here")
-    published = json.loads(PUBLISHED.read_text())
-    assert set(published) - {"q_offset"} == set(found)
-    assert (found["model"], found["actuator"]) == (published["model"], published["actuator"])
-
-
-def test_bam_reads_its_file(tmp_path: Path) -> None:
-    bam = pytest.importorskip("bam.model")
-    model = bam.load_model(str(written(robot_with(tmp_path), tmp_path, "bam").path))
-    assert model.actuator.get_extra_inertia() == pytest.approx(ARMATURE)
-    assert model.compute_frictions(0.0, 0.0, 1.0) == pytest.approx((DRY, VISCOUS))
-
-
-def test_bam_of_several_joints_is_a_table_of_those_that_turn(tmp_path: Path) -> None:
-    model = written(leg(), tmp_path, "bam")
-    content = json.loads(model.path.read_text())
-    assert list(content) == list(leg().joint_names)
-    drive = replace(SERVO, gear_ratio=None, gear_ratio_rad_per_m=N)
-    slide = written(robot_with(tmp_path, drive, "prismatic"), tmp_path, "bam")
-    assert "BAM has joints that turn only: arm not in the file" in slide.notes
-
-
 def test_drake(tmp_path: Path) -> None:
     model = written(robot_with(tmp_path), tmp_path, "drake")
     root = etree.parse(model.path).getroot()
@@ -410,20 +309,6 @@ def test_drake_reads_its_file(tmp_path: Path) -> None:
     assert actuator.get_controller_gains().p == KP
     assert actuator.get_controller_gains().d == KD
     assert plant.GetJointByName("arm").default_damping() == pytest.approx(VISCOUS)
-
-
-def test_ros2_control(tmp_path: Path) -> None:
-    path = written(robot_with(tmp_path), tmp_path, "ros2_control").path
-    again = seaid.load_robot(path, {"arm": SERVO})
-    twice = seaid.write_model(again, tmp_path / "again.urdf", "ros2_control").path
-    for one in (path, twice):
-        root = etree.parse(one).getroot()
-        (joint,) = root.findall("ros2_control/joint")
-        limits = [float(one.text) for one in joint.findall("command_interface/param")]
-        assert (joint.get("name"), limits) == ("arm", [-LIMIT, LIMIT])
-        assert len(joint.findall("state_interface")) == 3
-        friction = root.find("joint/dynamics").attrib
-        assert float(friction["friction"]) == pytest.approx(DRY)
 
 
 def test_elastic_drives_are_rigid_in_a_urdf_of_a_simulator(tmp_path: Path) -> None:
@@ -493,21 +378,18 @@ def test_other_terms_and_what_replaces_them(tmp_path: Path) -> None:
 
 def test_a_right_set_up_has_no_finding(tmp_path: Path) -> None:
     plain = replace(SERVO, friction=("viscous", "coulomb"), nominal={}, command_delay_s=0.01)
-    for name in ("mjcf", "urdf", "isaaclab", "mjlab", "newton"):
+    for name in ("mjcf", "urdf", "isaaclab", "newton"):
         assert written(robot_with(tmp_path, plain), tmp_path, name).warnings == ()
 
 
 def test_names_are_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = odd_robot(tmp_path)
-    models = {name: written(robot, tmp_path, name).path for name in ("isaaclab", "mjlab", "bam")}
-    ((joint, _),) = configured(models["isaaclab"], "isaaclab.actuators", monkeypatch).items()
+    path = written(robot, tmp_path, "isaaclab").path
+    ((joint, (_, fields)),) = configured(path, "isaaclab.actuators", monkeypatch).items()
     assert joint == ODD
-    ((_, fields),) = configured(models["mjlab"], "mjlab.actuator", monkeypatch)
-    assert len(fields["target_names_expr"]) == 1
-    for name in ("drake", "ros2_control"):
-        root = etree.parse(written(robot, tmp_path, name).path).getroot()
-        named = [one.get("name") for one in root.iter("joint")]
-        assert named == [ODD] * 2
+    assert len(fields["joint_names_expr"]) == 1
+    root = etree.parse(written(robot, tmp_path, "drake").path).getroot()
+    assert [joint.get("name") for joint in root.iter("joint")] == [ODD] * 2
     for name in ("usd", "newton"):
         _, prim = stage_of(robot, written(robot, tmp_path, name).path, "revolute")
         assert prim.GetPropertyNames()
@@ -517,9 +399,9 @@ def test_what_is_refused(tmp_path: Path) -> None:
     robot = robot_with(tmp_path)
     for step in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(RobotError, match="time_step_s= must be more than zero and finite"):
-            written(robot, tmp_path, "mjlab", time_step_s=step)
-    with pytest.raises(RobotError, match="did you mean 'mjlab'"):
-        seaid.write_model(robot, tmp_path / "x", "mjlabs")  # type: ignore[arg-type]
+            written(robot, tmp_path, "isaaclab", time_step_s=step)
+    with pytest.raises(RobotError, match="did you mean 'isaaclab'"):
+        seaid.write_model(robot, tmp_path / "x", "isaaclabs")  # type: ignore[arg-type]
     unknown = robot_with(tmp_path, replace(SERVO, coulomb_friction_Nm=None))
     with pytest.raises(RobotError, match="'coulomb_friction_Nm' is not known"):
         written(unknown, tmp_path, "isaaclab")

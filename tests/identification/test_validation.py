@@ -13,8 +13,8 @@ from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import validate
 from seaid.identification.validation import compared
 from seaid.log.filtering import low_pass, row_samples
+from seaid.report.formats import explained_as
 from seaid.report.html import runs_of
-from seaid.report.html_verdict import explained_as
 from seaid.report.tables import error_rows
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (

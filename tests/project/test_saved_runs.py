@@ -17,7 +17,7 @@ import seaid
 from seaid.errors import SeaidError
 from seaid.identification import compared, identify, validate
 from seaid.identification.result import Identification
-from seaid.project.saved import FILE, _checksum, load_run, save_run
+from seaid.project.saved import FILE, _checksum, _thinned_validation, load_run, save_run
 from seaid.robot import load_robot
 from tests import experiments
 from tests.measured import LOGS
@@ -91,6 +91,17 @@ def test_motions_are_thinned_without_a_change_of_the_fit(tmp_path: Path) -> None
         errors = [getattr(one, side).rms_error for one in (before, after)]
         known = np.isfinite(errors[0])
         assert np.allclose(errors[1][known], errors[0][known], rtol=0.08)
+
+
+@pytest.mark.slow  # identifies the leg
+def test_the_torques_of_a_base_are_thinned_as_those_of_joints() -> None:
+    found, _ = leg()
+    whole = compared(found, *found.motions)
+    thinned = _thinned_validation(replace(whole, base=whole.load))
+    assert thinned.base is not None
+    assert len(thinned.base.measured) == len(thinned.time) < len(whole.time)
+    assert np.array_equal(thinned.base.measured, thinned.load.measured, equal_nan=True)
+    assert thinned.base.rms_error is whole.load.rms_error
 
 
 def test_the_axes_and_limits_of_a_robot_stay(tmp_path: Path) -> None:
