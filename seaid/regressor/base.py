@@ -224,13 +224,13 @@ def base_of_columns(
 
 
 def random_states(
-    robot: Robot, seed: int, torques: int | None = None
+    robot: Robot, seed: int, torques: int | None = None, *, count: int | None = None
 ) -> tuple[Array, Array, Array]:
     """Return random q, v, a, enough for a rank decision with `torques` known torques (default n).
 
     Positions cover a full turn or +-1 m. There are at least three rows per parameter; if all
-    torques are known, forty states determine the ten parameters of each body in any robot. Joints
-    that move in no log stand where they do there.
+    torques are known, forty states determine the ten parameters of each body in any robot. `count`
+    takes the place of that number. Joints that move in no log stand where they do there.
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
@@ -238,7 +238,7 @@ def random_states(
     # Three rows per parameter, of which an instant gives at most six: a body acts on the rest of
     # the robot by a force and a moment.
     enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
-    shape = (max(_FEWEST_STATES, enough), robot.n)
+    shape = (count or max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     q, v, a = (
         rng.uniform(-reach, reach, shape),
@@ -251,10 +251,13 @@ def random_states(
     return q, v, a
 
 
-def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], Array, float]:
+def left_to_right(
+    H: Array, zero: BoolArray | None = None, *, rounding: float = _ROUNDING
+) -> tuple[list[int], Array, float]:
     """Return base columns, grouping matrix (p, m) and gap of the columns of H, taken in order.
 
     Columns marked `zero` (default: exact zeros) are excluded; the others are scaled to unit norm.
+    Coefficients of unit columns below `rounding` are set to zero.
     With H = Q R the dependencies of H are those of R, found by Gram-Schmidt with
     reorthogonalisation.
     """
@@ -293,7 +296,7 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
         what="the base parameters",
         error=RobotError,
     )
-    grouping[np.abs(grouping) < _ROUNDING] = 0.0
+    grouping[np.abs(grouping) < rounding] = 0.0
     # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
     grouping *= scale[None, :] / scale[columns][:, None]
     grouping[:, zero] = 0.0
