@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -29,10 +29,14 @@ if TYPE_CHECKING:
 RANK_TOLERANCE = 1e-8
 """A unit column is dependent if its residual after projection on earlier ones is below this."""
 
-_FEWEST_STATES = 40
+_FEWEST_STATES, _WHOLE_STATES = 40, 20
+"""Random states for any use, and those in which the torques at all joints determine the bodies."""
 
 _MOST_BYTES = 16e9
 """Limit on the size of a regressor, which is in memory twice while it is reduced."""
+
+_BLOCK = 32
+"""Columns that are projected together, as one product of matrices."""
 
 _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
@@ -142,7 +146,7 @@ def base_parameters(
     if robot.floating_base is not None:
         H = _floating_columns(robot, motion, known, seed, stances, measured)
     else:
-        states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
+        states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
         _check_memory(robot, len(states[0]))
         Y = regressor_at_drives(robot, *states)
         H = Y[:, known].reshape(-1, Y.shape[2])
@@ -153,6 +157,12 @@ def base_parameters(
             + (f"the torques at {', '.join(torques)}" if torques else "the forces on its base")
         )
     return base_of_columns(robot, columns, grouping, gap)
+
+
+def _structural_states(robot: Robot, seed: int, known: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return random states: two rows per parameter if all torques are known."""
+    is_whole = len(known) == len(robot.body_names)
+    return random_states(robot, seed, len(known), count=_WHOLE_STATES if is_whole else None)
 
 
 def _from_base_outward(robot: Robot, H: Array) -> tuple[list[int], Array, float]:
@@ -275,18 +285,18 @@ def left_to_right(
     columns: list[int] = []
     # If no column is rejected, the gap is that to rounding.
     accepted, rejected = 1.0, float(np.finfo(float).eps)
-    for column in np.flatnonzero(~zero):
-        Q = basis[:, : len(columns)]
-        new = R[:, column] - Q @ (Q.T @ R[:, column])
-        # Twice is enough (Parlett 1980): what rounding has left of the earlier columns goes here.
-        new -= Q @ (Q.T @ new)
-        residual = float(np.linalg.norm(new))
-        if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
-            accepted = min(accepted, residual)
-            basis[:, len(columns)] = new / residual
-            columns.append(int(column))
-        else:
-            rejected = max(rejected, residual)
+    candidates = np.flatnonzero(~zero)
+    for block in np.split(candidates, range(_BLOCK, len(candidates), _BLOCK)):
+        first, new_columns = len(columns), _projected(R[:, block], basis[:, : len(columns)])
+        for column, new in zip(block.tolist(), new_columns.T, strict=True):
+            new = _projected(new, basis[:, first : len(columns)])
+            residual = float(np.linalg.norm(new))
+            if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
+                accepted = min(accepted, residual)
+                basis[:, len(columns)] = new / residual
+                columns.append(column)
+            else:
+                rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
     # R = R_b G: Q^T R_b is triangular up to rounding, and G = (Q^T R_b)^-1 Q^T R.
     grouping = safely(
@@ -307,13 +317,28 @@ def left_to_right(
     return columns, grouping, accepted / rejected
 
 
-def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
-    """Return a combination (m,) as text: 'Iyy_thigh + 0.0756 m_shank', four digits, no 1."""
+def _projected(vectors: Array, Q: Array) -> Array:
+    """Return vectors (r,) or (r, b) without their part in the range of orthonormal columns Q."""
+    # Twice is enough (Parlett 1980): what rounding has left goes the second time.
+    for _ in range(2):
+        vectors = vectors - Q @ (Q.T @ vectors)
+    return vectors
+
+
+def four_digits(size: float) -> str:
+    """Return the size of a coefficient as text, 0.0756."""
+    # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
+    return f"{size * (1 + 1e-9):.4g}"
+
+
+def grouped_text(
+    coefficients: Array, names: Sequence[str], shown: Callable[[float], str] = four_digits
+) -> str:
+    """Return a combination (m,) as text, 'Iyy_thigh + 0.0756 m_shank', without coefficients 1."""
     text = ""
     for index in map(int, np.flatnonzero(coefficients)):
         value = coefficients[index]
-        # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
-        size = "" if abs(abs(value) - 1) < 1e-9 else f"{abs(value) * (1 + 1e-9):.4g} "
+        size = "" if abs(abs(value) - 1) < 1e-9 else f"{shown(abs(value))} "
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += f"{sign}{size}{names[index]}"
     return text

@@ -18,7 +18,7 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid.drives import Drive
 from seaid.regressor.base import BaseParameters, grouped_text, left_to_right
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot import Robot
 
 _FRICTION = ("viscous", "coulomb", "offset", "quadratic", "asymmetric")
@@ -147,6 +147,7 @@ def _rows(
     at = _instant(robot, rng)
     rows, further = np.zeros((robot.n, len(places))), []
     rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *at.position[:3, None])[0]
+    slopes = torque_slopes(robot, *at.position[:3, None])
     for index, joint in enumerate(robot.joint_names):
         if "joint_torque" in sensors[joint]:
             continue
@@ -168,7 +169,7 @@ def _rows(
         if is_alone:  # q = (r_M / N theta_M - d) / r_L
             changes = {name: -lever / k * column for name, column in columns.items()}
             changes |= {"stiffness": -d[:3] / k, "spring_offset": np.array([-1.0 / k, 0.0, 0.0])}
-            felt = _felt(robot, at.position[:3], index)
+            felt = slopes[:, 0, :, index].T
             torques = {name: felt @ change / reach for name, change in changes.items()}
             # The angle of this joint is in the torques of all joints: by the chain rule.
             _add(rows.T, places, joint, torques)
@@ -201,19 +202,3 @@ def _columns(drive: Drive, motor: Array) -> dict[str, Array]:
     pairs = (of_terms[term] for term in drive.friction)
     columns = {name: np.array(column) for name, column in pairs}
     return columns | {"motor_inertia": np.array([rate, jerk, snap])}
-
-
-_DIFFERENCE = 1e-5
-
-
-def _felt(robot: Robot, states: Array, index: int) -> Array:
-    """Return the derivatives (n, 3) of all torques by the states (3, n) of a joint."""
-    slopes = np.empty((robot.n, 3))
-    for order in range(3):
-        ends = []
-        for step in (_DIFFERENCE, -_DIFFERENCE):
-            moved = states.copy()
-            moved[order, index] += step
-            ends.append(joint_torques(robot, *moved[:, None])[0])
-        slopes[:, order] = (ends[0] - ends[1]) / (2 * _DIFFERENCE)
-    return slopes

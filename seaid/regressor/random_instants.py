@@ -204,7 +204,8 @@ def _balanced(
     # The torques are affine in a: unit steps of the drives' accelerations give the inertia.
     C_inv = _inverse(robot)
     stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
-    torques = joint_torques(robot, *(np.tile(x, (1 + len(elastic), 1)) for x in (q, v)), stepped)
+    tiled_q, tiled_v = (np.tile(x, (1 + len(elastic), 1)) for x in (q, v))
+    torques = joint_torques(robot, tiled_q, tiled_v, stepped)
     # ((1 + e) T, n) -> (1 + e, T, e): without a step, then one step per elastic drive.
     loads = (torques @ C_inv)[:, elastic].reshape(1 + len(elastic), len(q), len(elastic))
     inertia = (loads[1:] - loads[0]).transpose(1, 2, 0)

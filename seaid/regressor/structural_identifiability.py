@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from itertools import chain, compress
 from typing import Literal, get_args
 
@@ -21,8 +22,13 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, connected_groups, fro
 from seaid._progress import Result, counted
 from seaid.drives import Drive, JointParameter, delay_sums
 from seaid.errors import RobotError, checked, unknown_name
-from seaid.regressor.base import BaseParameters, base_parameters, left_to_right
-from seaid.regressor.exact.grouping import exact_text
+from seaid.regressor.base import (
+    BaseParameters,
+    base_parameters,
+    four_digits,
+    grouped_text,
+    left_to_right,
+)
 from seaid.regressor.motor_only import base_by_derivatives
 from seaid.regressor.random_instants import (
     SumRows,
@@ -301,11 +307,12 @@ def _with_one_gain_set(robot: Robot, first: Robot) -> dict[str, Drive]:
     }
 
 
-_MORE_INSTANTS = 24
+_ROWS_PER_PARAMETER, _FEWEST_INSTANTS = 2, 24
+"""Rows of load equations for each parameter of a body, and more instants than a drive has
+parameters."""
 
-_FRESH_INSTANTS = 4
-
-_MOST_DRAWS = 3
+_FRESH_INSTANTS, _MOST_DRAWS = 4, 3
+"""Instants that confirm a decision, and how often it is made with twice the instants."""
 
 _CLEAR_GAP = 1e4
 """Singular-value gap from which a rank decision is clear."""
@@ -329,9 +336,8 @@ def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
     for draw in range(_MOST_DRAWS):
         rng = np.random.default_rng((seed, draw))
         loads = sum(any(system.equations[e].kind == "load" for e in x) for x in system.sums)
-        enough = 2 * (system.robot.parameters.size // max(loads, 1))
-        count = 2**draw * (enough + _MORE_INSTANTS)
-        decision = _decision(system, payloads, rng, count)
+        enough = _ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
+        decision = _decision(system, payloads, rng, 2**draw * max(enough, _FEWEST_INSTANTS))
         if decision[-1]:
             break
     return decision
@@ -428,24 +434,27 @@ def _base_of(system: System, columns: Sequence[int], grouping: Array, gap: float
     return BaseParameters(
         columns=tuple(columns),
         names=tuple(names[column] for column in columns),
-        expressions=tuple(exact_text(_fractions(row), names) for row in grouping),
+        expressions=tuple(grouped_text(row, names, _shown) for row in grouping),
         grouping=frozen("grouping", grouping, (None, len(names))),
         gap=gap,
     )
 
 
-_LARGEST, _SAME = 10_000, 1e-11
-"""Denominators of rationals that are shown, and their largest relative distance from a double."""
+_LARGEST, _SAME, _DIGITS = 10_000, 1e-11, 12
+"""Numerators and denominators of rationals that are shown, their largest relative distance from a
+double, and the digits of a coefficient that are no rounding."""
 
 
-def _fractions(row: Array) -> dict[int, Fraction]:
-    """Return a row of the grouping as rationals: short ones where the doubles represent them."""
-    fractions = {}
-    for column in np.flatnonzero(row).tolist():
-        value = Fraction(float(row[column]))
-        near = value.limit_denominator(_LARGEST)
-        fractions[column] = near if abs(near - value) <= _SAME * abs(value) else value
-    return fractions
+def _shown(size: float) -> str:
+    return _short_rational(float(f"{size:.{_DIGITS}g}"))
+
+
+@cache
+def _short_rational(size: float) -> str:
+    """Return the size of a coefficient as text: a rational, 121/1600, if that is short."""
+    near = Fraction(size).limit_denominator(_LARGEST)
+    is_same = abs(near - Fraction(size)) <= _SAME * size and near.numerator <= _LARGEST
+    return str(near) if is_same else four_digits(size)
 
 
 def _can_be_homogeneous(system: System) -> bool:
@@ -461,6 +470,8 @@ def _can_be_homogeneous(system: System) -> bool:
 def _groups(pivots: Sequence[int], grouping: Array) -> Groups:
     """Return the groups of combinations that are coupled by directions of the null space."""
     p = grouping.shape[1]
+    if len(pivots) == p:
+        return ()
     links = np.zeros((p, p), dtype=bool)
     # A column that is no pivot on true motions is coupled to the pivots it depends on.
     for free in (place for place in range(p) if place not in pivots):
