@@ -287,33 +287,34 @@ def left_to_right(
     accepted, rejected = 1.0, float(np.finfo(float).eps)
     candidates = np.flatnonzero(~zero)
     for block in np.split(candidates, range(_BLOCK, len(candidates), _BLOCK)):
-        first, new_columns = len(columns), _projected(R[:, block], basis[:, : len(columns)])
-        for column, new in zip(block.tolist(), new_columns.T, strict=True):
-            new = _projected(new, basis[:, first : len(columns)])
+        # R is triangular: further down these columns, and the basis so far, are zero.
+        first, rows = len(columns), slice(0, int(block.max(initial=0)) + 1)
+        vectors = _projected(R[rows, block], basis[rows, :first])
+        for column, new in zip(block.tolist(), vectors.T, strict=True):
+            new = _projected(new, basis[rows, first : len(columns)])
             residual = float(np.linalg.norm(new))
             if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
                 accepted = min(accepted, residual)
-                basis[:, len(columns)] = new / residual
+                basis[rows, len(columns)] = new / residual
                 columns.append(column)
             else:
                 rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
+    dependent = np.setdiff1d(candidates, columns)
     # R = R_b G: Q^T R_b is triangular up to rounding, and G = (Q^T R_b)^-1 Q^T R.
-    grouping = safely(
+    solved = safely(
         np.linalg.solve,
         np.triu(basis.T @ R[:, columns]),
-        basis.T @ R,
+        basis.T @ R[:, dependent],
         what="the base parameters",
         error=RobotError,
     )
-    grouping[np.abs(grouping) < rounding] = 0.0
+    # A column depends on base columns before it only.
+    solved[(np.abs(solved) < rounding) | (np.array(columns)[:, None] > dependent)] = 0.0
+    grouping = np.zeros((len(columns), H.shape[1]))
     # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
-    grouping *= scale[None, :] / scale[columns][:, None]
-    grouping[:, zero] = 0.0
-    for row, base in enumerate(columns):  # entries known exactly: up to the base column, and in it
-        grouping[row, :base] = 0.0
-        grouping[:, base] = 0.0
-        grouping[row, base] = 1.0
+    grouping[:, dependent] = solved * scale[dependent] / scale[columns][:, None]
+    grouping[np.arange(len(columns)), columns] = 1.0
     return columns, grouping, accepted / rejected
 
 
