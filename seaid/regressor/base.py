@@ -345,14 +345,16 @@ def grouped_text(
     return text
 
 
-def negligible(H: Array) -> BoolArray:
+def negligible(H: Array, bodies: BoolArray | None = None) -> BoolArray:
     """Return which columns (m,) of H are zero up to rounding, before they are scaled.
 
     A column of H is the torque of a unit parameter. Their sizes are similar, so that a column far
-    below the largest is the trace of a rounded angle.
+    below the largest is the trace of a rounded angle. Where only some columns are those of
+    `bodies` (m,), the others are of drives, whose sizes differ.
     """
     norms = np.linalg.norm(H, axis=0)
-    return np.asarray(norms < 1e-9 * norms.max(initial=0.0))
+    is_body = np.ones(len(norms), dtype=bool) if bodies is None else bodies
+    return np.asarray(is_body & (norms < 1e-9 * norms[is_body].max(initial=0.0)))
 
 
 AGREEMENT = 1e-9

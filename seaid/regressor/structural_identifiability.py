@@ -18,7 +18,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping, connected_groups, frozen, seed_of
+from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
 from seaid._progress import Result, counted
 from seaid.drives import Drive, JointParameter, delay_sums
 from seaid.errors import RobotError, checked, unknown_name
@@ -28,6 +28,7 @@ from seaid.regressor.base import (
     four_digits,
     grouped_text,
     left_to_right,
+    negligible,
 )
 from seaid.regressor.motor_only import base_by_derivatives
 from seaid.regressor.random_instants import (
@@ -346,29 +347,38 @@ def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
 def _decision(
     system: System, payloads: Sequence[Array], rng: np.random.Generator, count: int
 ) -> _Decision:
+    """Return the decision at so many random instants."""
     truth, bodies = random_truth(system, rng), system.robot.parameters.size
     rows = rows_of_sums(system, truth, rng, count)
     columns, grouping, gap = _independent(rows, len(system.names), bodies)
     fresh = rows_of_sums(system, truth, rng, _FRESH_INSTANTS)
-    is_confirmed = _is_confirmed(fresh, columns, grouping, bodies, rng)
-    is_clear = bool(gap > _CLEAR_GAP) and is_confirmed
-    base = _base_of(system, columns, grouping, gap)
-    if not columns or not _can_be_homogeneous(system):
-        return base, (), len(columns), is_clear
-    # True motions may determine less than free instants, as what has no scale.
-    places = {column: place for place, column in enumerate(columns)}
-    truth = random_truth(system, rng)
-    on_motion: list[SumRows] = []
+    is_clear = gap > _CLEAR_GAP and _is_confirmed(fresh, columns, grouping, bodies, rng)
+    groups, rank = Groups(), len(columns)
+    if columns and _can_be_homogeneous(system):
+        pivots, links, gap_of_motions = _on_motions(system, payloads, columns, rng, count)
+        groups, rank = _groups(pivots, links), len(pivots)
+        is_clear = is_clear and gap_of_motions > _CLEAR_GAP
+    return _base_of(system, columns, grouping, gap), groups, rank, bool(is_clear)
+
+
+def _on_motions(
+    system: System,
+    payloads: Sequence[Array],
+    columns: Sequence[int],
+    rng: np.random.Generator,
+    count: int,
+) -> tuple[list[int], Array, float]:
+    """Return `_independent` of combinations that occur in the equations, over true motions.
+
+    They may determine less than free instants do, such as what has no scale.
+    """
+    truth, rows = random_truth(system, rng), list[SumRows]()
     for payload in payloads:
-        rows = rows_of_sums(system, truth, rng, count, payload)
-        for seen, values in rows:
+        for seen, values in rows_of_sums(system, truth, rng, count, payload):
             kept = np.isin(seen, columns)
-            at = np.array([places[column] for column in seen[kept].tolist()], dtype=np.intp)
-            on_motion.append((at, values[:, kept]))
-    bodies = int(np.searchsorted(columns, bodies))
-    pivots, links, motion_gap = _independent(on_motion, len(columns), bodies)
-    is_clear = is_clear and bool(motion_gap > _CLEAR_GAP)
-    return base, _groups(pivots, links), len(pivots), is_clear
+            rows.append((np.searchsorted(columns, seen[kept]), values[:, kept]))
+    bodies = int(np.searchsorted(columns, system.robot.parameters.size))
+    return _independent(rows, len(columns), bodies)
 
 
 def _independent(
@@ -393,7 +403,7 @@ def _independent(
             blocks.append(np.zeros((len(values), width)))
             blocks[-1][:, columns] = values
     H = np.concatenate(blocks)[:, others]
-    chosen, grouping, gap = left_to_right(H, _negligible(H, others < bodies), rounding=_ROUNDED)
+    chosen, grouping, gap = left_to_right(H, negligible(H, others < bodies), rounding=_ROUNDED)
     gaps.append(gap)
     columns_of_all = np.sort([*others[chosen], *np.flatnonzero(alone)]).tolist()
     whole = np.zeros((len(columns_of_all), width))
@@ -401,12 +411,6 @@ def _independent(
     whole[np.ix_(places, others)] = grouping
     whole[np.searchsorted(columns_of_all, np.flatnonzero(alone)), alone] = 1.0
     return columns_of_all, whole, min(gaps)
-
-
-def _negligible(H: Array, is_body: BoolArray) -> BoolArray:
-    """Return which columns of bodies are zero up to rounding, as `base.negligible`."""
-    norms = np.linalg.norm(H, axis=0)
-    return np.asarray(is_body & (norms < 1e-9 * norms[is_body].max(initial=0.0)))
 
 
 def _is_confirmed(
