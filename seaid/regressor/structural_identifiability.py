@@ -9,7 +9,7 @@ were not used to find it holds everywhere. Without a clear gap more instants are
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -308,11 +308,11 @@ def _with_one_gain_set(robot: Robot, first: Robot) -> dict[str, Drive]:
     }
 
 
-_ROWS_PER_PARAMETER, _FEWEST_INSTANTS = 2, 24
-"""Rows of load equations for each parameter of a body, and more instants than a drive has
-parameters."""
+_ROWS_PER_PARAMETER, _FEWEST_INSTANTS = 2, 48
+"""Rows of load equations for each parameter of a body, and instants of which some are on both sides
+of a dead zone: of 24, one draw in 300 was on one side only."""
 
-_FRESH_INSTANTS, _MOST_DRAWS = 4, 3
+_FRESH_INSTANTS, _MOST_DRAWS = 8, 3
 """Instants that confirm a decision, and how often it is made with twice the instants."""
 
 _CLEAR_GAP = 1e4
@@ -349,36 +349,36 @@ def _decision(
 ) -> _Decision:
     """Return the decision at so many random instants."""
     truth, bodies = random_truth(system, rng), system.robot.parameters.size
-    rows = rows_of_sums(system, truth, rng, count)
-    columns, grouping, gap = _independent(rows, len(system.names), bodies)
-    fresh = rows_of_sums(system, truth, rng, _FRESH_INSTANTS)
-    is_clear = gap > _CLEAR_GAP and _is_confirmed(fresh, columns, grouping, bodies, rng)
+
+    def at_free(instants: int) -> list[SumRows]:
+        return rows_of_sums(system, truth, rng, instants)
+
+    def on_motions(instants: int) -> list[SumRows]:
+        found = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
+        kept = [(seen, values, np.isin(seen, columns)) for seen, values in chain(*found)]
+        return [(np.searchsorted(columns, seen[k]), values[:, k]) for seen, values, k in kept]
+
+    columns, grouping, gap, is_clear = _confirmed(at_free, count, len(system.names), bodies, rng)
     groups, rank = Groups(), len(columns)
     if columns and _can_be_homogeneous(system):
-        pivots, links, gap_of_motions = _on_motions(system, payloads, columns, rng, count)
-        groups, rank = _groups(pivots, links), len(pivots)
-        is_clear = is_clear and gap_of_motions > _CLEAR_GAP
-    return _base_of(system, columns, grouping, gap), groups, rank, bool(is_clear)
+        # True motions may determine less than free instants do, such as what has no scale.
+        bodies = int(np.searchsorted(columns, bodies))
+        pivots, links, _, is_sure = _confirmed(on_motions, count, rank, bodies, rng)
+        groups, rank, is_clear = _groups(pivots, links), len(pivots), is_clear and is_sure
+    return _base_of(system, columns, grouping, gap), groups, rank, is_clear
 
 
-def _on_motions(
-    system: System,
-    payloads: Sequence[Array],
-    columns: Sequence[int],
-    rng: np.random.Generator,
+def _confirmed(
+    rows_at: Callable[[int], list[SumRows]],
     count: int,
-) -> tuple[list[int], Array, float]:
-    """Return `_independent` of combinations that occur in the equations, over true motions.
-
-    They may determine less than free instants do, such as what has no scale.
-    """
-    truth, rows = random_truth(system, rng), list[SumRows]()
-    for payload in payloads:
-        for seen, values in rows_of_sums(system, truth, rng, count, payload):
-            kept = np.isin(seen, columns)
-            rows.append((np.searchsorted(columns, seen[kept]), values[:, kept]))
-    bodies = int(np.searchsorted(columns, system.robot.parameters.size))
-    return _independent(rows, len(columns), bodies)
+    width: int,
+    bodies: int,
+    rng: np.random.Generator,
+) -> tuple[list[int], Array, float, bool]:
+    """Return `_independent` of rows at `count` instants, and whether others confirm it."""
+    columns, grouping, gap = _independent(rows_at(count), width, bodies)
+    holds = _is_confirmed(rows_at(_FRESH_INSTANTS), columns, grouping, bodies, rng)
+    return columns, grouping, gap, bool(gap > _CLEAR_GAP) and holds
 
 
 def _independent(

@@ -334,6 +334,11 @@ def test_all_terms_come_along() -> None:
     assert_is_exact(unscaled, robot)
 
 
+def test_random_instants_are_on_both_sides_of_a_dead_zone() -> None:
+    robot, sensors = load_robot(TREE, DRIVES), (*BOTH, "motor_voltage", "motor_torque")
+    assert [identifiability(robot, sensors, seed=seed).rank for seed in range(3)] == [58] * 3  # type: ignore[arg-type]
+
+
 def test_gravity_and_an_extra_term_of_the_same_form_come_together(write_chain: Chain) -> None:
     drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": ["c*cos(theta_L)"]}
     robot = load_robot(write_chain({"a": 'continuous <axis xyz="0 1 0"/>'}), {"a": drive})
