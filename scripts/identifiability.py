@@ -68,7 +68,7 @@ def main(arguments: argparse.Namespace) -> None:
         found = [(name, seaid.identifiability(robot, sensors)) for name, sensors in choices(robot)]
         for name, one in found:
             if not one.agree:
-                print(f"exact and numeric rank do not agree: {name}")
+                print(f"two random draws do not agree: {name}")
         rows = [row(name, one) for name, one in found]
         print(table(f"{robot.name}: {len(found[0][1].names)} parameters", HEADER, rows))
         return

@@ -123,7 +123,7 @@ ONE_IMPORTER = {
         "identification.motors_alone",
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
-        "regressor.exact.recursion",
+        *("regressor.exact.recursion", "regressor.motor_only"),
         "symbolic.independence",
     ),
     "functions that users call": (
@@ -141,7 +141,7 @@ ONE_IMPORTER = {
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
         *("checks.base", "checks.bodies", "checks.sensors"),
-        *("export.joint_actuators", "regressor.structural.equations"),
+        *("export.joint_actuators", "regressor.random_instants"),
     ),
     "one stage of reading each, which most logs do not pass": (
         *("log.channels", "log.describe.base", "log.describe.joints", "log.describe.vectors"),
@@ -191,7 +191,8 @@ def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
                 "seaid.symbolic",
                 "seaid.drives",
                 "seaid.regressor.exact",
-                "seaid.regressor.structural",
+                "seaid.regressor.random_instants",
+                "seaid.regressor.sensor_equations",
             ),
         ),
         ("matplotlib", ("seaid.report",)),

@@ -42,7 +42,7 @@ def main() -> None:
     """Print a row per number of joints."""
     sizes = [int(word) for word in sys.argv[1:]] or [10, 20, 40, 60]
     seaid.identifiability(chain(2))  # imports
-    print("| joints | combinations | processor time [s] | agrees with doubles |\n|---|---|---|---|")
+    print("| joints | combinations | processor time [s] | draws agree |\n|---|---|---|---|")
     for joints in sizes:
         robot, started = chain(joints), time.process_time()
         found = seaid.identifiability(robot)

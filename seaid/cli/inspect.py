@@ -151,7 +151,7 @@ def _stance_content(
     together = seaid.identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
-    header = ["stance", "base", "individually", "in combination", "unidentifiable", "exact"]
+    header = ["stance", "base", "individually", "in combination", "unidentifiable", "second draw"]
     rows = []
     for name, case in cases.items():
         parts = (case.base.columns, case.identifiable, case.combinations, case.unidentifiable)

@@ -8,7 +8,7 @@ are the equations at the sampled instants:
 
 `base_parameters` finds which combinations of inertial parameters are identifiable, by a QR
 reduction; `exact/` derives the same in exact arithmetic, and `cross_check` compares both.
-`identifiability` (`structural/`) answers which parameters a set of sensors can identify at all.
+`identifiability` answers which parameters a set of sensors can identify at all.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

@@ -67,7 +67,6 @@ from .regression import with_changes as with_changes
 from .rigid_body import joint_torques as joint_torques
 from .rigid_body import regressor_at_drives as regressor_at_drives
 from .rigid_body import rigid_body_regressor as rigid_body_regressor
-from .structural.identifiability import Identifiability as Identifiability
-from .structural.identifiability import Sensor as Sensor
-from .structural.identifiability import identifiability as identifiability
-from .structural.stances import columns_of_stances as columns_of_stances
+from .structural_identifiability import Identifiability as Identifiability
+from .structural_identifiability import Sensor as Sensor
+from .structural_identifiability import identifiability as identifiability

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -29,10 +29,14 @@ if TYPE_CHECKING:
 RANK_TOLERANCE = 1e-8
 """A unit column is dependent if its residual after projection on earlier ones is below this."""
 
-_FEWEST_STATES = 40
+_FEWEST_STATES, _WHOLE_STATES = 40, 20
+"""Random states for any use, and those in which the torques at all joints determine the bodies."""
 
 _MOST_BYTES = 16e9
 """Limit on the size of a regressor, which is in memory twice while it is reduced."""
+
+_BLOCK = 32
+"""Columns that are projected together, as one product of matrices."""
 
 _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
@@ -142,7 +146,7 @@ def base_parameters(
     if robot.floating_base is not None:
         H = _floating_columns(robot, motion, known, seed, stances, measured)
     else:
-        states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
+        states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
         _check_memory(robot, len(states[0]))
         Y = regressor_at_drives(robot, *states)
         H = Y[:, known].reshape(-1, Y.shape[2])
@@ -153,6 +157,12 @@ def base_parameters(
             + (f"the torques at {', '.join(torques)}" if torques else "the forces on its base")
         )
     return base_of_columns(robot, columns, grouping, gap)
+
+
+def _structural_states(robot: Robot, seed: int, known: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return random states: two rows per parameter if all torques are known."""
+    is_whole = len(known) == len(robot.body_names)
+    return random_states(robot, seed, len(known), count=_WHOLE_STATES if is_whole else None)
 
 
 def _from_base_outward(robot: Robot, H: Array) -> tuple[list[int], Array, float]:
@@ -224,13 +234,13 @@ def base_of_columns(
 
 
 def random_states(
-    robot: Robot, seed: int, torques: int | None = None
+    robot: Robot, seed: int, torques: int | None = None, *, count: int | None = None
 ) -> tuple[Array, Array, Array]:
     """Return random q, v, a, enough for a rank decision with `torques` known torques (default n).
 
     Positions cover a full turn or +-1 m. There are at least three rows per parameter; if all
-    torques are known, forty states determine the ten parameters of each body in any robot. Joints
-    that move in no log stand where they do there.
+    torques are known, forty states determine the ten parameters of each body in any robot. `count`
+    takes the place of that number. Joints that move in no log stand where they do there.
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
@@ -238,7 +248,7 @@ def random_states(
     # Three rows per parameter, of which an instant gives at most six: a body acts on the rest of
     # the robot by a force and a moment.
     enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
-    shape = (max(_FEWEST_STATES, enough), robot.n)
+    shape = (count or max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     q, v, a = (
         rng.uniform(-reach, reach, shape),
@@ -251,10 +261,13 @@ def random_states(
     return q, v, a
 
 
-def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], Array, float]:
+def left_to_right(
+    H: Array, zero: BoolArray | None = None, *, rounding: float = _ROUNDING
+) -> tuple[list[int], Array, float]:
     """Return base columns, grouping matrix (p, m) and gap of the columns of H, taken in order.
 
     Columns marked `zero` (default: exact zeros) are excluded; the others are scaled to unit norm.
+    Coefficients of unit columns below `rounding` are set to zero.
     With H = Q R the dependencies of H are those of R, found by Gram-Schmidt with
     reorthogonalisation.
     """
@@ -272,58 +285,76 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
     columns: list[int] = []
     # If no column is rejected, the gap is that to rounding.
     accepted, rejected = 1.0, float(np.finfo(float).eps)
-    for column in np.flatnonzero(~zero):
-        Q = basis[:, : len(columns)]
-        new = R[:, column] - Q @ (Q.T @ R[:, column])
-        # Twice is enough (Parlett 1980): what rounding has left of the earlier columns goes here.
-        new -= Q @ (Q.T @ new)
-        residual = float(np.linalg.norm(new))
-        if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
-            accepted = min(accepted, residual)
-            basis[:, len(columns)] = new / residual
-            columns.append(int(column))
-        else:
-            rejected = max(rejected, residual)
+    candidates = np.flatnonzero(~zero)
+    for block in np.split(candidates, range(_BLOCK, len(candidates), _BLOCK)):
+        # R is triangular: further down these columns, and the basis so far, are zero.
+        first, rows = len(columns), slice(0, int(block.max(initial=0)) + 1)
+        vectors = _projected(R[rows, block], basis[rows, :first])
+        for column, new in zip(block.tolist(), vectors.T, strict=True):
+            new = _projected(new, basis[rows, first : len(columns)])
+            residual = float(np.linalg.norm(new))
+            if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
+                accepted = min(accepted, residual)
+                basis[rows, len(columns)] = new / residual
+                columns.append(column)
+            else:
+                rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
+    dependent = np.setdiff1d(candidates, columns)
     # R = R_b G: Q^T R_b is triangular up to rounding, and G = (Q^T R_b)^-1 Q^T R.
-    grouping = safely(
+    solved = safely(
         np.linalg.solve,
         np.triu(basis.T @ R[:, columns]),
-        basis.T @ R,
+        basis.T @ R[:, dependent],
         what="the base parameters",
         error=RobotError,
     )
-    grouping[np.abs(grouping) < _ROUNDING] = 0.0
+    # A column depends on base columns before it only.
+    solved[(np.abs(solved) < rounding) | (np.array(columns)[:, None] > dependent)] = 0.0
+    grouping = np.zeros((len(columns), H.shape[1]))
     # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
-    grouping *= scale[None, :] / scale[columns][:, None]
-    grouping[:, zero] = 0.0
-    for row, base in enumerate(columns):  # entries known exactly: up to the base column, and in it
-        grouping[row, :base] = 0.0
-        grouping[:, base] = 0.0
-        grouping[row, base] = 1.0
+    grouping[:, dependent] = solved * scale[dependent] / scale[columns][:, None]
+    grouping[np.arange(len(columns)), columns] = 1.0
     return columns, grouping, accepted / rejected
 
 
-def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
-    """Return a combination (m,) as text: 'Iyy_thigh + 0.0756 m_shank', four digits, no 1."""
+def _projected(vectors: Array, Q: Array) -> Array:
+    """Return vectors (r,) or (r, b) without their part in the range of orthonormal columns Q."""
+    # Twice is enough (Parlett 1980): what rounding has left goes the second time.
+    for _ in range(2):
+        vectors = vectors - Q @ (Q.T @ vectors)
+    return vectors
+
+
+def four_digits(size: float) -> str:
+    """Return the size of a coefficient as text, 0.0756."""
+    # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
+    return f"{size * (1 + 1e-9):.4g}"
+
+
+def grouped_text(
+    coefficients: Array, names: Sequence[str], shown: Callable[[float], str] = four_digits
+) -> str:
+    """Return a combination (m,) as text, 'Iyy_thigh + 0.0756 m_shank', without coefficients 1."""
     text = ""
     for index in map(int, np.flatnonzero(coefficients)):
         value = coefficients[index]
-        # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
-        size = "" if abs(abs(value) - 1) < 1e-9 else f"{abs(value) * (1 + 1e-9):.4g} "
+        size = "" if abs(abs(value) - 1) < 1e-9 else f"{shown(abs(value))} "
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += f"{sign}{size}{names[index]}"
     return text
 
 
-def negligible(H: Array) -> BoolArray:
+def negligible(H: Array, bodies: BoolArray | None = None) -> BoolArray:
     """Return which columns (m,) of H are zero up to rounding, before they are scaled.
 
     A column of H is the torque of a unit parameter. Their sizes are similar, so that a column far
-    below the largest is the trace of a rounded angle.
+    below the largest is the trace of a rounded angle. Where only some columns are those of
+    `bodies` (m,), the others are of drives, whose sizes differ.
     """
     norms = np.linalg.norm(H, axis=0)
-    return np.asarray(norms < 1e-9 * norms.max(initial=0.0))
+    is_body = np.ones(len(norms), dtype=bool) if bodies is None else bodies
+    return np.asarray(is_body & (norms < 1e-9 * norms[is_body].max(initial=0.0)))
 
 
 AGREEMENT = 1e-9

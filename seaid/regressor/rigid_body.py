@@ -81,3 +81,16 @@ def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         torques[t] = rnea(model, data, q_t, v_t, a_t)
     return robot.from_model(torques)
+
+
+def torque_slopes(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the derivatives (3, T, n, n) of `joint_torques` by the states q, v and a."""
+    model, data = robot.model, robot.model.createData()
+    states = (robot.to_model(state, k) for k, state in enumerate((q, v, a)))
+    slopes, compute = np.empty((3, len(q), model.nv, model.nv)), pin.computeRNEADerivatives
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        compute(model, data, q_t, v_t, a_t)
+        slopes[0, t], slopes[1, t], slopes[2, t] = data.dtau_dq, data.dtau_dv, data.M
+    # Pinocchio fills only the upper triangle of the mass matrix.
+    slopes[2] = np.triu(slopes[2]) + np.triu(slopes[2], 1).swapaxes(1, 2)
+    return robot.from_model(slopes, axes=2)

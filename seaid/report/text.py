@@ -561,8 +561,8 @@ def _sensor_lines(analysis: Identifiability) -> Iterator[str]:
     count = len(analysis.base.names)
     agree = "agree" if analysis.agree else "do NOT agree"
     yield (
-        f"{count} combinations, {grouped} of them in {len(analysis.ratios)} groups; exact and "
-        f"numeric rank {agree}, singular-value gap {analysis.gap:.0e}"
+        f"{count} combinations, {grouped} of them in {len(analysis.ratios)} groups; two "
+        f"random draws {agree}, singular-value gap {analysis.gap:.0e}"
     )
     if analysis.derivatives is not None:
         yield from _derivative_lines(analysis.derivatives)

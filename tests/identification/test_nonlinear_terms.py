@@ -27,7 +27,7 @@ from seaid.project.running import summary_of
 from seaid.project.saved import Run
 from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques
-from seaid.regressor.structural.identifiability import identifiability
+from seaid.regressor.structural_identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import with_named_friction
 from tests.representatives import quick_only

@@ -17,8 +17,8 @@ from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.log import BaseLog
 from seaid.regressor.floating import floating_regressor, floating_rows
-from seaid.regressor.structural.stances import columns_of_stances
 from seaid.robot import Contact, Robot
+from tests.regressor.modular.stances import columns_of_stances
 
 FEET = ("front_foot", "hind_foot")
 _BODY = (

@@ -246,7 +246,7 @@ def test_grouping_of_a_planar_arm_reads_as_in_the_textbooks(write_chain: Chain) 
 def test_a_regressor_larger_than_memory_is_refused_before_it_is_made(
     tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 79e3)
-    words = "has 5 joints that move: the regressor over 40 samples takes 8e-05 GB, allowed"
+    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 39e3)
+    words = "has 5 joints that move: the regressor over 20 samples takes 4e-05 GB, allowed"
     with pytest.raises(ExcitationError, match=words):
         base_parameters(tulip_leg)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import seaid
 from seaid._arrays import Array
-from seaid.regressor.structural.identifiability import Sensor
+from seaid.regressor.structural_identifiability import Sensor
 
 MOTOR_SIDE: tuple[Sensor, ...] = ("motor_position", "motor_torque")
 N = 50.0

@@ -27,8 +27,8 @@ from seaid.regressor.floating import (
     without_contact_forces,
 )
 from seaid.regressor.load import stances_of
-from seaid.regressor.structural.stances import columns_of_stances
 from seaid.robot import Contact, Robot, floating_model
+from tests.regressor.modular.stances import columns_of_stances
 
 DOWN = np.array([0.0, 0.0, -9.81])
 _UNITREE = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,17 @@ from seaid.regressor.exact.codegen import Value
 from seaid.regressor.exact.geometry import exact_tree
 from seaid.regressor.exact.newton_euler import regressor_program
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
-from seaid.regressor.structural.arithmetic import ResidueNumbers
-from seaid.regressor.structural.identifiability import SENSORS, Sensor, identifiability
-from seaid.regressor.structural.modular_dynamics import PRIME, residue
+from seaid.regressor.structural_identifiability import (
+    SENSORS,
+    Identifiability,
+    Sensor,
+    identifiability,
+)
 from seaid.robot.robot import Payload, Robot, load_robot
+from tests.regressor.modular.arithmetic import ResidueNumbers
+from tests.regressor.modular.decision import exact_decision
+from tests.regressor.modular.dynamics import PRIME, residue
+from tests.representatives import quick_first
 
 Chain = Callable[..., Path]
 BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
@@ -51,6 +59,20 @@ def pendulum(write_chain: Chain, axis: str = "0 1 0", **options: Any) -> Robot:
     return load_robot(
         write_chain({"a": f'continuous <axis xyz="{axis}"/>'}), {"a": drive}, **options
     )
+
+
+def assert_is_exact(found: Identifiability, robot: Robot, conditions: Sequence[Robot] = ()) -> None:
+    """Compare an answer with that of the same equations modulo a prime, without rounding."""
+    sensors = {joint: frozenset(names) for joint, names in found.sensors.items()}
+    exact = exact_decision(robot, sensors, conditions)
+    assert found.base.columns == exact.columns
+    # Directions that coincide up to the digits of a file's angle are apart as rationals only.
+    assert not np.any((found.base.grouping != 0) & ~exact.pattern)
+    assert found.rank == exact.rank
+    of_groups = zip(found.base.names, found.base.expressions, strict=True)
+    scaled = set(chain(*found.ratios))
+    assert {name for name, text in of_groups if text in scaled} == exact.coupled
+    assert found.agree
 
 
 # One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
@@ -85,7 +107,9 @@ def pendulum(write_chain: Chain, axis: str = "0 1 0", **options: Any) -> Robot:
 def test_pendulum_by_hand(
     sensors: tuple[Sensor, ...], alone: set[str], up_to_a_factor: set[str], write_chain: Chain
 ) -> None:
-    found = identifiability(pendulum(write_chain), sensors)
+    robot = pendulum(write_chain)
+    found = identifiability(robot, sensors)
+    assert_is_exact(found, robot)
     assert set(found.identifiable) == alone
     assert {name for group in found.ratios for name in group} == up_to_a_factor
     assert len(found.ratios) == bool(up_to_a_factor)
@@ -129,6 +153,7 @@ def test_known_payload_scales_only_beside_a_log_without_it(write_chain: Chain) -
     loaded = pendulum(write_chain, payloads=[Payload("a_link", 1.0, (0.1, 0.0, 0.2))])
     assert set(identifiability(loaded, BOTH).ratios[0]) == SPRING_OF_A | BODY
     both = identifiability(loaded, BOTH, conditions=[bare])
+    assert_is_exact(both, loaded, [bare])
     assert set(both.identifiable) == SPRING_OF_A | BODY
     assert both.ratios == ()
 
@@ -306,7 +331,12 @@ def test_all_terms_come_along() -> None:
     assert found.body_count == len(base_parameters(robot).columns)
     unscaled = identifiability(robot, (*BOTH, "motor_current"))
     assert [len(group) for group in unscaled.ratios] != []
-    assert unscaled.agree
+    assert_is_exact(unscaled, robot)
+
+
+def test_random_instants_are_on_both_sides_of_a_dead_zone() -> None:
+    robot, sensors = load_robot(TREE, DRIVES), (*BOTH, "motor_voltage", "motor_torque")
+    assert [identifiability(robot, sensors, seed=seed).rank for seed in range(3)] == [58] * 3  # type: ignore[arg-type]
 
 
 def test_gravity_and_an_extra_term_of_the_same_form_come_together(write_chain: Chain) -> None:
@@ -339,6 +369,45 @@ def test_all_torques_give_the_base_parameters(
     assert found.agree
 
 
+SETS: tuple[tuple[Sensor, ...] | None, ...] = (
+    None,
+    BOTH,
+    (*BOTH, "motor_current"),
+    (*BOTH, "motor_voltage", "motor_torque"),
+    ("joint_position", "motor_torque"),
+    ("deflection", "joint_torque"),
+)
+
+
+def with_springs(path: Path, **options: Any) -> Robot:
+    """Return a robot with drives of three kinds in turn, a fourth joint without a drive."""
+    bare = load_robot(path, **options)
+    drives = {}
+    for place, joint in enumerate(bare.joint_names):
+        kind = "prismatic" if bare.is_prismatic[place] else "continuous"
+        drives[joint] = drive_of(kind, ("elastic", "unknown rotor", "stiff", "ideal")[place % 4])
+    return load_robot(path, {x: y for x, y in drives.items() if y is not None}, **options)
+
+
+@pytest.mark.rounding
+@pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")
+@pytest.mark.parametrize(
+    ("name", "mimics"),
+    quick_first(
+        [
+            *(("finger_edu.urdf", True), ("panda.urdf", False), ("ur5_robot.urdf", True)),
+            *(("xarm7.urdf", True), ("a1.urdf", True), ("ur5_gripper.urdf", False)),
+        ],
+    ),
+)
+def test_answers_are_those_without_rounding(
+    name: str, mimics: bool, example_path: Callable[[str], Path]
+) -> None:
+    robot = with_springs(example_path(name), independent_mimics=mimics)
+    for sensors in SETS:
+        assert_is_exact(identifiability(robot, sensors), robot)
+
+
 def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) -> None:
     plain = {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5}
     drives = {
@@ -358,7 +427,8 @@ def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) 
         "b": ("motor_position", "motor_torque"),
     }
     some = identifiability(robot, sensors | {"c": ("motor_position", "deflection")})
-    assert some.agree
+    for answer in (found, some):
+        assert_is_exact(answer, robot)
     assert some.ratios == ()
     part = identifiability(robot, dict.fromkeys("ac", BOTH) | {"b": (*BOTH, "motor_torque")})
     assert part.rank >= len(base_parameters(robot, torque_joints=["b"]).columns)
@@ -431,9 +501,8 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
     more: Any = {f"j{number}": joint[6] | joint[7] for number, joint in enumerate(tree, 1)}
     less, greater = identifiability(robot, few), identifiability(robot, more)
     full = identifiability(robot)
-    assert less.agree
-    assert greater.agree
-    assert full.agree
+    for found in (less, greater, full):
+        assert_is_exact(found, robot)
     assert less.rank <= greater.rank
     assert set(less.identifiable) <= set(greater.identifiable)
     assert full.body_count == len(base_parameters(robot).columns)

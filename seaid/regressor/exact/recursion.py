@@ -276,13 +276,15 @@ def _group_nulls(
     first = min(group)
     carrier = tree.joints[first].parent
     above, still = spans[carrier], _poses(tree, group, carrier, None)
-    rows: list[Vector] = []
+    at_zero = {x: inertia_transform(still[x].rotation, still[x].translation) for x in group}
+    visible, rows, residues = _visible(above), list[Vector](), list[list[int]]()
     reached: dict[int, Spans] = {place: Spans([], [], []) for place in group}
     random, unchanged = np.random.default_rng(0), 0
     while unchanged < _CONFIRMING:
         poses = _poses(tree, group, carrier, random)
         before = len(rows), [_sizes(reached[place]) for place in group]
-        rows = _independent([*rows, *_conditions(group, poses, still, above)])
+        new = _conditions(poses, at_zero, above, visible)
+        rows, residues = _independent([*rows, *new], [*residues, *_residues(new)])
         for place in group:
             reached[place] = _spans_behind(poses[place], above, reached[place])
         after = len(rows), [_sizes(reached[place]) for place in group]
@@ -292,18 +294,25 @@ def _group_nulls(
     return _compensated_changes(tree, still, _nullspace(rows, 10 * len(group)), floating)
 
 
-def _independent(rows: list[Vector]) -> list[Vector]:
+def _residues(rows: list[Vector]) -> list[list[int]]:
+    """Return rows modulo a prime, all of them times their common denominator."""
+    numerators, _ = fmpq_mat(rows).numer_denom()
+    return [[int(x) for x in row] for row in nmod_mat(numerators, _PRIME).tolist()]
+
+
+def _independent(
+    rows: list[Vector], residues: list[list[int]]
+) -> tuple[list[Vector], list[list[int]]]:
     """Return the first rows that are independent, by their residues modulo a prime.
 
     These are independent as rationals too; the elimination of rationals is then made only once.
     """
-    residues = [[int(x.p) * pow(int(x.q), -1, _PRIME) % _PRIME for x in row] for row in rows]
     # The pivots of the transpose are the first independent rows.
     turned = [list(column) for column in zip(*residues, strict=True)]
     echelon, rank = nmod_mat(turned, _PRIME).rref()
     table = echelon.tolist()[:rank]
     pivots = [next(j for j, x in enumerate(row) if int(x)) for row in table]
-    return [rows[pivot] for pivot in pivots]
+    return [rows[pivot] for pivot in pivots], [residues[pivot] for pivot in pivots]
 
 
 _PRIME = 2**61 - 1
@@ -414,33 +423,37 @@ def _turned(circle: tuple[fmpq, fmpq], count: int) -> tuple[fmpq, fmpq]:
     return c, (s if count >= 0 else -s)
 
 
+def _visible(above: Spans) -> fmpq_mat:
+    """Return the combinations (k, 10) of a body's parameters in its energy, for all its motions."""
+    kinetic = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in above.square]
+    # -U = m g^T p + h^T g, of a body at the origin: h^T g.
+    potential = [[_ZERO, *z, *[_ZERO] * 6] for z in above.gravity]
+    return fmpq_mat(_basis([*kinetic, *potential]) or [[_ZERO] * 10])
+
+
 def _conditions(
-    group: list[int], poses: dict[int, _Pose], still: dict[int, _Pose], above: Spans
+    poses: dict[int, _Pose], at_zero: dict[int, fmpq_mat], above: Spans, visible: fmpq_mat
 ) -> list[Vector]:
     """Return the conditions at one point: the energy is that at zero, without a part in x'."""
-    parts = [_energies(poses[place], still[place], above, _leaders(poses)) for place in group]
+    leaders = sorted({leader for pose in poses.values() for leader in pose.rates})
+    parts = []
+    for place, before in at_zero.items():
+        pose = poses[place]
+        # The energy of a body at rest in its carrier's frame is that of its parameters there.
+        change = inertia_transform(pose.rotation, pose.translation) - before
+        moving = _energies_of_rates(pose, above, leaders)
+        parts.append([*moving, *(visible * change).tolist()])
     return [[x for part in row for x in part] for row in zip(*parts, strict=True)]
 
 
-def _leaders(poses: dict[int, _Pose]) -> list[int]:
-    return sorted({leader for pose in poses.values() for leader in pose.rates})
-
-
-def _energies(pose: _Pose, still: _Pose, above: Spans, leaders: list[int]) -> list[Vector]:
-    """Return what each unit parameter of a body adds to the energy that must vanish."""
+def _energies_of_rates(pose: _Pose, above: Spans, leaders: list[int]) -> list[Vector]:
+    """Return what each unit parameter of a body adds to the kinetic energy with x'."""
     nothing = fmpq_mat(6, 1)
     rates = [pose.rates.get(leader, nothing) for leader in leaders]
-    A, at_zero = _twist(pose), _twist(still)
-    moving = [_symmetric_product(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
-    moving += [_symmetric_product(A * _column(v), b) for v in above.velocity for b in rates]
-    moving += [_transformed(A, w, at_zero) for w in above.square]
-    rows = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
-    for z in map(_column, above.gravity):
-        # -U less that at zero: m g^T (p - p_0) + h^T (R - R_0)^T g.
-        weight = (z.transpose() * (pose.translation - still.translation))[0, 0]
-        turned = (pose.rotation - still.rotation).transpose() * z
-        rows.append([weight, *turned.entries(), *[_ZERO] * 6])
-    return rows
+    moved = [_twist(pose) * _column(v) for v in above.velocity]
+    pairs = [(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
+    pairs += [(v, b) for v in moved for b in rates]
+    return [applied(TWICE_KINETIC, _symmetric_product(a, b), 10, _ZERO) for a, b in pairs]
 
 
 def _twist(pose: _Pose) -> fmpq_mat:
@@ -453,12 +466,9 @@ def _symmetric_product(first: fmpq_mat, second: fmpq_mat) -> Vector:
     return [a[i] * b[j] + b[i] * a[j] for i, j in PAIRS]
 
 
-def _transformed(A: fmpq_mat, square: Vector, minus: fmpq_mat | None = None) -> Vector:
-    """Return the 21 entries of A w A^T, minus those by another map."""
-    w = _symmetric(square)
-    image = A * w * A.transpose()
-    if minus is not None:
-        image -= minus * w * minus.transpose()
+def _transformed(A: fmpq_mat, square: Vector) -> Vector:
+    """Return the 21 entries of A w A^T."""
+    image = A * _symmetric(square) * A.transpose()
     return [image[i, j] for i, j in PAIRS]
 
 

@@ -1,10 +1,6 @@
-"""The rank decision of structural identifiability: modulo a prime, and again in doubles.
+"""Structural identifiability without rounding: the equations of `sensor_equations` modulo a prime.
 
-The equations are evaluated at random instants of two kinds. At a free instant every signal is a
-random number: these give the combinations of parameters that occur in the equations. At an instant
-of a true motion all equations hold for random true parameters, so that signals are dependent (the
-deflection of a spring is the torque of the bodies behind it over its stiffness): these give the
-rank that a log can reach, and the groups of parameters that are identifiable up to scale.
+It has the same two kinds of instants as `seaid.regressor.random_instants`.
 """
 
 from __future__ import annotations
@@ -18,32 +14,23 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from flint import fmpq, fmpq_mat
+from numpy.typing import NDArray
 
-from seaid._arrays import Array, BoolArray, connected_groups, frozen, safely
+from seaid._arrays import Array
 from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M, s_K
-from seaid.errors import SymbolicError
-from seaid.regressor.base import BaseParameters, left_to_right
-from seaid.regressor.exact.grouping import exact_text
-from seaid.regressor.structural.arithmetic import (
-    Known,
-    Numbers,
-    RealNumbers,
-    ResidueNumbers,
-    Residues,
-    echelon,
-    short_fraction,
-)
-from seaid.regressor.structural.equations import (
+from seaid.regressor.exact.geometry import exact_number
+from seaid.regressor.sensor_equations import (
     BACK_EMF,
     MOTOR_SIGNALS,
     STRETCH,
     STRETCH_DOT,
     DriveTerms,
     System,
-    exact_transmission,
     plain,
+    system_of,
 )
 from seaid.robot import Robot
+from tests.regressor.modular.arithmetic import Known, ResidueNumbers, Residues, echelon
 
 _STATES = ("", "_dot", "_ddot")
 
@@ -56,7 +43,7 @@ class Truth:
     drives: tuple[Mapping[sp.Expr, Any], ...]
 
 
-def random_truth(numbers: Numbers, system: System) -> Truth:
+def random_truth(numbers: ResidueNumbers, system: System) -> Truth:
     """Return random values of all unknown parameters, and the known values."""
     drives = []
     for drive in system.terms:
@@ -80,17 +67,17 @@ def _speed(drive: DriveTerms) -> float:
 
 
 def columns_at_instants(
-    numbers: Numbers, system: System, truth: Truth, count: int, payload: Any = None
+    numbers: ResidueNumbers, system: System, truth: Truth, count: int, payload: Any = None
 ) -> Any:
     """Return the derivatives (count * W, m) of the sums of equations by all unknown parameters.
 
     Instants are free or, with the known parameters `payload` (10N,), those of a true motion.
     """
-    robot, terms, sums = system.robot, system.terms, system.sums
+    robot, terms = system.robot, system.terms
     Y, drives = _instants(numbers, robot, terms, truth, count, payload)
     bodies = robot.parameters.size
     starts = np.cumsum([bodies, *(len(drive.unknowns) for drive in terms)]).tolist()
-    H = np.zeros((count, len(sums), starts[-1]), dtype=Y.dtype)
+    H = np.zeros((count, len(system.sums), starts[-1]), dtype=Y.dtype)
     for e in sorted(system.used):
         equation = system.equations[e]
         slopes = np.zeros((count, starts[-1]), dtype=Y.dtype)
@@ -102,8 +89,9 @@ def columns_at_instants(
                 slope = _slope(expression, symbol)
                 if slope != 0:
                     slopes[:, place] += _number(numbers, factor) * numbers.value(slope, drives[i])
-        for w in np.flatnonzero(sums[:, e] != 0):
-            H[:, w] += _number(numbers, sums[w, e]) * numbers.reduced(slopes)
+        for w, sums in enumerate(system.sums):
+            if e in sums:
+                H[:, w] += _number(numbers, sums[e]) * numbers.reduced(slopes)
     return numbers.reduced(H).reshape(-1, starts[-1])
 
 
@@ -113,17 +101,17 @@ def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     return expression.diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-def _number(numbers: Numbers, value: fmpq) -> Any:
+def _number(numbers: ResidueNumbers, value: fmpq) -> Any:
     return numbers.number(Fraction(int(value.p), int(value.q)))
 
 
-def _matrix(numbers: Numbers, matrix: fmpq_mat, dtype: Any) -> Any:
+def _matrix(numbers: ResidueNumbers, matrix: fmpq_mat, dtype: Any) -> Any:
     rows = [[_number(numbers, x) for x in row] for row in matrix.tolist()]
     return np.array(rows, dtype=dtype)
 
 
 def _instants(
-    numbers: Numbers,
+    numbers: ResidueNumbers,
     robot: Robot,
     terms: Sequence[DriveTerms],
     truth: Truth,
@@ -132,7 +120,7 @@ def _instants(
 ) -> tuple[Any, list[Known]]:
     """Return the regressor (T, n, 10n) at random instants and the signals of every drive."""
     q, turned, v, a = numbers.states(count)
-    exact = exact_transmission(robot)
+    exact = fmpq_mat([[exact_number(x) for x in row] for row in robot.transmission])
     C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
     drives: list[Known] = []
     for i, drive in enumerate(terms):
@@ -157,7 +145,7 @@ def _instants(
 
 
 def _load_signals(
-    numbers: Numbers, robot: Robot, i: int, row: Any, state: tuple[Any, Any, Any, Any]
+    numbers: ResidueNumbers, robot: Robot, i: int, row: Any, state: tuple[Any, Any, Any, Any]
 ) -> Known:
     """Return the states of a drive's coordinate `row` @ q; of a joint also cosine and sine."""
     q, turned, v, a = state
@@ -169,7 +157,7 @@ def _load_signals(
     return known
 
 
-def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -> None:
+def _turn_motor(numbers: ResidueNumbers, drive: DriveTerms, known: Known, count: int) -> None:
     """Add the motor's states: N times the joint's for a stiff drive, else random ones."""
     for suffix in _STATES:
         load = known[plain(f"theta_L{suffix}")]
@@ -190,7 +178,7 @@ def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -
 
 
 def _balanced(
-    numbers: Numbers,
+    numbers: ResidueNumbers,
     terms: Sequence[DriveTerms],
     drives: Sequence[Known],
     state: tuple[Any, Any, Any, Any],
@@ -218,7 +206,9 @@ def _balanced(
     return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
 
 
-def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, count: int) -> None:
+def _drive_motor(
+    numbers: ResidueNumbers, drive: DriveTerms, known: Known, load: Any, count: int
+) -> None:
     """Add the torque, current and voltage of a motor: random, or those of the motion by (7)."""
     tau, current, voltage = (plain(MOTOR_SIGNALS[sensor]) for sensor in MOTOR_SIGNALS)
     if load is None:
@@ -227,7 +217,7 @@ def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, c
         return
     load = numbers.reduced(load + numbers.value(drive.joint, known))
     known[plain("tau_G")] = load
-    torque = numbers.value(drive.share, known) * load + numbers.value(drive.motor, known)
+    torque = _number(numbers, drive.share) * load + numbers.value(drive.motor, known)
     known[tau] = numbers.reduced(torque)
     for constant in (K_t, s_K):
         if constant in known:
@@ -238,34 +228,40 @@ def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, c
 
 
 _MORE_INSTANTS = 6
-_SAME = 1e-7
-_ROUNDING = 1e-9
-
-Decision = tuple[BaseParameters, tuple[tuple[int, ...], ...], int, bool]
-"""Combinations, groups of them (as indices) up to scale, rank, and whether doubles agree."""
 
 
-def decide(
-    system: System, payloads: Sequence[Array], exact: ResidueNumbers, numeric: RealNumbers
-) -> Decision:
-    """Return the identifiable combinations, for logs with each of the known `payloads` (10n,)."""
+@dataclass(frozen=True, eq=False)
+class ExactDecision:
+    """Base columns, which entries of their grouping are not zero (p, m), and rank and links.
+
+    `links` are the pairs of base parameters that directions of the null space of true motions
+    couple.
+    """
+
+    columns: tuple[int, ...]
+    pattern: NDArray[np.bool_]
+    rank: int
+    coupled: frozenset[str]
+
+
+def exact_decision(
+    robot: Robot, sensors: Mapping[str, frozenset[str]], conditions: Sequence[Robot] = ()
+) -> ExactDecision:
+    """Return what sensors {joint: names} determine, for logs of the robot and of conditions."""
+    exact = ResidueNumbers(robot, np.random.default_rng(0))
+    system = system_of(robot, sensors, exact.depends())
     columns, rows = _free_echelon(system, exact)
+    payloads = [condition.known_parameters for condition in (robot, *conditions)]
     on_motion = _motion_echelon(system, payloads, exact, columns)
-    groups = _groups(on_motion, len(columns))
-    rank = len(on_motion[0]) if on_motion is not None else len(columns)
-    grouping, gap, agree = _numeric_grouping(system, payloads, numeric, columns, rows, rank)
-    names = system.names
-    base = BaseParameters(
-        columns=tuple(columns),
-        names=tuple(names[column] for column in columns),
-        expressions=tuple(
-            exact_text(_fractions(row, values), names)
-            for row, values in zip(rows, grouping, strict=True)
-        ),
-        grouping=frozen("grouping", grouping, (None, len(names))),
-        gap=gap,
-    )
-    return base, groups, rank, agree
+    names = [system.names[column] for column in columns]
+    rank, coupled = len(columns), set[str]()
+    if on_motion is not None:
+        pivots, links = on_motion
+        rank = len(pivots)
+        for free in (place for place in range(len(columns)) if place not in pivots):
+            bound = [x for x, row in zip(pivots, links, strict=True) if row[free]]
+            coupled.update(names[place] for place in [free, *bound])
+    return ExactDecision(tuple(columns), np.asarray(rows != 0), rank, frozenset(coupled))
 
 
 def _free_echelon(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
@@ -290,7 +286,7 @@ def _motion_echelon(
     system: System, payloads: Sequence[Array], exact: ResidueNumbers, columns: list[int]
 ) -> tuple[list[int], Residues] | None:
     """Return the echelon form of the combinations over true motions, None if it is surely full."""
-    if not columns or not _can_be_homogeneous(system):
+    if not columns:
         return None
     truth, count = random_truth(exact, system), _instant_count(system, columns)
     rows = [
@@ -300,96 +296,9 @@ def _motion_echelon(
     return echelon(np.vstack(rows)[:, columns])
 
 
-def _can_be_homogeneous(system: System) -> bool:
-    """Whether the equations can be homogeneous: a dependent signal has an unknown parameter."""
-    signals = {plain(name) for name in MOTOR_SIGNALS.values()}
-    return any(
-        system.terms[i].spring is not None or expression.free_symbols & signals
-        for e in system.used
-        for i, _, expression in system.equations[e].parts
-    )
-
-
 def _instant_count(system: System, columns: Sequence[int]) -> int:
     return len(columns) // len(system.sums) * 2 + 2 * _MORE_INSTANTS
 
 
-def _numbers(numbers: Numbers, values: Array) -> Any:
+def _numbers(numbers: ResidueNumbers, values: Array) -> Any:
     return np.array([numbers.number(float(x)) for x in values], dtype=object)
-
-
-def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of combinations that are coupled by directions of the null space."""
-    if on_motion is None:
-        return ()
-    pivots, rows = on_motion
-    links = np.zeros((p, p), dtype=bool)
-    # A column that is no pivot on true motions is coupled to the pivots it depends on.
-    for free in (place for place in range(p) if place not in pivots):
-        links[free, [pivot for pivot, row in zip(pivots, rows, strict=True) if row[free]]] = True
-        links[free, free] = True
-    coupled = np.any(links, axis=0) | np.any(links, axis=1)
-    return tuple(tuple(group) for group in connected_groups(links) if coupled[group[0]])
-
-
-def _numeric_grouping(
-    system: System,
-    payloads: Sequence[Array],
-    numeric: RealNumbers,
-    columns: list[int],
-    rows: Residues,
-    rank: int,
-) -> tuple[Array, float, bool]:
-    """Return the grouping of the exact base columns, the gap, and whether doubles agree."""
-    width = len(system.names)
-    if not columns:
-        return np.zeros((0, width)), float("inf"), True
-    truth = random_truth(numeric, system)
-    count = 2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS
-    H = columns_at_instants(numeric, system, truth, count)
-    numeric_columns, grouping, gap = left_to_right(H, _negligible(system, H))
-    agree = numeric_columns == columns
-    if not agree:
-        grouping = safely(
-            np.linalg.lstsq,
-            H[:, columns],
-            H,
-            what="the identifiable combinations",
-            error=SymbolicError,
-            rcond=None,
-        )[0]
-    seen = np.abs(grouping) > _SAME * np.max(np.abs(grouping), axis=1, keepdims=True)
-    exact = rows != 0  # an entry that is zero in doubles only belongs to an irrational direction
-    agree &= not np.any(seen & ~exact)
-    numeric_rank = _rank_in_doubles(system, payloads, numeric, columns, truth)
-    return np.where(exact, grouping, 0.0), gap, bool(agree and numeric_rank == rank)
-
-
-def _rank_in_doubles(
-    system: System,
-    payloads: Sequence[Array],
-    numeric: RealNumbers,
-    columns: list[int],
-    truth: Truth,
-) -> int:
-    if not _can_be_homogeneous(system):
-        return len(columns)
-    count = 2 * _instant_count(system, columns)
-    rows = [columns_at_instants(numeric, system, truth, count, payload) for payload in payloads]
-    return len(left_to_right(np.vstack(rows)[:, columns])[0])
-
-
-def _negligible(system: System, H: Array) -> BoolArray:
-    """Return which columns of bodies are zero up to rounding, as `base.negligible`."""
-    norms, bodies = np.linalg.norm(H, axis=0), np.arange(H.shape[1]) < system.robot.parameters.size
-    return np.asarray(bodies & (norms < 1e-9 * norms[bodies].max(initial=0.0)))
-
-
-def _fractions(row: Residues, values: Array) -> dict[int, Fraction]:
-    """Return a row of the grouping as rationals: exact ones if short, else the doubles."""
-    fractions = {}
-    for column in np.flatnonzero(values).tolist():
-        value = float(values[column])
-        near = short_fraction(int(row[column])), Fraction(round(value)), Fraction(value)
-        fractions[column] = next(x for x in near if x and abs(x - value) <= _ROUNDING * abs(value))
-    return fractions

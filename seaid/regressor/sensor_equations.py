@@ -12,12 +12,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 import sympy as sp
-from flint import fmpq, fmpq_mat
-from numpy.typing import NDArray
+from flint import fmpq
 
+from seaid._arrays import BoolArray, safely
 from seaid.drives import (
     PARAMETER_NAMES,
     PARAMETERS_OF,
@@ -38,6 +39,7 @@ from seaid.drives import (
     spring_force,
     tau_L,
 )
+from seaid.errors import RobotError
 from seaid.regressor.exact.geometry import exact_number
 from seaid.robot import Robot
 
@@ -52,34 +54,28 @@ class KnownPositions:
     stretch: tuple[bool, ...]
 
 
+_DETERMINED = 1e-9
+"""Largest part of a position outside the row space of the encoders that is rounding."""
+
+
 def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
     """Return which positions are in the row space of the encoders' and stiff drives' equations."""
     n = robot.n
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    motors, joints = np.split(np.eye(2 * n, dtype=int) * fmpq(1), 2)
-    driven = np.array(exact_transmission(robot).tolist()) @ joints
-    ratio, in_, out = (
-        np.array([[exact_number(getattr(drive, name))] for drive in drives])
-        for name in ("ratio", "motor_radius", "load_radius")
-    )
+    # Coordinates: the motor angles r_M/N theta_M, in the joints' unit, then the joint positions.
+    motors, joints = np.split(np.eye(2 * n), 2)
+    driven = robot.transmission @ joints
     # (3): r_M/N theta_M - r_L theta_L.
-    stretches = in_ / ratio * motors - out * driven
+    stretches = motors - np.array([[drive.load_radius] for drive in drives]) * driven
     encoders = ("motor_position", "joint_position", "deflection")
     seen = np.array([[name in sensors[joint] for joint in robot.joint_names] for name in encoders])
     seen[2] |= ~np.isin(robot.joint_names, robot.elastic_joints)  # zero for a stiff drive
-    rows = np.vstack([motors, joints, stretches])[seen.ravel()].tolist()
-    rank = fmpq_mat(rows).rank() if rows else 0
-
-    def determined(position: list[fmpq]) -> bool:
-        return bool(fmpq_mat([*rows, position]).rank() == rank)
-
-    positions = (motors, driven, joints, stretches)
-    return KnownPositions(*(tuple(map(determined, each.tolist())) for each in positions))
-
-
-def exact_transmission(robot: Robot) -> fmpq_mat:
-    """Return C (n, n) of phi = C q as rationals."""
-    return fmpq_mat([[exact_number(x) for x in row] for row in robot.transmission])
+    rows = np.vstack([motors, joints, stretches])[seen.ravel()]
+    positions = np.vstack([motors, driven, joints, stretches])
+    inverse = safely(np.linalg.pinv, rows, what="the positions of the joints", error=RobotError)
+    outside = positions - positions @ inverse @ rows
+    known = np.linalg.norm(outside, axis=1) < _DETERMINED * np.linalg.norm(positions, axis=1)
+    return KnownPositions(*(tuple(part.tolist()) for part in np.split(known, 4)))
 
 
 INPUTS: dict[str, MotorInput] = {
@@ -130,7 +126,7 @@ class DriveTerms:
 
     drive: Drive
     motor: sp.Expr
-    share: sp.Expr
+    share: fmpq
     spring: sp.Expr | None
     joint: sp.Expr
     inputs: Mapping[str, sp.Expr]
@@ -155,10 +151,11 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     sensed = [x for x in INPUTS if x in sensors] or [input_sensor(drive)]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
-    share, behind, spring = 1 / N, tau_L / N, None
+    ratio, in_, out = map(exact_number, (seen.ratio, seen.motor_radius, seen.load_radius))
+    share, behind, spring = 1 / ratio, tau_L / N, None
     if seen.is_elastic:
-        force = spring_force(seen)
-        share, behind, spring = r_M / (N * r_L), r_M / N * force, _rewrite_by_stretch(_plain(force))
+        force, share = spring_force(seen), in_ / (ratio * out)
+        behind, spring = r_M / N * force, _rewrite_by_stretch(_plain(force))
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
     joint = _plain(joint_equation(seen).expression + tau_L)
     inputs = {sensor: _input(sensor, driver) for sensor in sensed}
@@ -248,9 +245,9 @@ def equations_of(
     robot: Robot,
     terms: Sequence[DriveTerms],
     sensors: Mapping[str, frozenset[str]],
-    depends: Sequence[frozenset[int]],
+    depends: BoolArray,
 ) -> list[Equation]:
-    """Return all equations; `depends` has the joints on whose motion each torque depends."""
+    """Return all equations; torque j depends on the motion of joint k if `depends[j, k]`."""
     seen = known_positions(robot, sensors)
     equations: list[Equation] = []
     for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):
@@ -262,13 +259,12 @@ def equations_of(
 def _drive_equations(
     i: int, terms: DriveTerms, sensors: frozenset[str], seen: KnownPositions
 ) -> Iterator[Equation]:
-    share = _number(terms.share, terms)
     unity = fmpq(1)
     yield Equation(
         "motor",
         i,
         ((i, unity, terms.motor),),
-        {("motor", i): -unity, ("load", i): share},
+        {("motor", i): -unity, ("load", i): terms.share},
         _missing(terms.motor, i, sensors, seen),
     )
     if terms.spring is not None:
@@ -276,7 +272,7 @@ def _drive_equations(
             "spring",
             i,
             ((i, unity, terms.spring),),
-            {("load", i): -1 / _number(r_L, terms)},
+            {("load", i): -1 / exact_number(terms.drive.load_radius)},
             _missing(terms.spring, i, sensors, seen),
         )
     for sensor, expression in terms.inputs.items():
@@ -291,14 +287,16 @@ def _load_rows(
     terms: Sequence[DriveTerms],
     sensors: Mapping[str, frozenset[str]],
     seen: KnownPositions,
-    depends: Sequence[frozenset[int]],
+    depends: BoolArray,
 ) -> Iterator[Equation]:
-    C = exact_transmission(robot)
+    C = robot.transmission
     for j, joint in enumerate(robot.joint_names):
-        torques = {("load", i): C[i, j] for i in range(robot.n) if C[i, j] != 0}
+        movers = np.flatnonzero(C[:, j]).tolist()
+        torques = {("load", i): exact_number(C[i, j]) for i in movers}
         # (8): sum over drives of C_ij (tau_i - joint terms of i) = torque of the rigid bodies.
         parts = tuple((i, -x, terms[i].joint) for (_, i), x in torques.items())
-        missing = _unknown_joints(robot, depends[j], seen)
+        unknown = np.flatnonzero(depends[j] & ~np.array(seen.joint))
+        missing = _unknown_joints(robot, unknown.tolist())
         for i, _, expression in parts:
             missing = missing or _missing(expression, i, sensors[joint], seen)
         yield Equation("load", j, parts, torques, missing)
@@ -306,9 +304,9 @@ def _load_rows(
             yield Equation("sensor", j, (), torques)
 
 
-def _unknown_joints(robot: Robot, joints: Collection[int], seen: KnownPositions) -> tuple[str, ...]:
-    names = [robot.joint_names[k] for k in sorted(joints) if not seen.joint[k]]
-    return (f"the position of {', '.join(names)} is not known",) if names else ()
+def _unknown_joints(robot: Robot, joints: Collection[int]) -> tuple[str, ...]:
+    names = ", ".join(robot.joint_names[k] for k in joints)
+    return (f"the position of {names} is not known",) if joints else ()
 
 
 def _missing(
@@ -329,34 +327,40 @@ def _missing(
     return tuple(text for name, (text, is_known) in needs.items() if name in names and not is_known)
 
 
-def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
-    """Return an expression of ratio and radii as a rational."""
-    exact = {s: exact_number(x) for s, x in terms.known.items()}
-    number = expression.xreplace({s: sp.Rational(int(x.p), int(x.q)) for s, x in exact.items()})
-    return fmpq(int(number.p), int(number.q))
+Sum = Mapping[int, fmpq]
+"""{equation: factor}: a sum of equations without unknown torques."""
 
 
-def eliminations(equations: Sequence[Equation]) -> NDArray[np.object_]:
-    """Return the combinations (W, E) of usable equations without unknown torques.
+def eliminations(equations: Sequence[Equation]) -> list[Sum]:
+    """Return the sums of usable equations without unknown torques, by substitution.
 
-    They are the rows of the echelon form of [torques, 1] that are zero in all torques.
+    Each torque is eliminated by the first equation that contains it. Factors are rationals here,
+    so that what cancels is zero, and sums have no more equations than they need.
     """
     torques = sorted(set(chain(*(equation.torques for equation in equations))))
-    # Each row brings its own unit vector, in which the elimination records the combination.
-    rows = [
-        [equation.torques.get(t, 0) for t in torques] + [int(x is equation) for x in equations]
-        for equation in equations
-        if not equation.missing
-    ]
-    echelon = fmpq_mat(rows).rref()[0].tolist() if rows else []
-    table = np.array(echelon, dtype=object).reshape(-1, len(torques) + len(equations))
-    without = np.all(table[:, : len(torques)] == 0, axis=1)
-    return table[without, len(torques) :]
+    usable = [(e, equation) for e, equation in enumerate(equations) if not equation.missing]
+    rows = [(dict(equation.torques), {e: fmpq(1)}) for e, equation in usable]
+    for torque in torques:
+        holders = [row for row in rows if torque in row[0]]
+        for row in holders[1:]:
+            factor = row[0][torque] / holders[0][0][torque]
+            _subtract(row[0], factor, holders[0][0])
+            _subtract(row[1], factor, holders[0][1])
+        rows = [row for row in rows if torque not in row[0]]
+    return [sums for _, sums in rows]
+
+
+def _subtract(row: dict[Any, fmpq], factor: fmpq, other: Mapping[Any, fmpq]) -> None:
+    """Subtract factor * `other` from a row, without keeping zeros."""
+    for name, value in other.items():
+        row[name] = row.get(name, fmpq(0)) - factor * value
+        if row[name] == 0:
+            del row[name]
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The equations of a robot; the combinations `sums` (W, E) of them have no unknown torques.
+    """The equations of a robot; the `sums` of them have no unknown torques.
 
     `names` are those of the unknown parameters: ten per body, then those of the drives.
     """
@@ -364,18 +368,16 @@ class System:
     robot: Robot
     terms: tuple[DriveTerms, ...]
     equations: tuple[Equation, ...]
-    sums: NDArray[np.object_]
+    sums: tuple[Sum, ...]
     names: tuple[str, ...]
 
     @cached_property
     def used(self) -> frozenset[int]:
         """The indices of the equations that occur in a sum."""
-        return frozenset(np.flatnonzero(np.any(self.sums != 0, axis=0)).tolist())
+        return frozenset(chain(*self.sums))
 
 
-def system_of(
-    robot: Robot, sensors: Mapping[str, frozenset[str]], depends: Sequence[frozenset[int]]
-) -> System:
+def system_of(robot: Robot, sensors: Mapping[str, frozenset[str]], depends: BoolArray) -> System:
     """Return the equations of a robot with given sensors; `depends` as in `equations_of`."""
     joints = robot.joint_names
     terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
@@ -383,7 +385,7 @@ def system_of(
     drives = zip(joints, terms, strict=True)
     names = [JointParameter(name, joint) for joint, drive in drives for name in drive.names]
     names_of_all = (*robot.parameter_names, *names)
-    return System(robot, terms, tuple(equations), eliminations(equations), names_of_all)
+    return System(robot, terms, tuple(equations), tuple(eliminations(equations)), names_of_all)
 
 
 _TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}

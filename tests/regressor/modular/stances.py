@@ -13,17 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from flint import nmod_mat
 
-from seaid.errors import RobotError, unknown_name
 from seaid.regressor.exact.geometry import exact_tree
 from seaid.regressor.floating import force_counts
-from seaid.regressor.structural.arithmetic import ResidueNumbers, Residues, echelon
-from seaid.regressor.structural.modular_dynamics import (
-    PRIME,
-    BodyMotion,
-    Words,
-    modular_dynamics,
-)
 from seaid.robot import HANGING, Contact, Robot
+from tests.regressor.modular.arithmetic import ResidueNumbers, Residues, echelon
+from tests.regressor.modular.dynamics import PRIME, BodyMotion, Words, modular_dynamics
 
 _MORE_ROWS, _OF_BRANCH = 12, 6
 """Rows beyond the number of parameters, and the most rows of an instant that show a branch of the
@@ -138,16 +132,6 @@ def _hanging_rows(numbers: ResidueNumbers, known: Sequence[int], count: int) -> 
     states = numbers.of_bodies(*numbers.states(count))
     Y = _leader_rows(numbers, dynamics.regressor(states, _motion(f, still, still)))
     return np.asarray(Y[:, [6 + joint for joint in known]].reshape(-1, Y.shape[2]))
-
-
-def check_stances(robot: Robot, stances: Sequence[Sequence[str]]) -> None:
-    """Raise RobotError for links of stances that are no contacts of the robot."""
-    assert robot.floating_base is not None
-    known = robot.floating_base.contact_links
-    for links in stances:
-        for link in () if links == HANGING else links:
-            if link not in known:
-                raise RobotError(f"stances=: {unknown_name('contact', link, known)}", "stances=")
 
 
 _DIGITS = 12

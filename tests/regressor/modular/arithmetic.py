@@ -1,4 +1,4 @@
-"""Two kinds of numbers in which the same equations are evaluated: doubles, and residues of a prime.
+"""Residues of a prime, in which the equations of a robot are evaluated: a second route to a rank.
 
 Residues are exact arithmetic without growth. A rational has a value modulo the prime, and dependent
 rows stay dependent, so that a rank never comes out too large. It comes out too small only if a
@@ -10,141 +10,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, cached_property
-from math import isqrt, lcm
-from typing import Any, Protocol
+from functools import cached_property
+from math import lcm
+from typing import Any
 
 import numpy as np
 import sympy as sp
 from flint import nmod_mat
 from numpy.typing import NDArray
 
-from seaid._arrays import Array, safely
-from seaid.errors import SymbolicError
-from seaid.regressor.base import random_states
 from seaid.regressor.exact.geometry import exact_number, exact_tree
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
-from seaid.regressor.structural.modular_dynamics import (
+from seaid.robot import Robot
+from tests.regressor.modular.dynamics import (
     PRIME,
     ModularDynamics,
     Words,
     modular_dynamics,
     residue,
 )
-from seaid.robot import Robot
 
 Known = dict[sp.Expr, Any]
 """{symbol or function: its values}, each a number or (T,)."""
-
-
-class Numbers(Protocol):
-    """The operations of a kind of numbers; arrays are numpy's."""
-
-    def number(self, value: float | Fraction) -> Any:
-        """Return a rational number."""
-
-    def random(self, *shape: int) -> Any:
-        """Return random numbers, none of them zero."""
-
-    def signal(self, count: int) -> Any:
-        """Return random values (count,) of a signal."""
-
-    def states(self, count: int) -> tuple[Any, Any, Any, Any]:
-        """Return random q, v and a, each (count, n), and cosine and sine of the joints."""
-
-    def regressor(self, q: Any, turned: Any, v: Any, a: Any) -> Any:
-        """Return the joint-torque regressor (T, n, 10n)."""
-
-    def torques(self, q: Any, turned: Any, v: Any, a: Any, bodies: Any) -> Any:
-        """Return `regressor` @ bodies, (T, n)."""
-
-    def product(self, A: Any, B: Any) -> Any:
-        """Return A @ B."""
-
-    def solve(self, matrix: Any, right: Any) -> Any:
-        """Return the solutions (T, e) of (T, e, e) and (T, e)."""
-
-    def value(self, expression: sp.Expr, known: Known) -> Any:
-        """Return the values of an expression."""
-
-    def over(self, above: Any, below: Any) -> Any:
-        """Return above / below."""
-
-    def reduced(self, values: Any) -> Any:
-        """Return the canonical representatives of sums and products."""
-
-
-@dataclass(frozen=True, eq=False)
-class RealNumbers:
-    """Doubles, and the regressor by Pinocchio."""
-
-    robot: Robot
-    rng: np.random.Generator
-
-    def number(self, value: float | Fraction) -> float:
-        """Return the double."""
-        return float(value)
-
-    def random(self, *shape: int) -> Array:
-        """Return numbers between 0.5 and 1.5."""
-        return self.rng.uniform(0.5, 1.5, shape)
-
-    def signal(self, count: int) -> Array:
-        """Return random values of a signal, of both signs."""
-        return self.rng.normal(0, 3, count)
-
-    def states(self, count: int) -> tuple[Array, tuple[Array, Array], Array, Array]:
-        """Return random q, its cosine and sine, v and a, as `base.random_states`."""
-        drawn = [random_states(self.robot, int(self.rng.integers(2**31)))]
-        while sum(len(q) for q, _, _ in drawn) < count:
-            drawn.append(random_states(self.robot, int(self.rng.integers(2**31))))
-        q, v, a = (np.concatenate(parts)[:count] for parts in zip(*drawn, strict=True))
-        return q, (np.cos(q), np.sin(q)), v, a
-
-    def regressor(self, q: Array, turned: object, v: Array, a: Array) -> Array:
-        """Return the joint-torque regressor (T, n, 10n)."""
-        return rigid_body_regressor(self.robot, q, v, a)
-
-    def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
-        """Return `regressor` @ bodies, (T, n)."""
-        # The robot adds its payloads itself.
-        parameters = bodies - self.robot.payload_parameters
-        return joint_torques(self.robot.with_values(parameters, self.robot.drives), q, v, a)
-
-    def product(self, A: Array, B: Array) -> Array:
-        """Return A @ B."""
-        return np.asarray(A @ B)
-
-    def solve(self, matrix: Array, right: Array) -> Array:
-        """Return the solutions (T, e) of (T, e, e) and (T, e)."""
-        return np.asarray(
-            safely(
-                np.linalg.solve,
-                matrix,
-                right[..., None],
-                what="the motion of the sensors",
-                error=SymbolicError,
-            )[..., 0]
-        )
-
-    def value(self, expression: sp.Expr, known: Known) -> Any:
-        """Return the values of an expression of known symbols."""
-        function, symbols = _compiled(expression)
-        return function(*(known[symbol] for symbol in symbols))
-
-    def over(self, above: Any, below: Any) -> Any:
-        """Return above / below."""
-        return above / below
-
-    def reduced(self, values: Any) -> Any:
-        """Return the values: doubles always are."""
-        return values
-
-
-@cache
-def _compiled(expression: sp.Expr) -> tuple[Any, list[sp.Symbol]]:
-    symbols = sorted(expression.free_symbols, key=str)
-    return sp.lambdify(symbols, expression, modules=[np]), symbols
 
 
 Residues = NDArray[np.object_]
@@ -168,10 +54,10 @@ class ResidueNumbers:
     def _dynamics(self) -> ModularDynamics:
         return modular_dynamics(exact_tree(self.robot))
 
-    def depends(self) -> list[frozenset[int]]:
-        """Return, for each joint, the joints on whose motion its torque depends.
+    def depends(self) -> NDArray[np.bool_]:
+        """Return whether each torque (n,) depends on the motion of each joint (n,).
 
-        They are those whose motion, changed at random, changes the torque of random bodies.
+        These are those whose motion, changed at random, changes the torque of random bodies.
         """
         n, leaders = self.robot.n, np.array(self._leaders)
         first, second = (self.of_bodies(*self.states(1)) for _ in range(2))
@@ -180,8 +66,7 @@ class ResidueNumbers:
         states = [np.where(changed, new, old) for old, new in zip(first, second, strict=True)]
         bodies = self.random(10 * len(leaders)).astype(np.uint64)
         torques = self.on_leaders(self._dynamics.torques(states, bodies))
-        differs = torques[1:] != torques[0]
-        return [frozenset(np.flatnonzero(differs[:, i]).tolist()) for i in range(n)]
+        return np.asarray((torques[1:] != torques[0]).T)
 
     @cached_property
     def _leaders(self) -> list[int]:
@@ -371,17 +256,6 @@ def _dense(H: Residues) -> tuple[list[int], Residues]:
     table = [[int(x) for x in row] for row in reduced.tolist()[:rank]]
     kept = np.array(table, dtype=object).reshape(rank, width)
     return [int(np.flatnonzero(row)[0]) for row in kept], kept
-
-
-def short_fraction(value: int) -> Fraction | None:
-    """Return the rational below 1e9 in both parts with this residue (Wang 1981), or None."""
-    most = isqrt(PRIME // 2)
-    before, remainder, factor_before, factor = PRIME, value % PRIME, 0, 1
-    while remainder > most:
-        quotient = before // remainder
-        before, remainder = remainder, before - quotient * remainder
-        factor_before, factor = factor, factor_before - quotient * factor
-    return Fraction(remainder, factor) if factor and abs(factor) <= most else None
 
 
 def _circle(t: Residues) -> tuple[Residues, Residues]:

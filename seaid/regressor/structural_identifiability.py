@@ -1,0 +1,485 @@
+"""Structural identifiability: the parameters that a robot's sensors determine, before any log.
+
+A combination of parameters is identifiable if it is in the row space of the derivatives of the
+usable equations (`sensor_equations`) by all parameters, over all motions. The rank is decided at
+random instants (`random_instants`) by the singular-value gap, and confirmed at others: columns that
+are independent at some instants are so in general, and a dependency that holds at instants which
+were not used to find it holds everywhere. Without a clear gap more instants are drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
+from itertools import chain, compress
+from typing import Literal, get_args
+
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
+from seaid._progress import Result, counted
+from seaid.drives import Drive, JointParameter, delay_sums
+from seaid.errors import RobotError, checked, unknown_name
+from seaid.regressor.base import (
+    BaseParameters,
+    base_parameters,
+    four_digits,
+    grouped_text,
+    left_to_right,
+    negligible,
+)
+from seaid.regressor.motor_only import base_by_derivatives
+from seaid.regressor.random_instants import (
+    SumRows,
+    dependencies,
+    random_truth,
+    rows_of_sums,
+)
+from seaid.regressor.sensor_equations import (
+    MOTOR_SIGNALS,
+    System,
+    explanations,
+    input_sensor,
+    plain,
+    system_of,
+)
+from seaid.robot import HANGING, Robot, check_held
+
+Sensor = Literal[
+    "motor_position",
+    "joint_position",
+    "deflection",
+    "motor_torque",
+    "motor_current",
+    "motor_voltage",
+    "joint_torque",
+]
+"""Sensors of a joint: encoders of motor and joint, one across the spring; motor input; torque."""
+
+SENSORS = get_args(Sensor)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identifiability(Result):
+    """Structural identifiability of a robot's parameters, those of the drives and ten per body.
+
+    Attributes
+    ----------
+    names : tuple of m str
+        All parameters.
+    identifiable : tuple of str
+        Parameters that are identifiable individually.
+    combinations : tuple of str
+        Expressions that are identifiable only in combination.
+    ratios : tuple of tuples of str
+        Groups of parameters and combinations that are identifiable up to scale, such as inertias
+        over a stiffness if no torque is measured.
+    unidentifiable : tuple of str
+        Parameters in no usable equation.
+    base : BaseParameters
+        All of these combinations, groups included, over `names`.
+    rank : int
+        Number of values that a log determines; a group counts one less than its members.
+    usable : mapping {joint: sentences}
+        Which equations of a joint are used, and why others cannot be.
+    sensors : mapping {joint: names}
+    gap : float
+        Singular-value gap of the numeric rank decision, see `BaseParameters`.
+    agree : bool
+        Whether the singular-value gap is clear, and the combinations hold at other random states
+        than those that determined them.
+    derivatives : BaseParameters or None
+        What the sensors determine locally with their derivatives in time, if motor angle and motor
+        torque are all that an elastic joint has; `identify` then estimates it by simulation. The
+        rank is numeric. None where there is no such joint, or other terms and sensors.
+    commands : tuple of str
+        Of each joint with position commands: with which multiples of their delay its armature and
+        viscous friction are determined, and how uncertain that leaves them.
+    """
+
+    table_name = "sensors_table"
+
+    robot_name: str
+    names: tuple[str, ...]
+    identifiable: tuple[str, ...]
+    combinations: tuple[str, ...]
+    ratios: tuple[tuple[str, ...], ...]
+    unidentifiable: tuple[str, ...]
+    base: BaseParameters
+    rank: int
+    usable: Mapping[str, tuple[str, ...]]
+    sensors: Mapping[str, tuple[str, ...]]
+    gap: float
+    agree: bool
+    derivatives: BaseParameters | None = None
+    commands: tuple[str, ...] = ()
+
+    def _in_short(self) -> str:
+        kinds = {"individually": self.identifiable, "in combination": self.combinations}
+        kinds |= {"up to scale": sum(self.ratios, ()), "unidentifiable": self.unidentifiable}
+        counts = ", ".join(f"{len(names)} {kind}" for kind, names in kinds.items())
+        return f"'{self.robot_name}': {counted(len(self.names), 'parameter')}: {counts}"
+
+    @property
+    def body_count(self) -> int:
+        """Number of combinations whose first parameter is a body's: the base parameters."""
+        return sum(not isinstance(name, JointParameter) for name in self.base.names)
+
+
+@checked(RobotError)
+def identifiability(
+    robot: Robot,
+    sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None = None,
+    *,
+    conditions: Sequence[Robot] = (),
+    stances: Sequence[Sequence[str]] = ((),),
+    seed: int = 0,
+) -> Identifiability:
+    """Return which parameters a set of sensors can identify, with motions of all joints.
+
+    Of the robot only geometry, ratios and known values are used. Equations that are nonlinear in
+    their parameters are linearised at random values, so that the result is local. What a regression
+    can use counts; what derivatives of motor angle and motor torque determine besides is in
+    `derivatives`.
+
+    Parameters
+    ----------
+    robot : Robot
+    sensors : names for every joint, or mapping {joint: names}, optional
+        Of "motor_position", "joint_position", "deflection", "motor_torque", "motor_current",
+        "motor_voltage" and "joint_torque"; a joint missing in the mapping has none. A deflection
+        gives the position on one side of a spring from the other. Default: the positions on both
+        sides of a spring, or of the joint, and the drive's motor input.
+    conditions : list of Robot
+        The same robot with other payloads or gains, of which there are logs too.
+    stances : list of lists of str
+        Of a floating base, as in `base_parameters`: what the motion of the base and the torques at
+        the joints determine together in these stances. Default: flight alone.
+    seed : int, default 0
+        Seed of the random instants.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    RobotError
+        For unknown names, and for conditions of another robot.
+
+    Examples
+    --------
+    >>> sensors = ["motor_position", "joint_position", "motor_current"]
+    >>> print(seaid.identifiability(robot, sensors))
+    """
+    seed = seed_of(seed)
+    if robot.floating_base is not None:
+        if sensors is not None or conditions:
+            check_held(robot, "identifiability with sensors= or conditions=")
+        return _stance_result(robot, stances, seed)
+    sensed = _sensed(robot, sensors)
+    _check_conditions(robot, conditions)
+    system = system_of(robot, sensed, dependencies(robot, seed))
+    payloads = [condition.known_parameters for condition in (robot, *conditions)]
+    base, groups, rank, agree = _decided(system, payloads, seed)
+    up_to_scale = np.zeros(len(base.names), dtype=bool)
+    up_to_scale[list(chain(*groups))] = True
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    missing = ~np.any(base.grouping, axis=0)
+    missing[: robot.parameters.size] &= ~robot.is_known
+    usable = explanations(system, list(compress(base.names, up_to_scale)))
+    return Identifiability(
+        robot_name=robot.name,
+        names=system.names,
+        identifiable=tuple(compress(base.names, alone & ~up_to_scale)),
+        combinations=tuple(compress(base.expressions, ~alone & ~up_to_scale)),
+        ratios=tuple(tuple(base.expressions[place] for place in group) for group in groups),
+        unidentifiable=tuple(compress(system.names, missing)),
+        base=base,
+        rank=rank,
+        usable=FrozenMapping(usable),
+        sensors=FrozenMapping({x: tuple(sorted(sensed[x], key=SENSORS.index)) for x in sensed}),
+        gap=base.gap,
+        agree=agree,
+        derivatives=base_by_derivatives(robot, sensed, system.names, seed),
+        commands=tuple(filter(None, _delay_sums(robot, conditions))),
+    )
+
+
+def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
+    """Return what some stances of a floating base determine of its bodies."""
+    _check_stances(robot, stances)
+    base = base_parameters(robot, stances=stances, seed=seed)
+    again = base_parameters(robot, stances=stances, seed=seed + len(stances))
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    missing = ~np.any(base.grouping, axis=0) & ~robot.is_known
+    return Identifiability(
+        robot_name=robot.name,
+        names=robot.parameter_names,
+        identifiable=tuple(compress(base.names, alone)),
+        combinations=tuple(compress(base.expressions, ~alone)),
+        ratios=(),
+        unidentifiable=tuple(compress(robot.parameter_names, missing)),
+        base=base,
+        rank=len(base.columns),
+        usable=FrozenMapping({}),
+        sensors=FrozenMapping({}),
+        gap=base.gap,
+        agree=again.columns == base.columns,
+    )
+
+
+def _check_stances(robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+    """Raise RobotError for links of stances that are no contacts of the robot."""
+    assert robot.floating_base is not None
+    known = robot.floating_base.contact_links
+    for links in stances:
+        for link in () if links == HANGING else links:
+            if link not in known:
+                raise RobotError(f"stances=: {unknown_name('contact', link, known)}", "stances=")
+
+
+def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
+    for joint in robot.joint_names:
+        drives = [condition.drives[joint] for condition in (robot, *conditions)]
+        if all(drive.controller is not None for drive in drives):
+            yield delay_sums(joint, drives)
+
+
+def _sensed(
+    robot: Robot, sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None
+) -> dict[str, frozenset[str]]:
+    """Return {joint: sensors} of all joints, checked."""
+    if sensors is None:
+        return {joint: frozenset(_full_set(robot, joint)) for joint in robot.joint_names}
+    if isinstance(sensors, Mapping):
+        for joint in sensors:
+            robot.index(joint)
+        by_joint = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
+    else:
+        by_joint = dict.fromkeys(robot.joint_names, tuple(sensors))
+    return {joint: _checked(joint, names) for joint, names in by_joint.items()}
+
+
+def _full_set(robot: Robot, joint: str) -> tuple[str, ...]:
+    drive = robot.drives[joint]
+    positions = ("motor_position", "joint_position") if drive.is_elastic else ("joint_position",)
+    return (*positions, input_sensor(drive))
+
+
+def _checked(joint: str, names: Iterable[str]) -> frozenset[str]:
+    if isinstance(names, str):
+        raise RobotError(
+            f"sensors of '{joint}' must be a list of names, found the text '{names}': "
+            f"write ['{names}']"
+        )
+    selected = frozenset(names)
+    for name in sorted(map(str, selected)):
+        if name not in SENSORS:
+            raise RobotError(f"sensors of '{joint}': " + unknown_name("sensor", name, SENSORS))
+    return selected
+
+
+def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
+    """Refuse conditions that differ from the robot in more than payloads and gains."""
+    model, drives = robot.model, _with_one_gain_set(robot, robot)
+    for condition in conditions:
+        same = condition.joint_names == robot.joint_names and all(
+            a.isApprox(b)
+            for a, b in zip(model.jointPlacements, condition.model.jointPlacements, strict=True)
+        )
+        same = same and condition.known_bodies == robot.known_bodies
+        if not same or _with_one_gain_set(condition, robot) != drives:
+            raise RobotError(
+                "conditions= takes the same robot with other payloads or gains; "
+                f"'{condition.name}' has other joints, drives or known bodies than '{robot.name}'"
+            )
+
+
+def _with_one_gain_set(robot: Robot, first: Robot) -> dict[str, Drive]:
+    """Return the drives, commanded ones with the controllers of another robot."""
+    laws = {joint: drive.controller for joint, drive in first.drives.items()}
+    return {
+        joint: drive if drive.controller is None else replace(drive, controller=laws[joint])
+        for joint, drive in robot.drives.items()
+        if drive.controller is None or laws[joint] is not None
+    }
+
+
+_ROWS_PER_PARAMETER, _FEWEST_INSTANTS = 2, 48
+"""Rows of load equations for each parameter of a body, and instants of which some are on both sides
+of a dead zone: of 24, one draw in 300 was on one side only."""
+
+_FRESH_INSTANTS, _MOST_DRAWS = 8, 3
+"""Instants that confirm a decision, and how often it is made with twice the instants."""
+
+_CLEAR_GAP = 1e4
+"""Singular-value gap from which a rank decision is clear."""
+
+_ROUNDED = 1e-8
+"""Coefficients of unit columns below this are rounding errors."""
+
+_CONFIRMED = 1e-6
+"""Largest error, over the size of its terms, of a dependency at instants that were not used."""
+
+Groups = tuple[tuple[int, ...], ...]
+
+_Decision = tuple[BaseParameters, Groups, int, bool]
+"""Combinations, groups of them (as indices) up to scale, rank, and whether these are certain."""
+
+
+def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
+    """Return the identifiable combinations, for logs with each of the known `payloads` (10N,)."""
+    if not system.sums:
+        return _base_of(system, [], np.zeros((0, len(system.names))), float("inf")), (), 0, True
+    for draw in range(_MOST_DRAWS):
+        rng = np.random.default_rng((seed, draw))
+        loads = sum(any(system.equations[e].kind == "load" for e in x) for x in system.sums)
+        enough = _ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
+        decision = _decision(system, payloads, rng, 2**draw * max(enough, _FEWEST_INSTANTS))
+        if decision[-1]:
+            break
+    return decision
+
+
+def _decision(
+    system: System, payloads: Sequence[Array], rng: np.random.Generator, count: int
+) -> _Decision:
+    """Return the decision at so many random instants."""
+    truth, bodies = random_truth(system, rng), system.robot.parameters.size
+
+    def at_free(instants: int) -> list[SumRows]:
+        return rows_of_sums(system, truth, rng, instants)
+
+    def on_motions(instants: int) -> list[SumRows]:
+        found = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
+        kept = [(seen, values, np.isin(seen, columns)) for seen, values in chain(*found)]
+        return [(np.searchsorted(columns, seen[k]), values[:, k]) for seen, values, k in kept]
+
+    columns, grouping, gap, is_clear = _confirmed(at_free, count, len(system.names), bodies, rng)
+    groups, rank = Groups(), len(columns)
+    if columns and _can_be_homogeneous(system):
+        # True motions may determine less than free instants do, such as what has no scale.
+        bodies = int(np.searchsorted(columns, bodies))
+        pivots, links, _, is_sure = _confirmed(on_motions, count, rank, bodies, rng)
+        groups, rank, is_clear = _groups(pivots, links), len(pivots), is_clear and is_sure
+    return _base_of(system, columns, grouping, gap), groups, rank, is_clear
+
+
+def _confirmed(
+    rows_at: Callable[[int], list[SumRows]],
+    count: int,
+    width: int,
+    bodies: int,
+    rng: np.random.Generator,
+) -> tuple[list[int], Array, float, bool]:
+    """Return `_independent` of rows at `count` instants, and whether others confirm it."""
+    columns, grouping, gap = _independent(rows_at(count), width, bodies)
+    holds = _is_confirmed(rows_at(_FRESH_INSTANTS), columns, grouping, bodies, rng)
+    return columns, grouping, gap, bool(gap > _CLEAR_GAP) and holds
+
+
+def _independent(
+    rows: Sequence[SumRows], width: int, bodies: int
+) -> tuple[list[int], Array, float]:
+    """Return `left_to_right` of sums of equations in all columns, of which `bodies` come first.
+
+    Most sums are equations of one drive, with few parameters. Where one determines all of its
+    parameters, their columns are independent of all others, and are excluded from the large matrix.
+    """
+    alone, gaps = np.zeros(width, dtype=bool), [float("inf")]
+    for columns, values in rows:
+        if 0 < len(columns) < len(values) and columns[0] >= bodies:
+            pivots, _, gap = left_to_right(values)
+            if len(pivots) == len(columns):
+                alone[columns] = True
+                gaps.append(gap)
+    others = np.flatnonzero(~alone)
+    blocks = [np.zeros((0, width))]
+    for columns, values in rows:
+        if not alone[columns].all():
+            blocks.append(np.zeros((len(values), width)))
+            blocks[-1][:, columns] = values
+    H = np.concatenate(blocks)[:, others]
+    chosen, grouping, gap = left_to_right(H, negligible(H, others < bodies), rounding=_ROUNDED)
+    gaps.append(gap)
+    columns_of_all = np.sort([*others[chosen], *np.flatnonzero(alone)]).tolist()
+    whole = np.zeros((len(columns_of_all), width))
+    places = np.searchsorted(columns_of_all, others[chosen])
+    whole[np.ix_(places, others)] = grouping
+    whole[np.searchsorted(columns_of_all, np.flatnonzero(alone)), alone] = 1.0
+    return columns_of_all, whole, min(gaps)
+
+
+def _is_confirmed(
+    rows: Sequence[SumRows],
+    columns: Sequence[int],
+    grouping: Array,
+    bodies: int,
+    rng: np.random.Generator,
+) -> bool:
+    """Return whether the dependencies of columns hold at instants by which they were not found."""
+    # A random combination of rows is in a row space if they all are.
+    mixed = np.zeros((_FRESH_INSTANTS, grouping.shape[1]))
+    for seen, values in rows:
+        mixed[:, seen] += rng.normal(size=(len(mixed), len(values))) @ values
+    chosen = mixed[:, list(columns)]
+    error = np.abs(mixed - chosen @ grouping)
+    size = np.abs(mixed) + np.abs(chosen) @ np.abs(grouping)
+    # Columns of bodies that are negligible are zero in the grouping.
+    size[:, :bodies] += 1e-3 * np.abs(mixed[:, :bodies]).max(initial=0.0)
+    return bool(np.all(error <= _CONFIRMED * size))
+
+
+def _base_of(system: System, columns: Sequence[int], grouping: Array, gap: float) -> BaseParameters:
+    names = system.names
+    return BaseParameters(
+        columns=tuple(columns),
+        names=tuple(names[column] for column in columns),
+        expressions=tuple(grouped_text(row, names, _shown) for row in grouping),
+        grouping=frozen("grouping", grouping, (None, len(names))),
+        gap=gap,
+    )
+
+
+_LARGEST, _SAME, _DIGITS = 10_000, 1e-11, 12
+"""Numerators and denominators of rationals that are shown, their largest relative distance from a
+double, and the digits of a coefficient that are no rounding."""
+
+
+def _shown(size: float) -> str:
+    return _short_rational(float(f"{size:.{_DIGITS}g}"))
+
+
+@cache
+def _short_rational(size: float) -> str:
+    """Return the size of a coefficient as text: a rational, 121/1600, if that is short."""
+    near = Fraction(size).limit_denominator(_LARGEST)
+    is_same = abs(near - Fraction(size)) <= _SAME * size and near.numerator <= _LARGEST
+    return str(near) if is_same else four_digits(size)
+
+
+def _can_be_homogeneous(system: System) -> bool:
+    """Whether the equations can be homogeneous: a dependent signal has an unknown parameter."""
+    signals = {plain(name) for name in MOTOR_SIGNALS.values()}
+    return any(
+        system.terms[i].spring is not None or expression.free_symbols & signals
+        for e in system.used
+        for i, _, expression in system.equations[e].parts
+    )
+
+
+def _groups(pivots: Sequence[int], grouping: Array) -> Groups:
+    """Return the groups of combinations that are coupled by directions of the null space."""
+    p = grouping.shape[1]
+    if len(pivots) == p:
+        return ()
+    links = np.zeros((p, p), dtype=bool)
+    # A column that is no pivot on true motions is coupled to the pivots it depends on.
+    for free in (place for place in range(p) if place not in pivots):
+        links[free, np.array(pivots, dtype=np.intp)[grouping[:, free] != 0]] = True
+        links[free, free] = True
+    coupled = np.any(links, axis=0) | np.any(links, axis=1)
+    return tuple(tuple(group) for group in connected_groups(links) if coupled[group[0]])
