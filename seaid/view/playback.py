@@ -40,8 +40,8 @@ _PER_PERIOD = 20.0
 States = tuple[Array, Array, Array]
 """Position, velocity and acceleration, each (T, n)."""
 
-Part = tuple[Array, Mapping[str, Array], Mapping[str, Array]]
-"""Time (T,) of a stretch, and {source: (T, n)} of torques and of deflections."""
+Signals = tuple[Array, Array, Array]
+"""Time (T,) of a stretch, torques and deflections (T, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,25 +60,22 @@ class Traces:
     at_motor: tuple[bool, ...]
 
 
-def traces_of(parts: Sequence[Part], at_motor: tuple[bool, ...]) -> Traces:
-    """Return the parts of a motion at the instants of a plot; the first one has its whole time."""
-    time = parts[0][0]
-    grid = np.linspace(0.0, time[-1], min(len(time), _SAMPLES))
+def traces_of(
+    duration: float, sources: Mapping[str, Sequence[Signals]], at_motor: tuple[bool, ...]
+) -> Traces:
+    """Return the signals of each source, in stretches of time, at the instants of a plot."""
+    grid = np.linspace(0.0, duration, _SAMPLES)
     torque, deflection = {}, {}
-    for source in SOURCES:
-        torques = [(part[0], part[1][source]) for part in parts if source in part[1]]
-        deflections = [(part[0], part[2][source]) for part in parts if source in part[2]]
-        if torques:
-            torque[source] = _sampled(grid, torques)
-        if deflections:
-            deflection[source] = _sampled(grid, deflections)
+    for source in sorted(sources, key=SOURCES.index):
+        torque[source] = _sampled(grid, [(time, tau) for time, tau, _ in sources[source]])
+        deflection[source] = _sampled(grid, [(time, d) for time, _, d in sources[source]])
     return Traces(frozen("time", grid, (None,)), torque, _about_mean(deflection), at_motor)
 
 
-def _sampled(grid: Array, parts: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the values (G, n) of parts (time, values) at the instants of a grid, NaN between."""
-    sampled = np.full((len(grid), parts[0][1].shape[1]), np.nan)
-    for time, values in parts:
+def _sampled(grid: Array, stretches: Sequence[tuple[Array, Array]]) -> Array:
+    """Return stretches (time, values) at the instants of a grid (G, n), NaN between them."""
+    sampled = np.full((len(grid), stretches[0][1].shape[1]), np.nan)
+    for time, values in stretches:
         inside = (grid >= time[0]) & (grid <= time[-1])
         for column, signal in zip(sampled.T, values.T, strict=True):
             column[inside] = np.interp(grid[inside], time, signal)
@@ -98,12 +95,8 @@ def _about_mean(deflection: Mapping[str, Array]) -> dict[str, Array]:
     return aligned
 
 
-def logged_traces(
-    robot: Robot,
-    identified: Robot | None,
-    log: Log | Motion,
-    columns: list[int],
-    deflection: Array,
+def _logged_traces(
+    robot: Robot, identified: Robot | None, log: Log | Motion, columns: list[int], deflection: Array
 ) -> tuple[Traces, list[str]]:
     """Return the traces of a log, and why a model has none.
 
@@ -113,39 +106,34 @@ def logged_traces(
     """
     start, valued = log.time[0], robot if identified is None else identified
     raw, at_motor = _measured_torque(valued, log, columns)
-    parts: list[Part] = [(log.time - start, {}, {})]
+    duration, sources = float(log.time[-1] - start), dict[str, list[Signals]]()
     try:
         motions = [log] if isinstance(log, Motion) else reconstruct_motions(robot, log)
     except SeaidError as problem:
-        parts.append((log.time - start, {MEASURED: raw}, {MEASURED: deflection}))
-        return traces_of(parts, at_motor), [f"torques are not computed: {problem}"]
+        sources[MEASURED] = [(log.time - start, raw, deflection)]
+        return traces_of(duration, sources, at_motor), [f"torques are not computed: {problem}"]
     unknown: dict[str, str] = {}
     for motion in motions:
-        indices = columns if motion is log else list(range(robot.n))
-        torque = _measured_torque(valued, motion, indices)[0]
-        measured = {MEASURED: torque}, {MEASURED: _sampled(motion.time, [(log.time, deflection)])}
-        parts.append(_inside(motion, (motion.time - start, *measured)))
+        order = columns if motion is log else list(range(robot.n))
+        torque, _ = _measured_torque(valued, motion, order)
+        shown = {MEASURED: (motion.time, torque, _sampled(motion.time, [(log.time, deflection)]))}
         # Torques of the models are computed at few samples, since nothing is left above the cutoff.
         rows = slice(None, None, max(1, int(motion.rate_hz / (_PER_PERIOD * motion.cutoff_hz))))
-        part, unknown = predicted(
-            robot,
-            identified,
-            motion.time[rows] - start,
-            _states(motion, "joint", rows, indices),
-            _states(motion, "motor", rows, indices),
-            at_motor,
-        )
-        parts.append(_inside(motion, part))
+        joint, motor = (_states(motion, side, rows, order) for side in ("joint", "motor"))
+        computed, unknown = _predicted(robot, identified, motion.time[rows], joint, motor, at_motor)
+        for source, signals in {**shown, **computed}.items():
+            time, *smooth = _inside(motion, signals)
+            sources.setdefault(source, []).append((time - start, *smooth))
     notes = [
         f"torques of the {name} model are not computed: {why.partition(';')[0]}"
         for name, why in unknown.items()
     ]
-    return traces_of(parts, at_motor), notes
+    return traces_of(duration, sources, at_motor), notes
 
 
-def _inside(motion: Motion, part: Part) -> Part:
+def _inside(motion: Motion, signals: Signals) -> Signals:
     """Return signals below the cutoff of a motion, without the transients at the ends."""
-    time = part[0]
+    time, *both = signals
     step = float(time[1] - time[0])
     transient = round(motion.transient_s / step)
     inside = slice(transient, len(time) - transient)
@@ -156,7 +144,7 @@ def _inside(motion: Motion, part: Part) -> Part:
         smoothed[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
         return smoothed[inside]
 
-    torque, deflection = ({name: smooth(x) for name, x in kind.items()} for kind in part[1:])
+    torque, deflection = map(smooth, both)
     return time[inside], torque, deflection
 
 
@@ -193,23 +181,23 @@ def _measured_torque(
     return torque, tuple(at_motor)
 
 
-def predicted(
+def _predicted(
     robot: Robot,
     identified: Robot | None,
     time: Array,
     joint: States,
     motor: States | None,
     at_motor: tuple[bool, ...],
-) -> tuple[Part, dict[str, str]]:
+) -> tuple[dict[str, Signals], dict[str, str]]:
     """Return the torques and deflections of both models, and why one has none."""
-    torque, deflection, unknown = {}, {}, {}
+    signals, unknown = {}, {}
     for name, model in ((NOMINAL, robot), (IDENTIFIED, identified)):
         if model is not None:
             try:
-                torque[name], deflection[name] = _prediction(model, time, joint, motor, at_motor)
+                signals[name] = (time, *_prediction(model, time, joint, motor, at_motor))
             except SeaidError as problem:
                 unknown[name] = str(problem)
-    return (time, torque, deflection), unknown
+    return signals, unknown
 
 
 _SIGN_WIDTH = 1e-3
@@ -341,14 +329,16 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str, identified: Robot 
     count = max(2, int(np.ceil(trajectory.duration * _PLAN_RATE_HZ)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     q, v, a = (state[:, columns] for state in trajectory.sample(time))
-    part, unknown = predicted(robot, identified, time, (q, v, a), None, (True,) * robot.n)
-    deflection = part[2].get(NOMINAL, np.full(q.shape, np.nan))
+    at_motor = (True,) * robot.n
+    sources, unknown = _predicted(robot, identified, time, (q, v, a), None, at_motor)
+    deflection = sources[NOMINAL][2] if NOMINAL in sources else np.full(q.shape, np.nan)
     notes = ["planned"]
     if robot.elastic_joints:
         reason = unknown.get(NOMINAL)
         text = f"are unknown: {reason}" if reason else "are those of the nominal model"
         notes = [f"planned; deflections {text}"]
-    traces = traces_of([part], (True,) * robot.n)
+    signals = {source: [signal] for source, signal in sources.items()}
+    traces = traces_of(trajectory.duration, signals, at_motor)
     return _playback(robot, name, time, q, deflection, traces, notes)
 
 
@@ -368,7 +358,7 @@ def _logged(robot: Robot, motion: Log | Motion, name: str, identified: Robot | N
     ]
     time = motion.time - motion.time[0]
     deflection = behind_spring - at_drives(robot.transmission, joint)
-    traces, unknown = logged_traces(robot, identified, motion, columns, deflection)
+    traces, unknown = _logged_traces(robot, identified, motion, columns, deflection)
     if identified is not None:
         notes += unknown
     return _playback(robot, name, time, position, deflection, traces, notes)
