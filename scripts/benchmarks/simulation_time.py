@@ -1,4 +1,4 @@
-"""Processor time of a simulation of the TULip leg, per second of motion; beside another revision.
+"""Processor time of a simulation of the TULip leg, of this code and of another revision.
 
 python scripts/benchmarks/simulation_time.py --against main
 
