@@ -26,7 +26,8 @@ from seaid._arrays import IndexArray
 from seaid.excitation import joint_limits
 from seaid.log import in_band, low_pass, row_samples
 from seaid.robot import in_parent_frame
-from seaid.view.stage import aim, show
+from seaid.view.picture import rest_posture
+from seaid.view.stage import aim, sphere_around
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -222,16 +223,15 @@ def robots(path: Path) -> None:
         for number, (title, urdf, drives, turn) in enumerate(ROBOTS):
             robot = seaid.load_robot(example_urdf(urdf) if isinstance(urdf, str) else urdf, drives)
             with seaid.view_robot(robot, port=0) as view:
-                posture = np.clip(view.picture.rest_posture + turn, None, robot.upper_limits)
+                posture = np.clip(rest_posture(robot) + turn, None, robot.upper_limits)
                 for slider, value in zip(view.panel.joints, posture, strict=True):
                     slider.value = round(float(value), 3)
-                show(view.stage.groups["names"], False)
+                view.stage.show("names", False)
                 page = opened(browser, view.url, TILE_PX + 345, TILE_PX)
-                points = view.picture.outline(posture[None])
-                middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2
+                middle, radius = sphere_around(view.picture.outline(posture[None]))
                 for client in view.server.get_clients().values():
                     window_px = TILE_PX + 345, TILE_PX
-                    aim(client.camera, ROOM * (points - middle), middle, view.picture.up, window_px)
+                    aim(client.camera, middle, ROOM * radius, view.picture.up, window_px)
                 page.wait_for_timeout(2000.0)
                 clip = {"x": 0, "y": 0, "width": TILE_PX, "height": TILE_PX}
                 tile = Image.open(BytesIO(page.screenshot(clip=clip)))  # type: ignore[arg-type]

@@ -308,6 +308,7 @@ SHORT_FORMS = {
     "benchmarks/refined_terms.py": ("--quick 1 cubic",),
     "benchmarks/regressor.py": ("--quick",),
     "benchmarks/sensitivity.py": ("--quick --draws 1",),
+    "benchmarks/simulation_time.py": ("--quick",),
     "benchmarks/start_up.py": ("--quick",),
     "benchmarks/static_calibration.py": ("--draws 10",),
     "benchmarks/sympy_path.py": ("--quick",),

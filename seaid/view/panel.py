@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.view.picture import NEUTRAL, gradient, hexadecimal
-from seaid.view.stage import IDENTIFIED, NOMINAL, WRONG, fade, show
+from seaid.view.picture import IDENTIFIED, NEUTRAL, NOMINAL, WRONG, rest_posture
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -19,6 +18,36 @@ if TYPE_CHECKING:
     from seaid.view.playback import Playback
     from seaid.view.shapes import Color, Ellipsoid
     from seaid.view.stage import Stage
+
+
+_STOPS = np.array(
+    [(20, 78, 186), (104, 172, 232), (255, 243, 186), (245, 144, 66), (186, 34, 18)], dtype=float
+)
+"""Blue, light blue, pale yellow, orange, red; at -1, -1/2, 0, 1/2 and 1."""
+
+
+def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
+    """Return colours of deflections (n,) on scales from -limit to limit, neutral for NaN."""
+    known = np.isfinite(deflection) & (limit > 0)
+    part = np.where(known, deflection, 0.0) / np.where(known, limit, 1.0)
+    at = np.linspace(-1.0, 1.0, len(_STOPS))
+    channels = [np.interp(part, at, stops) for stops in _STOPS.T]
+    painted = np.round(np.column_stack(channels)).astype(int)
+    return [
+        (int(red), int(green), int(blue)) if is_known else NEUTRAL
+        for (red, green, blue), is_known in zip(painted, known, strict=True)
+    ]
+
+
+def hexadecimal(color: Color) -> str:
+    """Return a colour in CSS notation, '#1450b4'."""
+    return "#{:02x}{:02x}{:02x}".format(*color)
+
+
+def gradient() -> str:
+    """Return the scale as a CSS background, from -limit (left) to limit (right)."""
+    stops = ", ".join(hexadecimal((int(r), int(g), int(b))) for r, g, b in _STOPS)
+    return f"linear-gradient(to right, {stops})"
 
 
 _TEXT = "font-size:0.8em;line-height:1.45;margin:0 0.6em 0.5em"
@@ -48,10 +77,10 @@ def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Col
     for index, (joint, slides) in enumerate(
         zip(robot.joint_names, robot.is_prismatic, strict=True)
     ):
-        cells = [_number(position[index], ".3f", "m" if slides else "rad")]
+        rows.append([f"{_chip(colors[index])} {escape(joint)}"])
+        rows[-1].append(_number(position[index], ".3f", "m" if slides else "rad"))
         if springs:
-            cells.append(_number(1e3 * deflection[index], ".2f", "mm" if slides else "mrad"))
-        rows.append([f"{_chip(colors[index])} {escape(joint)}", *cells])
+            rows[-1].append(_number(1e3 * deflection[index], ".2f", "mm" if slides else "mrad"))
     heads = ["joint", "position", "deflection"] if springs else ["joint", "position"]
     return f'<div style="{_TEXT}">{_table(heads, rows)}</div>'
 
@@ -102,90 +131,6 @@ def _number(value: float, form: str, unit: str) -> str:
     return f"{value:+{form}} {unit}".replace("-", "−") if np.isfinite(value) else ""
 
 
-NOTHING = "nothing"
-SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
-
-_SHOWN = (
-    ("lines", "lines between joints", False),
-    ("joints", "joints", True),
-    ("names", "names of joints", True),
-    ("payloads", "known payloads", True),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Handles of viser's inputs and texts; those of time are None without a motion.
-
-    `joints` (n) are sliders of positions, present only without a motion.
-    """
-
-    run: Any
-    time: Any
-    play: Any
-    speed: Any
-    compared: Any
-    joints: tuple[Any, ...]
-    table: Any
-    notes: Any
-
-
-def put_panel(
-    server: Any, picture: Picture, stage: Stage, playbacks: Sequence[Playback], limits: Array
-) -> Panel:
-    """Add the panel to a viser server: motion and time, colours, table, visible parts."""
-    gui = server.gui
-    gui.set_panel_label(picture.robot.name)
-    gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
-    run = time = play = speed = compared = None
-    if playbacks:
-        names = [playback.name for playback in playbacks]
-        run = gui.add_dropdown("motion", names, initial_value=names[0])
-        time = gui.add_slider("time [s]", 0.0, slider_end(playbacks[0]), 0.001, 0.0)
-        play = gui.add_button("Play", icon="player-play")
-        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
-        if len(names) > 1:
-            compared = gui.add_dropdown(
-                "compare with",
-                [NOTHING, *names],
-                initial_value=NOTHING,
-                hint="Another motion, drawn in orange at the same time since its start.",
-            )
-        gui.add_html(legend(picture.robot, limits))
-    table = gui.add_html("")
-    notes = gui.add_html("")
-    joints = () if playbacks else _joint_sliders(gui, picture)
-    if picture.nominal or picture.identified:
-        with gui.add_folder("Masses and inertia", expand_by_default=bool(picture.identified)):
-            _bodies(gui, picture, stage)
-    with gui.add_folder("Show", expand_by_default=False):
-        _choices(gui, picture, stage)
-    return Panel(run, time, play, speed, compared, joints, table, notes)
-
-
-def slider_end(playback: Playback) -> float:
-    """Return the end of the time slider for a motion [s], to the millisecond."""
-    return max(round(playback.duration, 3), 0.001)
-
-
-def notes_of(picture: Picture, playback: Playback | None) -> str:
-    """Return the notes on a motion and on parts that could not be shown."""
-    lines = [*(playback.notes if playback else ()), *picture.notes]
-    return plain_text([f"Note: {line}" for line in lines]) if lines else ""
-
-
-def _joint_sliders(gui: Any, picture: Picture) -> tuple[Any, ...]:
-    robot, sliders = picture.robot, []
-    with gui.add_folder("Joints", expand_by_default=robot.n <= 12):
-        for index, joint in enumerate(robot.joint_names):
-            ends = np.array([robot.lower_limits[index], robot.upper_limits[index]])
-            free = (-1.0, 1.0) if robot.is_prismatic[index] else (-np.pi, np.pi)
-            lower, upper = np.round(np.where(np.isfinite(ends), ends, free), 3)
-            value = float(np.clip(picture.rest_posture[index], lower, upper))
-            sliders.append(gui.add_slider(joint, float(lower), float(upper), 0.001, value))
-    return tuple(sliders)
-
-
 def bodies_table(picture: Picture) -> str:
     """Return the colours of ellipsoids, each body's mass [kg] and the shift of its centre [mm]."""
     chips = [
@@ -193,12 +138,11 @@ def bodies_table(picture: Picture) -> str:
         for name, color in (("nominal (wire)", NOMINAL), ("identified (solid)", IDENTIFIED))
         if getattr(picture, name.split()[0])
     ]
-    nominal = {ellipsoid.body: ellipsoid for ellipsoid in picture.nominal}
-    identified = {ellipsoid.body: ellipsoid for ellipsoid in picture.identified}
+    nominal = {ellipsoid.name: ellipsoid for ellipsoid in picture.nominal}
+    identified = {ellipsoid.name: ellipsoid for ellipsoid in picture.identified}
     rows = []
-    for body, name in enumerate(picture.robot.body_names, 1):
-        place = body % (len(picture.robot.all_joint_names) + 1)  # a floating base is 0
-        before, after = nominal.get(place), identified.get(place)
+    for name in picture.robot.body_names:
+        before, after = nominal.get(name), identified.get(name)
         cells = [_mass(before), _mass(after)] if identified else [_mass(before)]
         if identified:
             cells.append(_shift(before, after))
@@ -228,18 +172,102 @@ def _shift(before: Ellipsoid | None, after: Ellipsoid | None) -> str:
     return f"{1e3 * float(np.linalg.norm(after.center - before.center)):.3g}"
 
 
-def _bodies(gui: Any, picture: Picture, stage: Stage) -> None:
-    """Add a checkbox per kind of ellipsoids and their table."""
-    for group in ("nominal", "identified"):
-        if stage.groups[group]:
-            _checkbox(gui, group, stage.groups[group], bool(picture.identified))
-    gui.add_html(bodies_table(picture))
+NOTHING = "nothing"
+SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
+
+_FEW_JOINTS = 12
+"""Robots with more joints show their names, and the sliders of their joints, when asked."""
 
 
-def _checkbox(gui: Any, label: str, nodes: Sequence[Any], shown: bool) -> None:
-    box = gui.add_checkbox(label, shown)
-    show(nodes, shown)
-    box.on_update(lambda _: show(nodes, box.value))
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Handles of viser's inputs and texts; those of time and `plots` are None without a motion.
+
+    `joints` (n) are sliders of positions, present only without a motion.
+    """
+
+    table: Any
+    notes: Any
+    joints: tuple[Any, ...] = ()
+    run: Any = None
+    time: Any = None
+    play: Any = None
+    speed: Any = None
+    compared: Any = None
+    plots: Plots | None = None
+
+
+def put_panel(
+    server: Any, picture: Picture, stage: Stage, playbacks: Sequence[Playback], limits: Array
+) -> Panel:
+    """Add the panel to a viser server: motion and time, colours, table, visible parts, plots."""
+    gui = server.gui
+    gui.set_panel_label(picture.robot.name)
+    gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+    inputs = _inputs_of_time(gui, playbacks) if playbacks else {}
+    if playbacks:
+        gui.add_html(legend(picture.robot, limits))
+    table, notes = gui.add_html(""), gui.add_html("")
+    if not playbacks:
+        inputs["joints"] = _joint_sliders(gui, picture.robot)
+    if picture.nominal or picture.identified:
+        shown = bool(picture.identified)
+        with gui.add_folder("Masses and inertia", expand_by_default=shown):
+            for group in ("nominal", "identified"):
+                _checkbox(gui, stage, group, group, shown)
+            gui.add_html(bodies_table(picture))
+    with gui.add_folder("Show", expand_by_default=False):
+        _choices(gui, picture, stage)
+    if playbacks:
+        inputs["plots"] = _put_plots(server, picture.robot, playbacks)
+    return Panel(table, notes, **inputs)
+
+
+def _inputs_of_time(gui: Any, playbacks: Sequence[Playback]) -> dict[str, Any]:
+    names = [playback.name for playback in playbacks]
+    inputs = {
+        "run": gui.add_dropdown("motion", names, initial_value=names[0]),
+        "time": gui.add_slider("time [s]", 0.0, slider_end(playbacks[0]), 0.001, 0.0),
+        "play": gui.add_button("Play", icon="player-play"),
+        "speed": gui.add_dropdown("speed", SPEEDS, initial_value="1x"),
+    }
+    if len(names) > 1:
+        inputs["compared"] = gui.add_dropdown(
+            "compare with",
+            [NOTHING, *names],
+            initial_value=NOTHING,
+            hint="Another motion, drawn in orange at the same time since its start.",
+        )
+    return inputs
+
+
+def slider_end(playback: Playback) -> float:
+    """Return the end of the time slider for a motion [s], to the millisecond."""
+    return max(round(playback.duration, 3), 0.001)
+
+
+def notes_of(picture: Picture, playback: Playback | None) -> str:
+    """Return the notes on a motion and on parts that could not be shown."""
+    lines = [*(playback.notes if playback else ()), *picture.notes]
+    return plain_text([f"Note: {line}" for line in lines]) if lines else ""
+
+
+def _joint_sliders(gui: Any, robot: Robot) -> tuple[Any, ...]:
+    free = np.where(robot.is_prismatic, 1.0, np.pi)
+    lower = np.round(np.where(np.isfinite(robot.lower_limits), robot.lower_limits, -free), 3)
+    upper = np.round(np.where(np.isfinite(robot.upper_limits), robot.upper_limits, free), 3)
+    rest = np.clip(rest_posture(robot), lower, upper)
+    ranges = zip(robot.joint_names, lower.tolist(), upper.tolist(), rest.tolist(), strict=True)
+    with gui.add_folder("Joints", expand_by_default=robot.n <= _FEW_JOINTS):
+        return tuple(gui.add_slider(name, low, up, 0.001, at) for name, low, up, at in ranges)
+
+
+def _checkbox(gui: Any, stage: Stage, group: str, label: str, shown: bool) -> None:
+    """Add a checkbox that shows and hides a group of nodes, if there are any."""
+    if stage.groups[group]:
+        box = gui.add_checkbox(label, shown)
+        stage.show(group, shown)
+        box.on_update(lambda _: stage.show(group, box.value))
 
 
 def _choices(gui: Any, picture: Picture, stage: Stage) -> None:
@@ -248,17 +276,12 @@ def _choices(gui: Any, picture: Picture, stage: Stage) -> None:
         initial = 0.6 if picture.robot.elastic_joints else 1.0
         initial = 0.25 if picture.identified else initial
         opacity = gui.add_slider("bodies", 0.0, 1.0, 0.05, initial)
-        opacity.on_update(lambda _: fade(stage.groups["bodies"], opacity.value))
-        fade(stage.groups["bodies"], initial)
-    for group, label, shown in _SHOWN:
-        nodes = stage.groups[group]
-        if not nodes:
-            continue
-        if group == "lines":
-            shown = shown or bool(picture.bare_bodies)
-        if group == "names":
-            shown = nodes[0].visible
-        _checkbox(gui, label, nodes, shown)
+        opacity.on_update(lambda _: stage.fade(opacity.value))
+        stage.fade(initial)
+    _checkbox(gui, stage, "lines", "lines between joints", bool(picture.bare_bodies))
+    _checkbox(gui, stage, "joints", "joints", True)
+    _checkbox(gui, stage, "names", "names of joints", picture.robot.n <= _FEW_JOINTS)
+    _checkbox(gui, stage, "payloads", "known payloads", True)
 
 
 _STYLES: dict[str, dict[str, Any]] = {
@@ -269,9 +292,6 @@ _STYLES: dict[str, dict[str, Any]] = {
 """Lines of the sources: what is measured stays visible under what is computed."""
 
 _CURSOR = {"label": "now", "stroke": "#d1242f", "width": 1.5}
-
-_CURSOR_STEPS = 300
-"""Places of the cursor, about one per pixel: it is sent when it comes to another one."""
 
 _WIDTH_PX, _HEIGHT_PX = 370, 215
 
@@ -285,21 +305,21 @@ class Plots:
     deflection: Any
 
 
-def put_plots(server: Any, robot: Robot, playbacks: Sequence[Playback]) -> Plots:
+def _put_plots(server: Any, robot: Robot, playbacks: Sequence[Playback]) -> Plots:
     """Add the plots in a panel of their own: at the left, on a small page a section to open."""
     gui, panel = server.gui, server.gui.add_panel()
+    sources = ({"label": source, **style} for source, style in _STYLES.items())
+    series = ({"label": "time [s]"}, _CURSOR, *sources)
     with panel.add_tab("Plots", icon="chart-line"):
-        first = _first_joint(robot, playbacks[0])
+        known = np.nan_to_num(np.abs(playbacks[0].deflection))
+        # The joint whose spring moves most, the first one without springs.
+        first = robot.joint_names[int(np.argmax(np.max(known, axis=0)))]
         joint = gui.add_dropdown("joint", robot.joint_names, initial_value=first)
-        gui.add_html(_legend(playbacks))
+        gui.add_html(_legend_of_plots(playbacks))
         torque, deflection = (
             gui.add_uplot(
-                (np.zeros(2),) * (2 + len(_STYLES)),
-                (
-                    {"label": "time [s]"},
-                    _CURSOR,
-                    *({"label": s, **style} for s, style in _STYLES.items()),
-                ),
+                (np.zeros(2),) * len(series),
+                series,
                 height=_HEIGHT_PX,
                 legend={"show": False},
                 axes=({"size": 30.0}, {"size": 52.0}),
@@ -316,10 +336,9 @@ def draw_plots(plots: Plots, robot: Robot, playback: Playback, time: float) -> N
     """Show the selected joint of a motion, with the cursor at a time [s]."""
     index, traces = robot.index(plots.joint.value), playback.traces
     joint, slides = plots.joint.value, robot.is_prismatic[index]
-    at_motor = traces.at_motor[index]
-    torque, unit = ("motor torque", "N m") if at_motor else ("torque at the joint", "N m")
-    if slides and not at_motor:
-        torque, unit = "force at the joint", "N"
+    torque, unit = "motor torque", "N m"
+    if not traces.at_motor[index]:
+        torque, unit = ("force at the joint", "N") if slides else ("torque at the joint", "N m")
     sources = {name: values[:, index] for name, values in traces.torque.items()}
     _draw(plots.torque, f"{torque} of {joint} [{unit}]", traces.time, sources, time)
     scaled = {name: 1e3 * values[:, index] for name, values in traces.deflection.items()}
@@ -345,34 +364,14 @@ def _draw(plot: Any, title: str, grid: Array, sources: Mapping[str, Array], time
         plot.title = title
     if plot.scales != scales:
         plot.scales = scales
-    step = float(grid[-1]) / _CURSOR_STEPS
-    plot.data = _cursor_data(grid, sources, step * round(time / step), (low, high))
-
-
-def _cursor_data(
-    grid: Array, sources: Mapping[str, Array], now: float, ends: tuple[float, float]
-) -> tuple[Array, ...]:
-    """Return the data of a plot: time, cursor, and all sources, NaN where one has no value.
-
-    The cursor runs below the plot, where nobody sees it, and across it at the time `now`.
-    """
-    place = int(np.searchsorted(grid, now))
-    # Three points at one time: below the plot, at its top, below: a vertical line.
-    time = np.insert(grid, place, [now] * 3)
-    cursor = np.full(len(time), ends[0] - (ends[1] - ends[0]))
-    cursor[place + 1] = ends[1]
+    # The cursor runs below the plot, where nobody sees it, and at one sample up across it.
+    now = np.argmin(np.abs(grid - time))
+    cursor = np.where(np.arange(len(grid)) == now, high, 2.0 * low - high)
     nothing = np.full(len(grid), np.nan)
-    lines = (np.interp(time, grid, sources.get(name, nothing)) for name in _STYLES)
-    return (time, cursor, *lines)
+    plot.data = (grid, cursor, *(sources.get(name, nothing) for name in _STYLES))
 
 
-def _first_joint(robot: Robot, playback: Playback) -> str:
-    """Return the joint whose spring moves most, the first one without springs."""
-    known = np.where(np.isfinite(playback.deflection), np.abs(playback.deflection), 0.0)
-    return robot.joint_names[int(np.argmax(np.max(known, axis=0)))]
-
-
-def _legend(playbacks: Sequence[Playback]) -> str:
+def _legend_of_plots(playbacks: Sequence[Playback]) -> str:
     """Return the names of the lines that some motion has."""
     drawn = [name for name in _STYLES if any(name in p.traces.torque for p in playbacks)]
     lines = "".join(f"<span>{_line(**_STYLES[name])}{name}</span>" for name in drawn)

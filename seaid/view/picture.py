@@ -1,116 +1,135 @@
-"""Picture: the visible parts of a robot, the placements of its bodies, and colours of deflections.
+"""Picture: a robot's visible parts as Pinocchio's geometry objects on the joints of its model.
 
-The colour scale is symmetric about zero and safe for colour-blind users.
+A `Robot` comes in. Its shapes, joints, lines, payloads and inertia ellipsoids go out as one
+`pin.GeometryModel`, which `pinocchio.visualize.ViserVisualizer` draws and moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, finite, frozen
+from seaid._arrays import Array, finite
 from seaid._progress import MOST_NAMES
 from seaid.errors import RobotError, listed
 from seaid.robot import Robot, UrdfTree, reread_urdf
-from seaid.view.shapes import Color, Ellipsoid, Shape, ellipsoids_of, shapes_of
+from seaid.view.shapes import (
+    Color,
+    Ellipsoid,
+    ellipsoids_of,
+    joints_of_bodies,
+    shape_object,
+    shapes_of,
+)
 
+GROUPS = ("bodies", "lines", "joints", "payloads", "nominal", "identified")
+"""The kinds of objects of a picture."""
 
-@dataclass(frozen=True, eq=False)
-class Mark:
-    """A mass at a point of a body: `center` (3,) [m] in the body's frame, `mass` [kg]."""
+LINES: Color = (60, 66, 74)
+PAYLOAD: Color = (150, 60, 160)
+NOMINAL: Color = (70, 76, 86)
+IDENTIFIED: Color = (0, 150, 110)
+WRONG: Color = (215, 25, 30)
+"""Colours of nominal bodies (wire), identified ones (solid), and inconsistent ones (crosses)."""
 
-    name: str
-    body: int
-    center: Array
-    mass: float
+NEUTRAL: Color = (88, 94, 102)
+"""Colour of joints without a spring or with an unknown deflection."""
+
+_STEEL_KG_PER_M3 = 7850.0
+"""Density of the sphere that represents a payload."""
+
+_DRUM, _STIFF_DRUM, _LINE, _POINT = 0.03, 0.016, 0.004, 0.012
+"""Radii of the cylinders of joints, of lines and of points, relative to the picture's size."""
+
+_THIN = 0.1
+"""Least semi-axis of an ellipsoid relative to the ball at its centre: thin bodies stay visible."""
+
+Line = tuple[int, Array, Array]
+"""A joint of Pinocchio's model, and the start and the end (3,) [m] of a line in its frame."""
+
+Places = Mapping[str, tuple[int, pin.SE3]]
+"""{link: the joint of Pinocchio's model that moves it, and the link's frame in the joint's}."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The visible parts of a robot with n joints, on n + 1 bodies.
+    """The visible parts of a robot on the joints of `robot.model`, where joint 0 is the base.
 
-    Body 0 is the base, body i + 1 that of joint i, in the frame of Pinocchio's joint. `segments`
-    (S, 2, 3) [m] are lines between joints, along prismatic axes and to payloads, on the bodies
-    `segment_bodies` (S,);
-    `axes` (n, 3) are the joints' axes in their bodies' frames. `up` (3,) points against gravity.
-    `payloads` are marks; `nominal` and `identified` bodies (empty without an identified robot) are
-    ellipsoids. `notes` list parts that could not be shown.
+    The objects of `geometry` are named GROUP/NUMBER. "bodies" are the visual shapes of the links;
+    a mesh of `meshes` {name of the object} has its bounding box there. "joints" are drums about the
+    axes, numbered as the robot's joints. "lines" lead between joints, along prismatic axes and to
+    payloads. "nominal" and "identified" are ellipsoids of inertia, whose numbers are in the tuples.
+    `size` [m] is the diagonal in the rest posture, `up` (3,) points against gravity, and `notes`
+    list parts that could not be shown.
     """
 
     robot: Robot
-    shapes: tuple[Shape, ...]
-    segments: Array
-    segment_bodies: tuple[int, ...]
-    axes: Array
-    payloads: tuple[Mark, ...]
+    geometry: pin.GeometryModel
+    meshes: Mapping[str, Any]
     nominal: tuple[Ellipsoid, ...]
     identified: tuple[Ellipsoid, ...]
+    size: float
     up: Array
     notes: tuple[str, ...]
+
+    def objects(self, *groups: str) -> list[pin.GeometryObject]:
+        """Return the objects of these groups."""
+        every = self.geometry.geometryObjects
+        return [part for part in every if part.name.partition("/")[0] in groups]
 
     @property
     def bare_bodies(self) -> tuple[str, ...]:
         """The names of moving bodies without a shape."""
-        shown = {shape.body for shape in self.shapes}
-        names = enumerate(self.robot.body_names[: len(self.robot.all_joint_names)], 1)
-        return tuple(name for body, name in names if body not in shown)
-
-    @cached_property
-    def size(self) -> float:
-        """The diagonal [m] of the visible parts in the rest posture."""
-        points = self.outline(self.rest_posture[None])
-        return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-
-    @property
-    def rest_posture(self) -> Array:
-        """The posture (n,) within the limits that is nearest to zero."""
-        lower, upper = self.robot.lower_limits, self.robot.upper_limits
-        return np.clip(np.zeros(self.robot.n), lower, upper)
-
-    def placements(self, q: Array) -> list[pin.SE3]:
-        """Return the placements of the base and the N bodies in the base frame at positions q (n,).
-
-        Raises RobotError for positions [rad or m] of another shape or not finite.
-        """
-        robot, model = self.robot, self.robot.model
-        q = finite("joint positions", q, (robot.n,), RobotError)
-        data = model.createData()
-        pin.forwardKinematics(model, data, robot.to_model(q))
-        # Joint 0 of the model is the base. Each placement is copied, since it belongs to the data.
-        places = [0, *(1 + np.argsort(robot.model_order))]
-        return [pin.SE3(data.oMi[int(place)]) for place in places]
+        shown = {part.parentJoint for part in self.objects("bodies")}
+        bodies = zip(self.robot.body_names, joints_of_bodies(self.robot), strict=True)
+        return tuple(name for name, joint in bodies if joint not in {*shown, 0})
 
     def outline(self, postures: Array) -> Array:
-        """Return points (., 3) [m] that enclose the visible parts in postures (P, n)."""
-        return np.concatenate(
-            [
-                points @ placement.rotation.T + placement.translation
-                for q in postures
-                for placement, points in zip(self.placements(q), self._outlines, strict=True)
-            ]
-        )
+        """Return points (., 3) [m] that enclose bodies, lines and payloads in postures (P, n)."""
+        return _outline(self.robot, self.objects("bodies", "lines", "payloads"), postures)
 
-    @cached_property
-    def _outlines(self) -> list[Array]:
-        """Points of each body, (., 3): corners of its shapes' boxes, ends of its lines, marks."""
-        outlines: list[list[Array]] = [
-            [np.zeros((1, 3))] for _ in range(len(self.robot.all_joint_names) + 1)
-        ]
-        for shape in self.shapes:
-            ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
-            # (2, 3) ends -> (8, 3) corners of the box
-            grid = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
-            outlines[shape.body].append(grid)
-        for body, segment in zip(self.segment_bodies, self.segments, strict=True):
-            outlines[body].append(segment)
-        for mark in self.payloads:
-            outlines[mark.body].append(mark.center[None])
-        return [np.concatenate(points) for points in outlines]
+
+def rest_posture(robot: Robot) -> Array:
+    """Return the posture (n,) within the limits that is nearest to zero."""
+    return np.clip(np.zeros(robot.n), robot.lower_limits, robot.upper_limits)
+
+
+def placements(robot: Robot, q: Array) -> list[pin.SE3]:
+    """Return the placements of the joints of `robot.model` in the base frame at q (n,).
+
+    Raises RobotError for positions [rad or m] of another shape or not finite.
+    """
+    data = robot.model.createData()
+    q = finite("joint positions", q, (robot.n,), RobotError)
+    pin.forwardKinematics(robot.model, data, robot.to_model(q))
+    return [pin.SE3(placement) for placement in data.oMi]
+
+
+def _outline(robot: Robot, parts: Sequence[pin.GeometryObject], postures: Array) -> Array:
+    """Return the corners of the objects' boxes and the origins of all joints, (., 3) [m]."""
+    corners = [_corners(part) for part in parts]
+    points = []
+    for q in postures:
+        joints = placements(robot, q)
+        points += [joint.translation[None] for joint in joints]
+        for part, box in zip(parts, corners, strict=True):
+            joint = joints[part.parentJoint]
+            points.append(box @ joint.rotation.T + joint.translation)
+    return np.concatenate(points)
+
+
+def _corners(part: pin.GeometryObject) -> Array:
+    """Return the corners (8, 3) of an object's bounding box in the frame of its joint."""
+    part.geometry.computeLocalAABB()
+    ends = [part.geometry.aabb_local.min_, part.geometry.aabb_local.max_]
+    box = np.array(np.meshgrid(*np.transpose(ends))).reshape(3, -1).T
+    return np.asarray(box @ part.placement.rotation.T + part.placement.translation)
 
 
 def picture_of(
@@ -128,26 +147,27 @@ def picture_of(
     tree = _tree_of(robot)
     places = link_places(tree, robot)
     assert robot.urdf is not None
-    shapes, notes = shapes_of(robot.urdf, tree, places, package_dirs)
-    payloads = _payloads(robot)
-    segments, bodies = _segments(tree, robot, places, payloads)
+    shapes, meshes, notes = shapes_of(robot.urdf, tree, places, package_dirs)
+    lines = [*_lines(tree, robot, places), *_payload_lines(robot)]
+    points = _outline(robot, [*shapes, *_rods("lines", lines, 0.0)], rest_posture(robot)[None])
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+    bodies = {"nominal": ellipsoids_of(robot)}
+    bodies["identified"] = () if identified is None else ellipsoids_of(identified)
+    geometry = pin.GeometryModel()
+    for part in (
+        *shapes,
+        *_rods("lines", lines, _LINE * size),
+        *_drums(tree, robot, size),
+        *_payloads(robot),
+        *_ellipsoids("nominal", bodies["nominal"], NOMINAL, size),
+        *_ellipsoids("identified", bodies["identified"], IDENTIFIED, size),
+    ):
+        geometry.addGeometryObject(part)
     gravity = robot.model.gravity.linear
     strength = float(np.linalg.norm(gravity))
-    nominal = ellipsoids_of(robot)
-    fitted = () if identified is None else ellipsoids_of(identified)
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
-    return Picture(
-        robot=robot,
-        shapes=shapes,
-        segments=frozen("segments", segments, (None, 2, 3)),
-        segment_bodies=bodies,
-        axes=_axes(robot),
-        payloads=payloads,
-        nominal=nominal,
-        identified=fitted,
-        up=frozen("up", up, (3,)),
-        notes=(*notes, *_inconsistent("nominal", nominal), *_inconsistent("identified", fitted)),
-    )
+    wrong = (note for which, found in bodies.items() for note in _inconsistent(which, found))
+    return Picture(robot, geometry, meshes, **bodies, size=size, up=up, notes=(*notes, *wrong))
 
 
 def _tree_of(robot: Robot) -> UrdfTree:
@@ -164,82 +184,99 @@ def _tree_of(robot: Robot) -> UrdfTree:
 
 
 def link_places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
-    """Return the body of each link, and the link's frame on it."""
+    """Return the joint of the model that moves each link, and the link's frame in the joint's."""
     places = {tree.root: (0, pin.SE3.Identity())}
     waiting = [tree.root]
     while waiting:
         link = waiting.pop()
-        body, placement = places[link]
+        parent, placement = places[link]
         for joint in tree.children(link):
             if joint.name in robot.all_joint_names:
-                index = robot.all_joint_names.index(joint.name)
-                places[joint.child] = (index + 1, pin.SE3.Identity())
+                places[joint.child] = (robot.model.getJointId(joint.name), pin.SE3.Identity())
             else:
-                places[joint.child] = (body, placement * joint.placement)
+                places[joint.child] = (parent, placement * joint.placement)
             waiting.append(joint.child)
     return places
 
 
-def _axes(robot: Robot) -> Array:
-    """Return the axes (N, 3) of the model's joints in their own frames."""
-    model, data = robot.model, robot.model.createData()
-    jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nv)).reshape(6, model.nv)
-    axes = np.empty((model.nv, 3))
-    for joint, index in enumerate(robot.model_order, 1):
-        # The axes of a Jacobian are in the frame of the base. Each joint has one velocity, so that
-        # joint i has column i - 1.
-        rows = slice(0, 3) if robot.all_prismatic[index] else slice(3, 6)
-        axes[index] = data.oMi[joint].rotation.T @ jacobian[rows, joint - 1]
-    return frozen("axes", axes, (None, 3))
+def _lines(tree: UrdfTree, robot: Robot, places: Places) -> Iterator[Line]:
+    """Yield lines from each link to its child joints, and along the range of prismatic joints.
 
-
-def _segments(
-    tree: UrdfTree, robot: Robot, places: dict[str, tuple[int, pin.SE3]], payloads: Sequence[Mark]
-) -> tuple[Array, tuple[int, ...]]:
-    """Return the line segments and their bodies.
-
-    They lead from each link's frame to its child joints, or without any to its centre of mass,
-    along the range of prismatic joints, and to payloads.
+    A link without child joints has a line to its centre of mass.
     """
-    lines = [(mark.body, np.zeros(3), mark.center) for mark in payloads]
-    lines += _lines(tree, robot, places)
-    lines = [(body, start, end) for body, start, end in lines if np.linalg.norm(end - start) > 0]
-    segments = np.array([ends for _, *ends in lines]).reshape(-1, 2, 3)
-    return segments, tuple(body for body, _, _ in lines)
-
-
-def _lines(
-    tree: UrdfTree, robot: Robot, places: dict[str, tuple[int, pin.SE3]]
-) -> Iterator[tuple[int, Array, Array]]:
-    """Yield the lines (body, start, end) of all links and prismatic joints."""
-    for link, (body, placement) in places.items():
+    for link, (parent, placement) in places.items():
         start, below = placement.translation, tree.children(link)
         for joint in below:
             frame = placement * joint.placement
-            yield body, start, frame.translation
+            yield parent, start, frame.translation
             if joint.type == "prismatic" and joint.name in robot.all_joint_names:
                 ends = np.array([joint.lower, joint.upper])
                 if np.all(np.isfinite(ends)):
-                    yield body, frame.act(ends[0] * joint.axis), frame.act(ends[1] * joint.axis)
+                    yield parent, frame.act(ends[0] * joint.axis), frame.act(ends[1] * joint.axis)
         mass, *moment = tree.links[link][:4]
         if not below and mass > 0:
-            yield body, start, placement.act(np.array(moment) / mass)
+            yield parent, start, placement.act(np.array(moment) / mass)
 
 
-def _payloads(robot: Robot) -> tuple[Mark, ...]:
-    """Return the known masses on the bodies."""
-    return tuple(
-        Mark(
-            f"payload on {name}",
-            body % (len(robot.all_joint_names) + 1),  # a floating base is 0
-            frozen("center", ten[1:4] / ten[0], (3,)),
-            float(ten[0]),
-        )
-        for body, (name, ten) in enumerate(
-            zip(robot.body_names, robot.payload_parameters.reshape(-1, 10), strict=True), 1
-        )
-        if ten[0] > 0
-    )
+def _payload_masses(robot: Robot) -> Iterator[tuple[int, float, Array]]:
+    """Yield the joint of each known payload, its mass [kg] and its centre (3,) [m]."""
+    payloads = robot.payload_parameters.reshape(-1, 10)
+    for joint, ten in zip(joints_of_bodies(robot), payloads, strict=True):
+        if ten[0] > 0:
+            yield joint, float(ten[0]), ten[1:4] / ten[0]
+
+
+def _payload_lines(robot: Robot) -> Iterator[Line]:
+    return ((joint, np.zeros(3), center) for joint, _, center in _payload_masses(robot))
+
+
+def _payloads(robot: Robot) -> Iterator[pin.GeometryObject]:
+    """Yield payloads as steel balls of their masses."""
+    for number, (joint, mass, center) in enumerate(_payload_masses(robot)):
+        ball = coal.Sphere(float(np.cbrt(3 * mass / (4 * np.pi * _STEEL_KG_PER_M3))))
+        place = pin.SE3(np.eye(3), center)
+        yield shape_object(f"payloads/{number}", joint, place, ball, PAYLOAD)
+
+
+def _drums(tree: UrdfTree, robot: Robot, size: float) -> Iterator[pin.GeometryObject]:
+    """Yield a cylinder about the axis of each joint, thicker for one with a spring."""
+    for index, name in enumerate(robot.joint_names):
+        radius = size * (_DRUM if name in robot.elastic_joints else _STIFF_DRUM)
+        end = 3.0 * radius * tree.joints[name].axis
+        line = robot.model.getJointId(name), -end, end
+        yield _rod(f"joints/{index}", line, radius, NEUTRAL)
+
+
+def _rods(group: str, lines: Sequence[Line], radius: float) -> list[pin.GeometryObject]:
+    """Return lines as thin cylinders."""
+    drawn = [line for line in lines if np.linalg.norm(line[2] - line[1]) > 0]
+    return [_rod(f"{group}/{k}", line, radius, LINES) for k, line in enumerate(drawn)]
+
+
+def _rod(name: str, line: Line, radius: float, color: Color) -> pin.GeometryObject:
+    """Return a cylinder along a line."""
+    joint, start, end = line
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
+    cylinder = coal.Cylinder(radius, float(np.linalg.norm(end - start)))
+    return shape_object(name, joint, pin.SE3(turn.matrix(), (start + end) / 2), cylinder, color)
+
+
+def _ellipsoids(
+    which: str, bodies: Sequence[Ellipsoid], color: Color, size: float
+) -> Iterator[pin.GeometryObject]:
+    """Yield ellipsoids and balls at their centres of mass; crosses for inconsistent bodies."""
+    radius = _POINT * size
+    for number, body in enumerate(bodies):
+        if body.problem is not None:
+            for axis, end in enumerate(3.0 * radius * np.eye(3)):
+                line = body.joint, body.center - end, body.center + end
+                yield _rod(f"{which}/{number}_cross_{axis}", line, radius / 4, WRONG)
+            continue
+        shape = coal.Ellipsoid(*np.maximum(body.semi_axes, _THIN * radius).tolist())
+        place = pin.SE3(body.rotation, body.center)
+        yield shape_object(f"{which}/{number}", body.joint, place, shape, color)
+        ball = coal.Sphere(radius)
+        yield shape_object(f"{which}/{number}_center", body.joint, place, ball, color)
 
 
 _REMEDY = {
@@ -259,36 +296,3 @@ def _inconsistent(which: str, bodies: Sequence[Ellipsoid]) -> tuple[str, ...]:
         f"the {which} {several} physically inconsistent, marked by a cross: '{wrong[0].name}' has "
         f"{wrong[0].problem}; {_REMEDY[which]}",
     )
-
-
-NEUTRAL: Color = (88, 94, 102)
-"""Colour of joints without a spring or with an unknown deflection."""
-
-_STOPS = np.array(
-    [(20, 78, 186), (104, 172, 232), (255, 243, 186), (245, 144, 66), (186, 34, 18)], dtype=float
-)
-"""Blue, light blue, pale yellow, orange, red; at -1, -1/2, 0, 1/2 and 1."""
-
-
-def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
-    """Return colours of deflections (n,) on scales from -limit to limit, neutral for NaN."""
-    known = np.isfinite(deflection) & (limit > 0)
-    part = np.where(known, deflection, 0.0) / np.where(known, limit, 1.0)
-    at = np.linspace(-1.0, 1.0, len(_STOPS))
-    channels = [np.interp(part, at, stops) for stops in _STOPS.T]
-    painted = np.round(np.column_stack(channels)).astype(int)
-    return [
-        (int(red), int(green), int(blue)) if is_known else NEUTRAL
-        for (red, green, blue), is_known in zip(painted, known, strict=True)
-    ]
-
-
-def hexadecimal(color: Color) -> str:
-    """Return a colour in CSS notation, '#1450b4'."""
-    return "#{:02x}{:02x}{:02x}".format(*color)
-
-
-def gradient() -> str:
-    """Return the scale as a CSS background, from -limit (left) to limit (right)."""
-    stops = ", ".join(hexadecimal((int(r), int(g), int(b))) for r, g, b in _STOPS)
-    return f"linear-gradient(to right, {stops})"

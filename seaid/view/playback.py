@@ -22,7 +22,7 @@ from seaid.excitation import (
     parallel_elements,
     transmission,
 )
-from seaid.log import Log, Motion, low_pass, reconstruct_motions
+from seaid.log import Log, Motion, in_band, inside_transients, reconstruct_motions
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import at_drives, at_joints, torques_at_drives
 
@@ -34,14 +34,11 @@ MEASURED, NOMINAL, IDENTIFIED = SOURCES = ("measured", "nominal", "identified")
 _SAMPLES = 600
 """Instants of a plot, about two per pixel."""
 
-_PER_PERIOD = 20.0
-"""Samples per period of the cutoff at which torques are computed."""
-
 States = tuple[Array, Array, Array]
 """Position, velocity and acceleration, each (T, n)."""
 
-Part = tuple[Array, Mapping[str, Array], Mapping[str, Array]]
-"""Time (T,) of a stretch, and {source: (T, n)} of torques and of deflections."""
+Signals = tuple[Array, Array, Array]
+"""Time (T,) of a stretch, torques and deflections (T, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,25 +57,22 @@ class Traces:
     at_motor: tuple[bool, ...]
 
 
-def traces_of(parts: Sequence[Part], at_motor: tuple[bool, ...]) -> Traces:
-    """Return the parts of a motion at the instants of a plot; the first one has its whole time."""
-    time = parts[0][0]
-    grid = np.linspace(0.0, time[-1], min(len(time), _SAMPLES))
+def traces_of(
+    duration: float, sources: Mapping[str, Sequence[Signals]], at_motor: tuple[bool, ...]
+) -> Traces:
+    """Return the signals of each source, in stretches of time, at the instants of a plot."""
+    grid = np.linspace(0.0, duration, _SAMPLES)
     torque, deflection = {}, {}
-    for source in SOURCES:
-        torques = [(part[0], part[1][source]) for part in parts if source in part[1]]
-        deflections = [(part[0], part[2][source]) for part in parts if source in part[2]]
-        if torques:
-            torque[source] = _sampled(grid, torques)
-        if deflections:
-            deflection[source] = _sampled(grid, deflections)
+    for source in sorted(sources, key=SOURCES.index):
+        torque[source] = _sampled(grid, [(time, tau) for time, tau, _ in sources[source]])
+        deflection[source] = _sampled(grid, [(time, d) for time, _, d in sources[source]])
     return Traces(frozen("time", grid, (None,)), torque, _about_mean(deflection), at_motor)
 
 
-def _sampled(grid: Array, parts: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the values (G, n) of parts (time, values) at the instants of a grid, NaN between."""
-    sampled = np.full((len(grid), parts[0][1].shape[1]), np.nan)
-    for time, values in parts:
+def _sampled(grid: Array, stretches: Sequence[tuple[Array, Array]]) -> Array:
+    """Return stretches (time, values) at the instants of a grid (G, n), NaN between them."""
+    sampled = np.full((len(grid), stretches[0][1].shape[1]), np.nan)
+    for time, values in stretches:
         inside = (grid >= time[0]) & (grid <= time[-1])
         for column, signal in zip(sampled.T, values.T, strict=True):
             column[inside] = np.interp(grid[inside], time, signal)
@@ -98,12 +92,12 @@ def _about_mean(deflection: Mapping[str, Array]) -> dict[str, Array]:
     return aligned
 
 
-def logged_traces(
-    robot: Robot,
-    identified: Robot | None,
-    log: Log | Motion,
-    columns: list[int],
-    deflection: Array,
+Models = Mapping[str, "Robot"]
+"""The robot with its nominal values, and with the identified ones if there are any."""
+
+
+def _logged_traces(
+    models: Models, log: Log | Motion, columns: list[int], deflection: Array
 ) -> tuple[Traces, list[str]]:
     """Return the traces of a log, and why a model has none.
 
@@ -111,59 +105,46 @@ def logged_traces(
     the low pass of an identification, if the log is good enough for one, whose transients are
     excluded at the ends.
     """
-    start, valued = log.time[0], robot if identified is None else identified
+    start, robot = log.time[0], models[NOMINAL]
+    valued = models.get(IDENTIFIED, robot)
     raw, at_motor = _measured_torque(valued, log, columns)
-    parts: list[Part] = [(log.time - start, {}, {})]
+    duration, sources = float(log.time[-1] - start), dict[str, list[Signals]]()
     try:
         motions = [log] if isinstance(log, Motion) else reconstruct_motions(robot, log)
     except SeaidError as problem:
-        parts.append((log.time - start, {MEASURED: raw}, {MEASURED: deflection}))
-        return traces_of(parts, at_motor), [f"torques are not computed: {problem}"]
+        sources[MEASURED] = [(log.time - start, raw, deflection)]
+        return traces_of(duration, sources, at_motor), [f"torques are not computed: {problem}"]
     unknown: dict[str, str] = {}
     for motion in motions:
-        indices = columns if motion is log else list(range(robot.n))
-        torque = _measured_torque(valued, motion, indices)[0]
-        measured = {MEASURED: torque}, {MEASURED: _sampled(motion.time, [(log.time, deflection)])}
-        parts.append(_inside(motion, (motion.time - start, *measured)))
-        # Torques of the models are computed at few samples, since nothing is left above the cutoff.
-        rows = slice(None, None, max(1, int(motion.rate_hz / (_PER_PERIOD * motion.cutoff_hz))))
-        part, unknown = predicted(
-            robot,
-            identified,
-            motion.time[rows] - start,
-            _states(motion, "joint", rows, indices),
-            _states(motion, "motor", rows, indices),
-            at_motor,
-        )
-        parts.append(_inside(motion, part))
+        order = columns if motion is log else list(range(robot.n))
+        joint, motor = (_states(motion, side, order) for side in ("joint", "motor"))
+        time = motion.time - start
+        signals, unknown = _predicted(models, time, joint, motor, at_motor)
+        torque, _ = _measured_torque(valued, motion, order)
+        signals[MEASURED] = time, torque, _sampled(motion.time, [(log.time, deflection)])
+        for source, (_, *values) in signals.items():
+            torque, stretch = (_smooth(motion, of_joints) for of_joints in values)
+            sources.setdefault(source, []).append((time, torque, stretch))
     notes = [
         f"torques of the {name} model are not computed: {why.partition(';')[0]}"
         for name, why in unknown.items()
     ]
-    return traces_of(parts, at_motor), notes
+    return traces_of(duration, sources, at_motor), notes
 
 
-def _inside(motion: Motion, part: Part) -> Part:
-    """Return signals below the cutoff of a motion, without the transients at the ends."""
-    time = part[0]
-    step = float(time[1] - time[0])
-    transient = round(motion.transient_s / step)
-    inside = slice(transient, len(time) - transient)
-
-    def smooth(values: Array) -> Array:
-        # A channel is logged whole or is NaN throughout; the filter would spread NaN.
-        known, smoothed = np.flatnonzero(np.isfinite(values[0])), values.copy()
-        smoothed[:, known] = low_pass(values[:, known], 1.0 / step, motion.cutoff_hz)
-        return smoothed[inside]
-
-    torque, deflection = ({name: smooth(x) for name, x in kind.items()} for kind in part[1:])
-    return time[inside], torque, deflection
+def _smooth(motion: Motion, values: Array) -> Array:
+    """Return values (T, n) below the cutoff of a motion, NaN in the transients at its ends."""
+    # A channel is logged whole or is NaN throughout; the filter would spread NaN.
+    smooth, known = np.full(values.shape, np.nan), np.isfinite(values[0])
+    smooth[:, known] = in_band(motion, values[:, known])
+    smooth[~inside_transients(motion)] = np.nan
+    return smooth
 
 
-def _states(motion: Motion, side: str, rows: slice, columns: list[int]) -> States:
-    """Return the states of one side of a motion at some instants."""
+def _states(motion: Motion, side: str, columns: list[int]) -> States:
+    """Return the states of one side of a motion."""
     kinds = ("position", "velocity", "acceleration")
-    q, v, a = (getattr(motion, f"{side}_{kind}")[rows][:, columns] for kind in kinds)
+    q, v, a = (getattr(motion, f"{side}_{kind}")[:, columns] for kind in kinds)
     return q, v, a
 
 
@@ -193,23 +174,17 @@ def _measured_torque(
     return torque, tuple(at_motor)
 
 
-def predicted(
-    robot: Robot,
-    identified: Robot | None,
-    time: Array,
-    joint: States,
-    motor: States | None,
-    at_motor: tuple[bool, ...],
-) -> tuple[Part, dict[str, str]]:
-    """Return the torques and deflections of both models, and why one has none."""
-    torque, deflection, unknown = {}, {}, {}
-    for name, model in ((NOMINAL, robot), (IDENTIFIED, identified)):
-        if model is not None:
-            try:
-                torque[name], deflection[name] = _prediction(model, time, joint, motor, at_motor)
-            except SeaidError as problem:
-                unknown[name] = str(problem)
-    return (time, torque, deflection), unknown
+def _predicted(
+    models: Models, time: Array, joint: States, motor: States | None, at_motor: tuple[bool, ...]
+) -> tuple[dict[str, Signals], dict[str, str]]:
+    """Return the torques and deflections of the models, and why one has none."""
+    signals, unknown = {}, {}
+    for name, model in models.items():
+        try:
+            signals[name] = (time, *_prediction(model, time, joint, motor, at_motor))
+        except SeaidError as problem:
+            unknown[name] = str(problem)
+    return signals, unknown
 
 
 _SIGN_WIDTH = 1e-3
@@ -313,12 +288,13 @@ def playback_of(
     The deflection of a planned motion is that of the nominal model. Raises LogError or
     ExcitationError for a motion of other joints, or without any position of a joint.
     """
+    models = {NOMINAL: robot} if identified is None else {NOMINAL: robot, IDENTIFIED: identified}
     if isinstance(motion, Excitation):
         motion = motion.trajectory
     if isinstance(motion, Trajectory):
-        return _planned(robot, motion, name, identified)
+        return _planned(models, motion, name)
     if isinstance(motion, Log | Motion):
-        return _logged(robot, motion, name, identified)
+        return _logged(models, motion, name)
     raise SeaidError(
         f"cannot show '{name}', a {type(motion).__name__}: give a Log of read_log, a Motion or a "
         "Trajectory of load_trajectory"
@@ -336,26 +312,31 @@ def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array
     return limits
 
 
-def _planned(robot: Robot, trajectory: Trajectory, name: str, identified: Robot | None) -> Playback:
+def _planned(models: Models, trajectory: Trajectory, name: str) -> Playback:
+    robot = models[NOMINAL]
     columns = _columns(robot, trajectory.joint_names, f"trajectory '{name}'", ExcitationError)
     count = max(2, int(np.ceil(trajectory.duration * _PLAN_RATE_HZ)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     q, v, a = (state[:, columns] for state in trajectory.sample(time))
-    part, unknown = predicted(robot, identified, time, (q, v, a), None, (True,) * robot.n)
-    deflection = part[2].get(NOMINAL, np.full(q.shape, np.nan))
+    at_motor = (True,) * robot.n
+    sources, unknown = _predicted(models, time, (q, v, a), None, at_motor)
+    deflection = sources[NOMINAL][2] if NOMINAL in sources else np.full(q.shape, np.nan)
     notes = ["planned"]
     if robot.elastic_joints:
         reason = unknown.get(NOMINAL)
         text = f"are unknown: {reason}" if reason else "are those of the nominal model"
         notes = [f"planned; deflections {text}"]
-    traces = traces_of([part], (True,) * robot.n)
+    signals = {source: [signal] for source, signal in sources.items()}
+    traces = traces_of(trajectory.duration, signals, at_motor)
     return _playback(robot, name, time, q, deflection, traces, notes)
 
 
-def _logged(robot: Robot, motion: Log | Motion, name: str, identified: Robot | None) -> Playback:
+def _logged(models: Models, motion: Log | Motion, name: str) -> Playback:
+    robot = models[NOMINAL]
     columns = _columns(robot, motion.joint_names, f"log '{name}'", LogError)
     joint, motor = motion.joint_position[:, columns], motion.motor_position[:, columns]
-    behind_spring = motor / _ratios(robot)
+    # N r_L / r_M is the motor angle per angle at the output of the drive.
+    behind_spring = motor / [total_ratio(robot.drives[joint]) for joint in robot.joint_names]
     unseen = np.isnan(joint[0])
     position = np.where(unseen, at_joints(robot.transmission, behind_spring), joint)
     for index in np.flatnonzero(np.isnan(position[0])):
@@ -368,15 +349,10 @@ def _logged(robot: Robot, motion: Log | Motion, name: str, identified: Robot | N
     ]
     time = motion.time - motion.time[0]
     deflection = behind_spring - at_drives(robot.transmission, joint)
-    traces, unknown = logged_traces(robot, identified, motion, columns, deflection)
-    if identified is not None:
+    traces, unknown = _logged_traces(models, motion, columns, deflection)
+    if IDENTIFIED in models:
         notes += unknown
     return _playback(robot, name, time, position, deflection, traces, notes)
-
-
-def _ratios(robot: Robot) -> Array:
-    """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
-    return np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
 
 
 def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidError]) -> list[int]:

@@ -1,4 +1,4 @@
-"""Shapes: visual meshes of a URDF as triangles with a colour, and inertias as ellipsoids."""
+"""Shapes: the visual shapes of a URDF as geometry objects, and inertias as ellipsoids."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, IndexArray, frozen, safely
+from seaid._arrays import Array, frozen, safely
 from seaid._progress import counted
 from seaid.errors import RobotError
 from seaid.robot import (
@@ -32,18 +33,14 @@ _SHARP_RAD = 0.6
 """Angle between faces of STL files above which shading keeps the edge."""
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """Triangles of one colour on a link: `vertices` (V, 3) [m] in its body's frame, `faces` (F, 3).
-
-    `body` is 0 for the base, i + 1 for the body of joint i; `color` is red, green, blue, 0 to 255.
-    """
-
-    link: str
-    body: int
-    vertices: Array
-    faces: IndexArray
-    color: Color
+def shape_object(
+    name: str, joint: int, placement: pin.SE3, shape: coal.CollisionGeometry, color: Color
+) -> pin.GeometryObject:
+    """Return an opaque object of one colour on a joint of Pinocchio's model."""
+    placed = pin.GeometryObject(name, joint, placement, shape)
+    # viser truncates 255 times a channel: half a step keeps what rounding does out of the colour.
+    placed.meshColor = np.append((np.array(color) + 0.5) / 255.0, 1.0)
+    return placed
 
 
 def shapes_of(
@@ -51,33 +48,35 @@ def shapes_of(
     tree: UrdfTree,
     places: Mapping[str, tuple[int, pin.SE3]],
     package_dirs: str | Path | Sequence[str | Path] = (),
-) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+) -> tuple[list[pin.GeometryObject], dict[str, Any], list[str]]:
     """Return the visual shapes of a valid URDF, and notes on missing or unreadable meshes.
 
-    `places` has the body of every link and its placement there. Meshes are searched in
-    `package_dirs`, the folder of the file and those above it. Raises RobotError for a missing
-    folder.
+    A mesh is a trimesh.Trimesh by the name of its object, which is its bounding box. `places` has
+    the joint and the frame of every link. Meshes are searched in `package_dirs`, the folder of the
+    file and those above it. Raises RobotError for a missing folder.
     """
     folders = search_folders(urdf, package_dirs)
     materials = tree.elements.materials
     palette = {m.name: _rgb(m) for m in materials if m.color is not None}
-    shapes: list[Shape] = []
+    objects: list[pin.GeometryObject] = []
+    meshes: dict[str, Any] = {}
     missing: dict[str, list[str]] = {}
     for link in tree.elements.links:
-        body, placement = places[link.name]
+        joint, placement = places[link.name]
         for visual in link.visuals:
-            wanted = _material_color(visual.material, palette)
+            color = _material_color(visual.material, palette)
+            place = placement if visual.origin is None else placement * pin.SE3(visual.origin)
             try:
                 parts = list(_parts(visual.geometry, folders))
             except _NoMeshError as problem:
                 missing.setdefault(problem.remedy, []).append(f"{problem} (link '{link.name}')")
                 continue
-            origin = np.eye(4) if visual.origin is None else visual.origin
-            whole = placement.homogeneous @ origin
-            for mesh, painted in parts:
-                moved = mesh.apply_transform(whole)
-                shapes.append(_shape(link.name, body, moved, painted or wanted))
-    return tuple(shapes), tuple(_missing_text(*entry) for entry in missing.items())
+            for shape, center, mesh, painted in parts:
+                name, at = f"bodies/{len(objects)}", place * pin.SE3(np.eye(3), center)
+                objects.append(shape_object(name, joint, at, shape, painted or color))
+                if mesh is not None:
+                    meshes[name] = mesh
+    return objects, meshes, [_missing_text(*entry) for entry in missing.items()]
 
 
 class _NoMeshError(Exception):
@@ -109,30 +108,27 @@ def _not_found(name: str) -> _NoMeshError:
     return _NoMeshError(f"mesh '{name}' is not found", remedy)
 
 
-def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
-    vertices = np.array(mesh.vertices, dtype=np.float64)
-    faces = np.array(mesh.faces, dtype=np.intp)
-    vertices.setflags(write=False)
-    faces.setflags(write=False)
-    return Shape(link, body, vertices, faces, color)
-
-
 _CONVERT = "replace it by an STL, OBJ, PLY, glTF or Collada file with triangles"
 
 
-def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
-    """Yield the meshes of a geometry, each with the colour of its file."""
-    import trimesh
+_Part = tuple[coal.CollisionGeometry, Array, Any, Color | None]
+"""A shape, its centre (3,) [m], the mesh about that centre or None, and the colour of its file."""
 
+
+def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[_Part]:
+    """Yield the shapes of a geometry in the frame of its origin."""
+    nowhere = np.zeros(3)
     if geometry.box is not None:
-        yield trimesh.creation.box(np.asarray(geometry.box.size, dtype=float)), None
+        yield coal.Box(*np.asarray(geometry.box.size, dtype=float)), nowhere, None, None
     elif geometry.sphere is not None:
-        yield trimesh.creation.icosphere(3, radius=geometry.sphere.radius), None
+        yield coal.Sphere(geometry.sphere.radius), nowhere, None, None
     elif geometry.cylinder is not None:
-        cylinder = geometry.cylinder
-        yield trimesh.creation.cylinder(radius=cylinder.radius, height=cylinder.length), None
+        cylinder = coal.Cylinder(geometry.cylinder.radius, geometry.cylinder.length)
+        yield cylinder, nowhere, None, None
     elif geometry.mesh is not None:
-        yield from _loaded(geometry.mesh, folders)
+        for mesh, painted in _loaded(geometry.mesh, folders):
+            center = np.mean(mesh.bounds, axis=0)
+            yield coal.Box(*mesh.extents), center, mesh.apply_translation(-center), painted
 
 
 def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
@@ -143,19 +139,21 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
     if path is None:
         raise _not_found(named.filename)
     try:
-        parts = [m for m in trimesh.load_scene(path).dump() if isinstance(m, trimesh.Trimesh)]
+        meshes = trimesh.load_scene(path).dump()
+        parts = [x for x in meshes if isinstance(x, trimesh.Trimesh) and len(x.faces)]
     except Exception as problem:  # readers of a dozen formats raise any exception
         reason = f"{type(problem).__name__}: {problem}"
         raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None
-    if not any(len(part.faces) for part in parts):
+    if not parts:
         raise _NoMeshError(f"mesh '{path}' has no triangles", _CONVERT)
-    scale = np.eye(4)
-    scale[:3, :3] *= 1.0 if named.scale is None else named.scale
+    by_color: dict[Color | None, list[Any]] = {}
     for part in parts:
-        painted = _painted(part.visual)
+        by_color.setdefault(_painted(part.visual), []).append(part)
+    for painted, several in by_color.items():
+        mesh: Any = trimesh.util.concatenate(several)
         if path.suffix.lower() == ".stl":  # it has no normals, and its edges were merged
-            part = trimesh.graph.smooth_shade(part, angle=_SHARP_RAD)
-        yield part.apply_transform(scale), painted
+            mesh = trimesh.graph.smooth_shade(mesh, angle=_SHARP_RAD)
+        yield mesh.apply_scale(1.0 if named.scale is None else named.scale), painted
 
 
 def _painted(visual: Any) -> Color | None:
@@ -186,17 +184,18 @@ def _color(values: Any) -> Color:
 class Ellipsoid:
     """The solid ellipsoid of uniform density with the mass and the inertia of a body.
 
-    In the body's frame: `center` of mass (3,) [m], `semi_axes` (3,) [m], and their directions as
-    columns of `rotation` (3, 3). With the pseudo-inertia [[S, h], [h^T, m]] the second moments
-    about the centre of mass are S_c = S - h h^T / m, and those of a uniform solid ellipsoid are
-    S_c = m/5 R diag(a^2) R^T. The semi-axes are therefore a_i = sqrt(5 lambda_i / m), where
-    lambda_i are the eigenvalues of S_c; by principal moments, a_i^2 = 5/(2m) (I_j + I_k - I_i).
+    In the frame of its `joint` of Pinocchio's model: `center` of mass (3,) [m], `semi_axes` (3,)
+    [m], and their directions as columns of `rotation` (3, 3). With the pseudo-inertia
+    [[S, h], [h^T, m]] the second moments about the centre of mass are S_c = S - h h^T / m, and
+    those of a uniform solid ellipsoid are S_c = m/5 R diag(a^2) R^T. The semi-axes are therefore
+    a_i = sqrt(5 lambda_i / m), where lambda_i are the eigenvalues of S_c; by principal moments,
+    a_i^2 = 5/(2m) (I_j + I_k - I_i).
 
     A physically inconsistent body has no such ellipsoid: `problem` says why, and `semi_axes` are
     zero. Its `center` is the origin of the body if its mass is not positive.
     """
 
-    body: int
+    joint: int
     name: str
     mass: float
     center: Array
@@ -205,17 +204,24 @@ class Ellipsoid:
     problem: str | None = None
 
 
+def joints_of_bodies(robot: Robot) -> list[int]:
+    """Return the joint of `robot.model` that moves each body of `body_names`."""
+    joints = [robot.model.getJointId(name) for name in robot.all_joint_names]
+    # A floating base is the last body and has no joint: it is the base of the picture.
+    return [*joints, 0][: len(robot.body_names)]
+
+
 def ellipsoids_of(robot: Robot) -> tuple[Ellipsoid, ...]:
     """Return the ellipsoids of the bodies with known parameters, without payloads."""
-    bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
+    bodies = (joints_of_bodies(robot), robot.body_names, robot.parameters.reshape(-1, 10))
     return tuple(
-        _ellipsoid(index % (len(robot.all_joint_names) + 1), name, ten)  # a floating base is 0
-        for index, (name, ten) in enumerate(bodies, 1)
+        _ellipsoid(joint, name, ten)
+        for joint, name, ten in zip(*bodies, strict=True)
         if np.all(np.isfinite(ten)) and np.any(ten)
     )
 
 
-def _ellipsoid(body: int, name: str, parameters: Array) -> Ellipsoid:
+def _ellipsoid(joint: int, name: str, parameters: Array) -> Ellipsoid:
     mass, problem = float(parameters[0]), inconsistency(parameters)
     center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
     rotation, semi_axes = np.eye(3), np.zeros(3)
@@ -226,7 +232,7 @@ def _ellipsoid(body: int, name: str, parameters: Array) -> Ellipsoid:
         semi_axes = np.sqrt(5.0 * np.maximum(moments, 0.0) / mass)
         rotation[:, 2] = np.cross(rotation[:, 0], rotation[:, 1])  # no mirror image
     return Ellipsoid(
-        body,
+        joint,
         name,
         mass,
         frozen("center", center, (3,)),

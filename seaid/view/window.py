@@ -21,14 +21,21 @@ from seaid.errors import RobotError, SeaidError, checked, reason_of, unknown_nam
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot
-from seaid.view.panel import NOTHING, draw_plots, notes_of, put_panel, put_plots, slider_end, table
-from seaid.view.picture import deflection_colors, picture_of
+from seaid.view.panel import (
+    NOTHING,
+    deflection_colors,
+    draw_plots,
+    notes_of,
+    put_panel,
+    slider_end,
+    table,
+)
+from seaid.view.picture import picture_of, rest_posture
 from seaid.view.playback import playback_of, scales
-from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
-    from seaid.view.panel import Panel, Plots
+    from seaid.view.panel import Panel
     from seaid.view.picture import Picture
     from seaid.view.playback import Playback, Shown
     from seaid.view.stage import Stage
@@ -50,8 +57,8 @@ class View(Display):
         The motions that it can play.
     limits : array (n,)
         The ends of the colour scale of deflections [rad or m].
-    server, stage, panel, plots
-        The server and the handles of viser; there are no plots without a motion.
+    server, stage, panel
+        The server and the handles of viser.
     """
 
     server: Any
@@ -59,7 +66,6 @@ class View(Display):
     playbacks: tuple[Playback, ...]
     stage: Stage
     panel: Panel
-    plots: Plots | None
     limits: Array
     _drawing: Any = field(default_factory=threading.RLock, init=False, repr=False)
     _playing: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
@@ -163,9 +169,9 @@ class View(Display):
         if self.playbacks:
             panel.time.on_update(lambda _: self._draw())
             panel.run.on_update(lambda _: self._change_motion())
-            if self.plots is not None:
-                self.plots.joint.on_update(lambda _: self._draw())
             panel.play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
+        if panel.plots is not None:
+            panel.plots.joint.on_update(lambda _: self._draw())
         if panel.compared is not None:
             panel.compared.on_update(lambda _: self._draw())
 
@@ -180,21 +186,21 @@ class View(Display):
 
     def _draw(self) -> None:
         """Move and colour all parts for the time shown."""
+        robot, panel = self.picture.robot, self.panel
         with self._drawing, self.server.atomic():
             position, deflection = self._state()
             colors = deflection_colors(deflection, self.limits)
-            place(self.stage.bodies, self.picture.placements(position))
-            paint(self.stage.joints, colors)
-            if self.playbacks:
-                text = table(self.picture.robot, position, deflection, colors)
-                self.panel.table.content = text
-            if self.playback is not None and self.plots is not None:
-                draw_plots(self.plots, self.picture.robot, self.playback, self.time)
-            name = None if self.panel.compared is None else self.panel.compared.value
-            show(self.stage.groups["ghost"], name not in (None, NOTHING))
-            if name not in (None, NOTHING):
-                compared, _ = self._named(name).at(self.time)
-                place(self.stage.ghost, self.picture.placements(compared))
+            self.stage.robot.display(robot.to_model(position))
+            self.stage.paint(colors)
+            if self.playback is not None and panel.plots is not None:
+                panel.table.content = table(robot, position, deflection, colors)
+                draw_plots(panel.plots, robot, self.playback, self.time)
+            if panel.compared is not None:
+                is_compared = panel.compared.value != NOTHING
+                self.stage.ghost.visualRootFrame.visible = is_compared
+                if is_compared:
+                    compared, _ = self._named(panel.compared.value).at(self.time)
+                    self.stage.ghost.display(robot.to_model(compared))
 
     def _state(self) -> tuple[Array, Array]:
         """Return position and deflection (n,) shown now."""
@@ -304,13 +310,14 @@ def view_robot(
 
 
 def _opened(server: Any, picture: Picture, playbacks: tuple[Playback, ...]) -> View:
+    from seaid.view.stage import Stage, set_the_view
+
     limits = scales(playbacks, picture.robot.is_prismatic)
     sampled = [p.position[:: max(1, len(p.time) // _POSTURES)] for p in playbacks]
-    set_the_view(server, picture, np.concatenate(sampled or [picture.rest_posture[None]]))
-    stage = put_on_stage(server, picture)
+    set_the_view(server, picture, np.concatenate(sampled or [rest_posture(picture.robot)[None]]))
+    stage = Stage(server, picture)
     panel = put_panel(server, picture, stage, playbacks, limits)
-    plots = put_plots(server, picture.robot, playbacks) if playbacks else None
-    return View(server, picture, playbacks, stage, panel, plots, limits)
+    return View(server, picture, playbacks, stage, panel, limits)
 
 
 def _viser_server() -> Any:

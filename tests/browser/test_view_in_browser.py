@@ -181,8 +181,8 @@ def test_buttons_and_choices_of_the_page_move_the_robot(
 def test_plots_and_bodies_are_there(page: Page, view: View, wrong: list[str]) -> None:
     view.show("<i>run</i>")
     view.seek(0.7)
-    assert view.plots is not None
-    view.plots.joint.value = "knee_pitch"
+    assert view.panel.plots is not None
+    view.panel.plots.joint.value = "knee_pitch"
     page.get_by_text("spring deflection of knee_pitch [mrad]").wait_for()
     assert page.locator(".uplot canvas").count() == 2
     for name in ("measured", "nominal", "identified"):

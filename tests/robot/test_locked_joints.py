@@ -90,9 +90,8 @@ def test_links_stand_where_those_of_the_whole_model_do(urdf: Path) -> None:
     own = robot.model.createData()
     pin.forwardKinematics(robot.model, own, np.zeros(2))
     tree = seaid.robot.reread_urdf(urdf).locked_at(robot.locked)
-    order = [0, *(1 + robot.model_order.index(place) for place in range(2))]
-    for link, (body, place) in link_places(tree, robot).items():
-        at = own.oMi[order[body]] * place
+    for link, (joint, place) in link_places(tree, robot).items():
+        at = own.oMi[joint] * place
         there = data.oMf[model.getFrameId(link)]
         np.testing.assert_allclose(at.homogeneous, there.homogeneous, atol=1e-12)
 

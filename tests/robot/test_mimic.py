@@ -395,11 +395,14 @@ def test_mimics_in_a_circle_are_refused_and_lost_ones_named(write_urdf: Write) -
 
 def test_picture_places_the_bodies_of_followers(gripper: Robot) -> None:
     """The level keeps its direction; both fingers are as far from the middle."""
-    from seaid.view.picture import picture_of
+    from seaid.robot import reread_urdf
+    from seaid.view.picture import link_places, placements
 
-    places = picture_of(gripper).placements(np.array([0.7, 0.0, 0.05]))
+    assert gripper.urdf is not None
+    joints = placements(gripper, np.array([0.7, 0.0, 0.05]))
+    links = link_places(reread_urdf(gripper.urdf), gripper)
     table, left, right = (
-        places[gripper.body_names.index(name) + 1] for name in ("table", "left", "right")
+        joints[links[name][0]] * links[name][1] for name in ("table", "left", "right")
     )
     np.testing.assert_allclose(table.rotation, pin.exp3(np.array([0, 0.2, 0])), atol=1e-12)
     distance = np.linalg.norm(left.translation - right.translation)

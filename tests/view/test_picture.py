@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,7 +17,7 @@ from seaid.errors import RobotError
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
 from seaid.robot.robot_file import reread_urdf
-from seaid.view.picture import Picture, link_places, picture_of
+from seaid.view.picture import Picture, link_places, picture_of, placements, rest_posture
 from seaid.view.shapes import GREY
 
 ROBOTS = [
@@ -57,8 +58,8 @@ def link_placements(picture: Picture, q: Array) -> dict[str, pin.SE3]:
     """Return the placements of all links of the URDF, including fixed and locked ones."""
     assert picture.robot.urdf is not None
     places = link_places(reread_urdf(picture.robot.urdf), picture.robot)
-    bodies = picture.placements(q)
-    return {link: bodies[body] * place for link, (body, place) in places.items()}
+    joints = placements(picture.robot, q)
+    return {link: joints[joint] * place for link, (joint, place) in places.items()}
 
 
 def largest_difference(found: dict[str, pin.SE3], expected: dict[str, pin.SE3]) -> float:
@@ -119,8 +120,17 @@ def test_meshes_of_packages_are_found(
 ) -> None:
     picture = picture_of(load_quietly(example_path(name)))
     assert picture.notes == ()
-    assert sum(len(shape.faces) for shape in picture.shapes) > 10_000
-    assert len({shape.color for shape in picture.shapes}) > 1
+    assert sum(len(mesh.faces) for mesh in picture.meshes.values()) > 10_000
+    assert len({color_of(part) for part in picture.objects("bodies")}) > 1
+
+
+def color_of(part: pin.GeometryObject) -> tuple[int, ...]:
+    """Return the colour as viser takes it from the floats of an object, by truncation."""
+    return tuple(int(255.0 * channel) for channel in part.meshColor[:3])
+
+
+def middle_of(part: pin.GeometryObject) -> Array:
+    return np.asarray(part.placement.translation)
 
 
 def visual(geometry: str, origin: str = "", material: str = "") -> str:
@@ -141,24 +151,21 @@ def shown(
 
 
 @pytest.mark.parametrize(
-    ("geometry", "half_size", "volume"),
+    ("geometry", "half_size"),
     [
-        ('<box size="0.2 0.4 0.6"/>', (0.1, 0.2, 0.3), 0.048),
-        ('<sphere radius="0.1"/>', (0.1, 0.1, 0.1), 4e-3 * np.pi / 3),
-        ('<cylinder radius="0.1" length="0.6"/>', (0.1, 0.1, 0.3), 6e-3 * np.pi),
+        ('<box size="0.2 0.4 0.6"/>', (0.1, 0.2, 0.3)),
+        ('<sphere radius="0.1"/>', (0.1, 0.1, 0.1)),
+        ('<cylinder radius="0.1" length="0.6"/>', (0.1, 0.1, 0.3)),
     ],
 )
 def test_primitive_shapes_have_their_size(
-    write_urdf: Callable[[str], Path],
-    geometry: str,
-    half_size: tuple[float, ...],
-    volume: float,
+    write_urdf: Callable[[str], Path], geometry: str, half_size: tuple[float, ...]
 ) -> None:
-    (shape,) = shown(write_urdf, visual(geometry)).shapes
-    assert (shape.link, shape.body, shape.color) == ("arm", 1, GREY)
-    np.testing.assert_allclose(np.max(shape.vertices, axis=0), half_size, atol=1e-3)
-    mesh = trimesh.Trimesh(shape.vertices, shape.faces)
-    assert mesh.volume == pytest.approx(volume, rel=0.02)
+    (shape,) = shown(write_urdf, visual(geometry)).objects("bodies")
+    assert (shape.parentJoint, color_of(shape)) == (1, GREY)
+    assert type(shape.geometry).__name__.lower() in geometry
+    shape.geometry.computeLocalAABB()
+    np.testing.assert_allclose(shape.geometry.aabb_local.max_, half_size)
 
 
 def test_origins_colours_and_fixed_links_count(write_urdf: Callable[[str], Path]) -> None:
@@ -174,10 +181,10 @@ def test_origins_colours_and_fixed_links_count(write_urdf: Callable[[str], Path]
         '<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/>'
         '<origin xyz="0 0 0.5"/></joint>',
     )
-    box, sphere = picture.shapes
-    assert box.color == (255, 0, 0)
-    assert sphere.color == (0, 128, 255)
-    np.testing.assert_allclose(box.vertices.mean(axis=0), [1.0, 0.0, 0.0], atol=1e-12)
+    box, sphere = picture.objects("bodies")
+    assert color_of(box) == (255, 0, 0)
+    assert color_of(sphere) == (0, 128, 255)
+    np.testing.assert_allclose(middle_of(box), [1.0, 0.0, 0.0], atol=1e-12)
     placement = link_placements(picture, np.array([np.pi / 2]))["tip"]
     np.testing.assert_allclose(placement.translation, [0.5, 0.0, 1.0], atol=1e-12)
 
@@ -188,17 +195,22 @@ def test_meshes_are_scaled_and_searched_in_package_dirs(
 ) -> None:
     packages = tmp_path / "elsewhere"
     (packages / "arms" / "meshes").mkdir(parents=True)
-    trimesh.creation.box((1.0, 2.0, 3.0)).export(packages / "arms" / "meshes" / f"a.{ending}")
+    box = trimesh.creation.box((1.0, 2.0, 3.0)).apply_translation([5.0, 0.0, 0.0])
+    box.export(packages / "arms" / "meshes" / f"a.{ending}")
     mesh = visual(f'<mesh filename="package://arms/meshes/a.{ending}" scale="0.1 0.1 0.01"/>')
     missing = shown(write_urdf, mesh)
-    assert missing.shapes == ()
+    assert missing.objects("bodies") == []
     assert missing.notes == (
         f"mesh 'package://arms/meshes/a.{ending}' is not found (link 'arm'): name the folder that "
         "contains the package 'arms' with --package-dir (package_dirs=), or set ROS_PACKAGE_PATH",
     )
     assert missing.bare_bodies == ("arm",)
     found = shown(write_urdf, mesh, package_dirs=packages)
-    np.testing.assert_allclose(np.ptp(found.shapes[0].vertices, axis=0), [0.1, 0.2, 0.03])
+    (part,) = found.objects("bodies")
+    np.testing.assert_allclose(2.0 * part.geometry.halfSide, [0.1, 0.2, 0.03], rtol=1e-6)
+    np.testing.assert_allclose(middle_of(part), [0.5, 0.0, 0.0], atol=1e-9)
+    mesh = found.meshes[part.name]
+    np.testing.assert_allclose(mesh.bounds, [-part.geometry.halfSide, part.geometry.halfSide])
     assert found.notes == found.bare_bodies == ()
 
 
@@ -208,7 +220,7 @@ def test_mesh_that_cannot_be_read_makes_a_note(
     (tmp_path / "bad.stl").write_text("no mesh at all")
     both = visual('<mesh filename="bad.stl"/>') + visual('<box size="1 1 1"/>')
     picture = shown(write_urdf, both)
-    assert len(picture.shapes) == 1
+    assert len(picture.objects("bodies")) == 1
     assert picture.notes == (
         f"mesh '{tmp_path / 'bad.stl'}' has no triangles (link 'arm'): replace it by an STL, OBJ, "
         "PLY, glTF or Collada file with triangles",
@@ -238,6 +250,12 @@ def test_folder_that_is_not_there_is_refused(write_urdf: Callable[[str], Path]) 
         shown(write_urdf, visual('<box size="1 1 1"/>'), package_dirs="nowhere")
 
 
+def ends_of(line: pin.GeometryObject) -> list[Array]:
+    """Return the ends of a line in the frame of its joint."""
+    half = np.array([0.0, 0.0, line.geometry.halfLength])
+    return [line.placement.act(end) for end in (-half, half)]
+
+
 def rounded(points: list[Array]) -> list[tuple[float, ...]]:
     return sorted(tuple((np.round(point, 9) + 0.0).tolist()) for point in points)
 
@@ -247,11 +265,11 @@ def test_lines_join_joints_rails_and_payloads(write_chain: Callable[..., Path]) 
     path = write_chain({"a": f"revolute {limit}", "b": f"prismatic {limit}"}, empty=("b_link",))
     robot = load_robot(path, payloads=[Payload("b_link", 2.0, (0.0, 0.1, 0.0))])
     picture = picture_of(robot)
-    assert picture.shapes == ()
+    assert picture.objects("bodies") == []
     assert picture.bare_bodies == ("a_link", "b_link")
-    still, slid = (picture.placements(np.array([0.3, slide])) for slide in (0.0, 0.2))
-    lines = zip(picture.segment_bodies, picture.segments, strict=True)
-    ends = [slid[body].act(point) for body, segment in lines for point in segment]
+    still, slid = (placements(robot, np.array([0.3, slide])) for slide in (0.0, 0.2))
+    lines = picture.objects("lines")
+    ends = [slid[line.parentJoint].act(end) for line in lines for end in ends_of(line)]
     a, b = still[1].translation, still[2].translation
     rail = [still[2].act(np.array([end, 0.0, 0.0])) for end in (-0.1, 0.3)]
     payload = [slid[2].translation, slid[2].act(np.array([0.0, 0.1, 0.0]))]
@@ -262,17 +280,19 @@ def test_leaf_has_a_line_to_its_centre_of_mass(write_chain: Callable[..., Path])
     robot = load_robot(write_chain({"a": "continuous"}))
     picture = picture_of(robot)
     (center,) = picture.nominal
-    assert picture.segment_bodies == (0, 1)
-    np.testing.assert_allclose(picture.segments[1], [np.zeros(3), center.center], atol=1e-12)
+    lines = picture.objects("lines")
+    assert [line.parentJoint for line in lines] == [0, 1]
+    np.testing.assert_allclose(ends_of(lines[1]), [np.zeros(3), center.center], atol=1e-12)
     assert center.mass == pytest.approx(robot.parameters[0])
 
 
 def test_payloads_are_marked_where_they_are(tulip_urdf: Path) -> None:
     payloads = [Payload("foot", 1.0, (0.1, 0.0, 0.0)), Payload("foot", 3.0, (0.2, 0.0, 0.0))]
     robot = load_robot(tulip_urdf, payloads=payloads)
-    (mark,) = picture_of(robot).payloads
-    assert (mark.name, mark.body, mark.mass) == ("payload on foot", 5, 4.0)
-    np.testing.assert_allclose(mark.center, [0.175, 0.0, 0.0])
+    (ball,) = picture_of(robot).objects("payloads")
+    assert ball.parentJoint == 5
+    assert 4 / 3 * np.pi * ball.geometry.radius**3 * 7850.0 == pytest.approx(4.0)
+    np.testing.assert_allclose(middle_of(ball), [0.175, 0.0, 0.0])
 
 
 def test_unknown_bodies_have_no_ellipsoid(tulip_leg: Robot) -> None:
@@ -319,24 +339,30 @@ def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
     postures = np.array([posture(tulip_leg, seed) for seed in range(5)])
     points = picture.outline(postures)
     for q in postures:
-        placements = picture.placements(q)
-        for shape in picture.shapes:
-            seen = np.array([placements[shape.body].act(point) for point in shape.vertices])
+        joints = placements(tulip_leg, q)
+        for part in picture.objects("bodies"):
+            corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+            shape = part.geometry
+            if isinstance(shape, coal.Cylinder):
+                half_sides = np.array([shape.radius, shape.radius, shape.halfLength])
+            else:
+                half_sides = shape.halfSide
+            place = joints[part.parentJoint] * part.placement
+            seen = np.array([place.act(point) for point in corners * half_sides])
             assert np.all(seen >= np.min(points, axis=0) - 1e-9)
             assert np.all(seen <= np.max(points, axis=0) + 1e-9)
     assert 0.7 < picture.size < 1.2  # the leg is 0.7 m long
 
 
 def test_home_is_zero_within_the_limits(tulip_leg: Robot) -> None:
-    np.testing.assert_array_equal(picture_of(tulip_leg).rest_posture, [0.0, 0.0, 0.0, 0.05, 0.0])
+    np.testing.assert_array_equal(rest_posture(tulip_leg), [0.0, 0.0, 0.0, 0.05, 0.0])
 
 
 def test_positions_of_another_shape_are_refused(tulip_leg: Robot) -> None:
-    picture = picture_of(tulip_leg)
     with pytest.raises(RobotError, match=r"joint positions must have shape \(5\)"):
-        picture.placements(np.zeros(4))
+        placements(tulip_leg, np.zeros(4))
     with pytest.raises(RobotError, match="joint positions must be finite"):
-        picture.placements(np.full(5, np.nan))
+        placements(tulip_leg, np.full(5, np.nan))
 
 
 def test_robot_needs_its_file_as_it_was(tulip_leg: Robot, tulip_urdf: Path, tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import simulate
-from seaid.view.panel import legend, plain_text, table
-from seaid.view.picture import NEUTRAL, deflection_colors, gradient
+from seaid.view.panel import deflection_colors, gradient, legend, plain_text, table
+from seaid.view.picture import NEUTRAL
 from seaid.view.playback import Playback, Shown, playback_of, scales, traces_of
 
 LIMIT = '<limit lower="-1" upper="1" velocity="3" effort="50"/>'
@@ -212,7 +212,7 @@ def test_scales_are_of_all_turning_and_of_all_sliding_joints() -> None:
 
     def one(turning: float, sliding: float) -> Playback:
         deflection = np.hstack([[[-turning]] * 2, [[0.0]] * 2, [[sliding]] * 2, nothing])
-        return Playback("x", time, np.zeros((2, 4)), deflection, traces_of([(time, {}, {})], ()))
+        return Playback("x", time, np.zeros((2, 4)), deflection, traces_of(1.0, {}, ()))
 
     kinds = (False, False, True, True)
     found = scales([one(0.2, 3e-3), one(0.1, 4e-3)], kinds)

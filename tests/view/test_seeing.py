@@ -88,7 +88,7 @@ def test_options_reach_the_robot(opened: list[View]) -> None:
     assert said.stdout.startswith("http://localhost:")
     picture = opened[0].picture
     assert picture.robot.joint_names == ("knee_pitch", "ankle_pitch")
-    assert [mark.mass for mark in picture.payloads] == [2.0]
+    assert len(picture.objects("payloads")) == 1
 
 
 def test_missing_meshes_are_notes(tmp_path: Path) -> None:
