@@ -8,6 +8,7 @@ user's files have the true geometry and ratios; masses, centres and inertias are
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -284,6 +285,15 @@ PLANTS = (
 """The plants, the arm of six joints last."""
 
 
+def generator(plant: Plant, seed: int) -> np.random.Generator:
+    """Return the random numbers of a plant, which no other plant has.
+
+    With one noise for all plants their errors would not be independent: of the first drives most
+    had the viscous friction off to one side, of the second ones to the other.
+    """
+    return np.random.default_rng([seed, zlib.crc32(plant.title.encode())])
+
+
 def urdf_of(plant: Plant, rng: np.random.Generator | None = None) -> str:
     """Return the URDF: the true one, or by a generator one with bodies off by 10 to 30 %."""
 
@@ -417,7 +427,7 @@ def simulated(plant: Plant, seed: int) -> Run:
     model: Any = mujoco.MjModel.from_xml_string(_mjcf(plant))
     data = _with_gains(plant, model)
     time: Array = np.arange(float(round(plant.duration_s / STEP_S))) * STEP_S
-    control = _reference(plant, time, np.random.default_rng(seed))
+    control = _reference(plant, time, generator(plant, seed))
     drives = [joint.drive for joint in plant.joints]
     control *= [x.load_radius / x.lever if x.stiffness else 1.0 for x in drives]
     # Without damping a load would still swing on its spring, while friction holds the motor.
@@ -464,7 +474,7 @@ def logged(plant: Plant, run: Run, rng: np.random.Generator) -> tuple[Mapping[st
 
 def write_files(plant: Plant, run: Run, seed: int, folder: Path) -> Array:
     """Write robot.urdf, truth.urdf, drives.toml and run.csv; return the motor offsets (n,)."""
-    rng = np.random.default_rng(seed)
+    rng = generator(plant, seed)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(urdf_of(plant, rng))
     (folder / "truth.urdf").write_text(urdf_of(plant))

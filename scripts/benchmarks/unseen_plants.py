@@ -408,13 +408,13 @@ def examined(
     return rows
 
 
-def main(seeds: int, only: str, folder: Path) -> None:
+def main(seeds: int, motion: int, only: str, folder: Path) -> None:
     """Print the tables of all plants, the findings on these right set-ups, and the summary."""
     begin, rows = time.monotonic(), []
     alarms: dict[str, list[str]] = {way: [] for way in WAYS}
     for plant in few([plant for plant in PLANTS if only in plant.title], 2):
         plant = replace(plant, duration_s=sized(plant.duration_s, 5.0))
-        run = simulated(plant, 1)
+        run = simulated(plant, motion)
         for seed in range(1, seeds + 1):
             title = f"{plant.title}, seed {seed}"
             place = folder / title.replace(" ", "_").replace(",", "")
@@ -438,10 +438,12 @@ def _line(row: Score) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=2, help="logs of each plant")
+    parser.add_argument("--motion", type=int, default=1, help="seed of the motion of each plant")
     parser.add_argument("--only", default="", help="part of the titles of the plants")
     parser.add_argument("--output", type=Path, help="folder for the files; default: none kept")
     add_quick(parser)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     with tempfile.TemporaryDirectory() as name:
-        main(arguments.seeds, arguments.only, arguments.output or Path(name))
+        folder = arguments.output or Path(name)
+        main(arguments.seeds, arguments.motion, arguments.only, folder)

@@ -25,7 +25,7 @@ from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SUR
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
-from seaid.log import Motion, changed_source, in_band
+from seaid.log import POSITION_BAND, Motion, changed_source, low_pass
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -72,13 +72,17 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     alike, weight = rows.at_rows([*map(of_drive, side.motions)]), side.equation.weight[:, None]
     rest = np.linalg.norm(side.equation.residual_of(weight * alike), axis=0)
     alike[:, rest < _ROUNDING * np.linalg.norm(weight * alike, axis=0)] = 0.0
-    # filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
-    # of which is as large as its first difference
+    # Filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
+    # of which is as large as its first difference.
     slopes = [
-        np.gradient(in_band(motion, motion.motor_torque[:, [index]]), motion.time, axis=0)
-        for motion in side.motions
+        np.gradient(
+            low_pass(x.motor_torque[:, [index]], x.rate_hz, POSITION_BAND * x.cutoff_hz),
+            x.time,
+            axis=0,
+        )
+        for x in side.motions
     ]
-    return -rows.at_rows(slopes, in_band=True), alike
+    return -rows.at_rows(slopes), alike
 
 
 _ROUNDING = 1e-3

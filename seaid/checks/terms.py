@@ -42,6 +42,7 @@ from seaid.regressor import (
     actuator_equation,
     input_signals,
     joint_regressor,
+    known_friction,
     motor_regressor,
     spring_regressor,
 )
@@ -197,19 +198,21 @@ class DriveRows:
     def _scale(self) -> Scale:
         return scale_of(self.robot, self.motions, self.joint)
 
-    def at_rows(self, parts: Sequence[Array], *, in_band: bool = False) -> Array:
+    def at_rows(self, parts: Sequence[Array]) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
 
-        They are filtered as the rows are, if they are not `in_band` already, and those of a stiff
-        drive are zero where friction in the equation is not known.
+        They are filtered as the rows are, and zero where friction in the equation is not known.
         """
         placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
-        is_elastic = self.robot.drives[self.joint].is_elastic
+        drive = self.robot.drives[self.joint]
         for index, run, chosen, samples in self._by_equation:
             motion, part = self.motions[run], parts[run]
-            known = part if is_elastic or in_band else motion.where_known(index, part)
-            filtered = known[samples] if in_band else in_band_at(motion, known, samples)
-            placed[chosen] = self.factors[index] * filtered
+            if drive.is_elastic:
+                regressor = self.regressor(self.robot, self.joint)
+                known = known_friction(self.robot, motion, self.joint, regressor)[:, None] * part
+            else:
+                known = motion.where_known(index, part)
+            placed[chosen] = self.factors[index] * in_band_at(motion, known, samples)
         return placed
 
     @cached_property

@@ -47,6 +47,7 @@ from seaid.regressor import (
     Regression,
     actuator_columns,
     actuator_regression,
+    known_friction,
     load_columns,
     load_regression,
     with_known_friction,
@@ -130,7 +131,9 @@ def actuator_with_instruments(
     made = instrument_motion(robot, motion, fitted)
     # Instruments pass the filter of the rows, and are taken at their instants: column by column
     # they stand for the same quantity, without its noise.
-    Z = in_band(made, actuator_columns(robot, made, joint)[2])
+    regressor, _, Z = actuator_columns(robot, made, joint)
+    # Where friction is known is decided by the measured motion, for instruments as for the rows.
+    Z = in_band(made, known_friction(robot, motion, joint, regressor)[:, None] * Z)
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time)])
 
 

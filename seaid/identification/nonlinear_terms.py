@@ -53,6 +53,7 @@ from seaid.regressor import (
     actuator_regression,
     actuator_rows,
     input_signals,
+    known_friction,
     load_model_of,
     motor_regressor,
     signals,
@@ -184,8 +185,8 @@ class _Search:
     `signals` and `samples` are those of the drive's rows in each motion, `rows` (R_j,) these rows
     among the R rows of the side, `factor` their weight. `zeta` (T,) is the part of each motion's
     target that is in `y` (R,) already. `others` (R, rank) spans the weighted columns of all other
-    parameters, which are projected out. `linear` are the linear parameters with a column. `index`
-    is the joint of an equation of the load side.
+    parameters, which are projected out. `linear` are the linear parameters with a column. `known`
+    (T,) of each motion is 1 where the friction of the equation is known, and 0 elsewhere.
     """
 
     regressor: DriveRegressor
@@ -198,7 +199,7 @@ class _Search:
     zeta: Sequence[Array]
     y: Array
     others: Array
-    index: int | None = None
+    known: Sequence[Array]
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
@@ -260,9 +261,8 @@ class _Search:
         return columns
 
     def _banded(self, parts: Sequence[Array]) -> Array:
-        if self.index is not None:
-            pairs = zip(self.motions, parts, strict=True)
-            parts = [motion.where_known(self.index, part) for motion, part in pairs]
+        # Columns (T, c) and targets (T,) alike.
+        parts = [(known * part.T).T for known, part in zip(self.known, parts, strict=True)]
         # The low pass and the samples are those of the rows: columns are computed at the rate of
         # the log and then filtered, since sign(w) of a filtered w is another function.
         triples = zip(self.motions, parts, self.samples, strict=True)
@@ -294,6 +294,7 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
         zeta=[np.zeros(len(motion.time)) for motion in motions],
         y=np.zeros(count),
         others=np.empty((count, 0)),
+        known=[known_friction(robot, motion, joint, regressor) for motion in motions],
     )
 
 
@@ -561,7 +562,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         zeta=[regressor.evaluate(by_name)[0] for by_name in by_motion],
         y=of_row * rows.y,
         others=scaled_svd(H, "the columns of the load side").span(),
-        index=index,
+        known=[x.where_known(index, np.ones(len(x.time))) for x in motions],
     )
 
 

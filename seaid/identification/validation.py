@@ -19,12 +19,12 @@ from seaid.log import Motion, in_band, smoothed_where
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
+    known_friction,
     load_torques,
     measured_contact_torques,
     sensed_torque,
     signals,
     under_load,
-    unknown_actuator_friction,
     unknown_friction,
     with_gear_torque,
 )
@@ -240,7 +240,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
             force = sensed_torque(identification.known, motion, index) / drive.load_radius
             measured[:, index], error = lever * force, lever * error
         computed[:, index] = measured[:, index] + error
-        still[:, index] = unknown_actuator_friction(identification.known, motion, joint, regressor)
+        still[:, index] = known_friction(identification.known, motion, joint, regressor) == 0
     return measured, computed, still
 
 

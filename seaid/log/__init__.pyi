@@ -24,6 +24,7 @@ from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
 from .filtering import in_band as in_band
 from .filtering import in_band_at as in_band_at
+from .filtering import is_friction_known as is_friction_known
 from .filtering import joint_standstill as joint_standstill
 from .filtering import low_pass as low_pass
 from .filtering import moving as moving

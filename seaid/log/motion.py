@@ -16,6 +16,7 @@ from seaid.errors import LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
+    BLUR_OF_COMMANDS,
     CutoffSelection,
     in_band,
     is_friction_known,
@@ -468,17 +469,17 @@ def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> M
     without it a joint may at all of them.
     """
     direction, known = (np.full_like(motion.motor_velocity, np.nan) for _ in range(2))
-    fastest, band_hz = motion.largest_speeds[0], POSITION_BAND * motion.cutoff_hz
+    fastest, bands_hz = motion.largest_speeds[0], (motion.rate_hz, POSITION_BAND * motion.cutoff_hz)
     for index, joint in enumerate(robot.joint_names):
         drive, velocity = robot.drives[joint], motion.motor_velocity[:, index]
         if not is_commanded(drive):
             continue
         # inf: no reversal is steep enough to be passed; 0: all are passed, and none is late.
         acceleration = dry.get(joint, np.inf) if is_dry(drive) else 0.0
-        direction[:, index] = mean_directions(velocity, motion.rate_hz, band_hz, acceleration)
+        direction[:, index] = mean_directions(velocity, *bands_hz, acceleration)
         if not drive.is_elastic and robot.floating_base is None:
             known[:, index] = not is_dry(drive) or is_friction_known(
-                velocity, float(fastest[index]), motion.rate_hz, band_hz, acceleration
+                velocity, float(fastest[index]), *bands_hz, acceleration, BLUR_OF_COMMANDS
             )
     return replace(motion, motor_direction=direction, friction_known=known)
 

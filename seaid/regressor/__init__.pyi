@@ -54,6 +54,7 @@ from .regression import has_deflection as has_deflection
 from .regression import input_signals as input_signals
 from .regression import is_linear as is_linear
 from .regression import joint_regressor as joint_regressor
+from .regression import known_friction as known_friction
 from .regression import motor_regressor as motor_regressor
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import sensed_torque as sensed_torque
@@ -62,7 +63,6 @@ from .regression import spring_regression as spring_regression
 from .regression import spring_regressor as spring_regressor
 from .regression import stacked as stacked
 from .regression import under_load as under_load
-from .regression import unknown_actuator_friction as unknown_actuator_friction
 from .regression import with_changes as with_changes
 from .rigid_body import joint_torques as joint_torques
 from .rigid_body import regressor_at_drives as regressor_at_drives

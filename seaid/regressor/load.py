@@ -50,6 +50,7 @@ from seaid.regressor.floating import (
 )
 from seaid.regressor.regression import (
     INPUTS,
+    LEAST_KNOWN,
     Regress,
     Regression,
     input_signals,
@@ -831,10 +832,6 @@ def with_known_friction(motion: Motion, joints: Sequence[int], columns: Array) -
     return np.stack(each, axis=1)
 
 
-_LEAST_KNOWN = 0.2
-"""Part of the window of the low pass in which friction is known, at least, for a row."""
-
-
 def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> BoolArray:
     """Return which of some samples give an equation of a joint on the load side."""
     index = robot.index(joint)
@@ -842,7 +839,7 @@ def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> B
         return ~unknown_friction(robot, motion, joint)[rows]
     assert motion.friction_known is not None
     share = in_band_at(motion, motion.friction_known[:, [index]], rows)[:, 0]
-    return np.asarray((share >= _LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
+    return np.asarray((share >= LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:

@@ -26,8 +26,10 @@ from seaid.drives import (
 from seaid.errors import LogError
 from seaid.log import (
     PIECE_SAMPLES,
+    POSITION_BAND,
     Motion,
     in_band_at,
+    is_friction_known,
     moving,
     pieces,
     row_samples,
@@ -248,7 +250,7 @@ def actuator_equation(
 def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     """Return the actuator side (10) of an elastic joint over time: friction and spring parameters.
 
-    Instants near standstill are excluded if the drive has dry friction.
+    If the drive has dry friction, its equation counts for nothing at reversals and at standstill.
     """
     return _drive_rows(robot, motion, joint, *actuator_equation(robot, motion, joint))
 
@@ -271,12 +273,13 @@ def _drive_rows(
     """Return the rows of a drive's equation at the given signals."""
     index = robot.index(joint)
     y, H = regressor.evaluate(by_name)
+    known = known_friction(robot, motion, joint, regressor)
     kept, excluded = actuator_rows(robot, motion, joint, regressor)
     return Regression(
         names=regressor.names,
         units=regressor.units,
-        H=in_band_at(motion, H, kept),
-        y=in_band_at(motion, y, kept),
+        H=in_band_at(motion, known[:, None] * H, kept),
+        y=in_band_at(motion, known * y, kept),
         joint=np.full(len(kept), index),
         time=motion.time[kept],
         run=np.zeros(len(kept)),
@@ -337,17 +340,29 @@ def actuator_rows(
         # Without derivatives there are no filter transients of speed and acceleration at the ends.
         return row_samples(replace(motion, transient_s=0.0)), 0
     rows = row_samples(motion)
-    kept = rows[~unknown_actuator_friction(robot, motion, joint, regressor)[rows]]
+    known = known_friction(robot, motion, joint, regressor)
+    kept = rows[in_band_at(motion, known, rows) >= LEAST_KNOWN]
     return kept, len(rows) - len(kept)
 
 
-def unknown_actuator_friction(
-    robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
-) -> BoolArray:
-    """Return the samples (T,) at which an actuator side has unknown friction: (4b) has none."""
-    if not _has_motor(regressor):
-        return np.zeros(len(motion.time), dtype=bool)
-    return unknown_motor_friction(robot, motion, joint)
+LEAST_KNOWN = 0.2
+"""Part of the window of the low pass in which friction is known, at least, for a row."""
+
+
+def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor) -> Array:
+    """Return 1 where the friction of an actuator side is known, and 0 where it is not (T,).
+
+    At a reversal the sign of dry friction is that of the speed before the low pass, which made the
+    reversal later or earlier, and while the motor sticks its friction is anything up to that of
+    Coulomb. As a factor of the whole equation before the low pass of the rows, zero takes these
+    samples out of a combination of equations that are all valid. (4b) has no friction.
+    """
+    index = robot.index(joint)
+    if not _has_motor(regressor) or not is_dry(robot.drives[joint]):
+        return np.ones(len(motion.time))
+    speed, fastest = motion.motor_velocity[:, index], float(motion.largest_speeds[0, index])
+    band_hz = POSITION_BAND * motion.cutoff_hz
+    return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)
 
 
 def unknown_motor_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:

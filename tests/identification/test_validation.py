@@ -13,6 +13,7 @@ from seaid.identification.identification import identify
 from seaid.identification.repeated_identification import validate
 from seaid.identification.validation import compared
 from seaid.log.filtering import low_pass, row_samples
+from seaid.regressor.regression import known_friction, motor_regressor
 from seaid.report.formats import explained_as
 from seaid.report.html import runs_of
 from seaid.report.tables import error_rows
@@ -96,7 +97,9 @@ def test_errors_count_the_samples_that_identification_uses() -> None:
     rows, fits = row_samples(motion), compared(arm_found(), motion)
     for joint in arm().elastic_joints:
         counted = fits.actuator.counted[rows, arm().index(joint)]
-        assert 0 < np.sum(~counted) == arm_found().excluded[joint]
+        known = known_friction(arm(), motion, joint, motor_regressor(arm(), joint))[rows]
+        assert np.array_equal(counted, known == 1)
+        assert 0 < arm_found().excluded[joint] <= np.sum(~counted)
     assert np.sum(~fits.load.counted[rows]) == arm_found().excluded["load"] > 0
     for fit in (arm_result().actuator, arm_result().load):
         there = np.isfinite(fit.relative_error)

@@ -178,22 +178,22 @@ def test_directions_are_the_means_of_the_true_ones(friction: float) -> None:
 
 def test_friction_is_not_known_at_rest_nor_where_a_joint_may_stick() -> None:
     """A reversal with thrice the acceleration of dry friction is passed; a stop is none."""
-    rate_hz, band_hz = 100.0, 20.0
+    rate_hz, band_hz, blur = 100.0, 20.0, 3.5
     time = np.arange(0, 6, 1 / rate_hz)
     speed = np.where(time < 2.005, 2.005 - time, np.where(time < 4.005, 0.0, 4.005 - time))
 
     def unknown_s(dry: float) -> tuple[float, float]:
-        known = is_friction_known(speed, 2.0, rate_hz, band_hz, dry)
+        known = is_friction_known(speed, 2.0, rate_hz, band_hz, dry, blur)
         return float(np.sum(~known)) / rate_hz, float(time[~known][-1])
 
-    blur_s = 3.5 / (2 * np.pi * band_hz)
+    blur_s = blur / (2 * np.pi * band_hz)
     length, end = unknown_s(np.inf)
     assert length == pytest.approx(2.04 + 2 * blur_s, abs=0.03)
     assert end == pytest.approx(4.02 + blur_s, abs=0.02)
 
     line = 1.5025 - time
     for dry, sticks in ((0.3, False), (0.4, True), (np.inf, True)):
-        known = is_friction_known(line, 1.5, rate_hz, band_hz, dry)
+        known = is_friction_known(line, 1.5, rate_hz, band_hz, dry, blur)
         assert np.all(known) != sticks
         if sticks:
             assert np.sum(~known) / rate_hz == pytest.approx(0.03 + 2 * blur_s, abs=0.03)
