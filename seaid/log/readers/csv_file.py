@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -49,6 +49,9 @@ _MARKS = {
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _EXCEL = re.compile(r'"?sep=.?"?\s*')
 """A first line in which spreadsheets write the delimiter of the file."""
+
+_ROW_NAME = re.compile(r'"\d+"')
+"""The name of a row in a file that R wrote."""
 
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
@@ -244,7 +247,7 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
     if not units:
         return header
     header = _named(path, first, third, skipped + 2)
-    pairs = zip(header.names, units, strict=False)
+    pairs = zip_longest(header.names, units, fillvalue="")
     return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
 
 
@@ -336,7 +339,13 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
     if delimiter == " ":
         header = " ".join(header.split())
     _, cells = next(_cells(path, [header], delimiter, 1), (1, []))
-    names, width = [name.strip() for name in cells], len(cells)
+    names = [name.strip() for name in cells]
+    if not is_comment:
+        _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
+        if len(cells) == len(names) + 1 and all(_is_sample(cell) for cell in cells if cell):
+            # R has no name for the column of the names of rows, which is the first, and quotes it.
+            names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
+    width = len(names)
     items: _Items = ()
     is_decimal = delimiter != "," and any(
         _DECIMAL_COMMA.fullmatch(cell.strip()) for cell in sample.split(delimiter)
