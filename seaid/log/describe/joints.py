@@ -139,13 +139,15 @@ def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
     nameless = {x: m for x, m in inference.meanings.items() if not m.joint and is_sensor(m)}
     sides = {m.side for m in nameless.values() if m.quantity == "position"}
-    # Exactly one label, and columns without one that are all of a motor: "mpos" next to
+    # Exactly one label, and no position of a joint without one: "mpos" or "motor_current" next to
     # "elbow_pos".
-    if len(labels) != 2 or "" not in labels or not sides <= {"motor"}:
+    label, *others = [*filter(None, labels), ""]
+    if not label or others != [""] or not sides <= {"motor"}:
         return labels
-    label = next(filter(None, labels))
-    for name in nameless:
-        inference.take(name, f"taken for the motor of {label}", joint=label)
+    for name, meaning in nameless.items():
+        # A voltage next to a motor that has no other column is as likely that of the supply.
+        if "" in labels or meaning.quantity != "voltage":
+            inference.take(name, f"taken for the motor of {label}", joint=label)
     return [label]
 
 
