@@ -148,7 +148,7 @@ class _Search:
         groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
         for name in self.inference.data:
             file = self.table.files.get(name, "")
-            form, stem, place, factor = place_of(self.table.bare(name), file)
+            form, stem, place, factor = place_of(self.table.label(name), file)
             if form:
                 groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
         return groups
@@ -329,7 +329,7 @@ class _Search:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
         links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
         for name in self.inference.data:
-            bare = self.table.bare(name)
+            bare = self.table.label(name)
             if is_contact(bare) and self._shared(bare)[0] in links:
                 self._take_contact(self._shared(bare)[0], name)
         for vector in vectors:
@@ -396,7 +396,7 @@ class _Search:
         taken = {*self.guess.meanings, *self.guess.columns()}
         columns: dict[tuple[str, str], str] = {}
         for column in [x for x in self.inference.data if x not in taken]:
-            meaning = planar_meaning(self.table.bare(column), normal)
+            meaning = planar_meaning(self.table.label(column), normal)
             if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
                 columns.setdefault(meaning, column)
         return columns
