@@ -14,6 +14,7 @@ from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
+from seaid.log.channels import quantity_of
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
     CutoffSelection,
@@ -24,7 +25,6 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
-from seaid.log.repair import interpolation_of
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
@@ -525,7 +525,7 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
         for place in np.flatnonzero(np.isfinite(values[0])):
             # The deflection rate multiplies the damping of the spring: the deflection is
             # differentiated too.
-            how = "spline" if field == "deflection" else interpolation_of(field)
+            how = "spline" if field == "deflection" else quantity_of(field).interpolation
             resampled[field][:, place] = interpolated(log.time, values[:, place], time, how)
     return time, resampled
 

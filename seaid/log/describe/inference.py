@@ -19,8 +19,8 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.errors import LogError, in_one_line, listed
+from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.names import Meaning, Role, is_of_another_part
-from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import listed
+from seaid.log.channels import OF_JOINTS, UNIT_FACTORS
 from seaid.log.describe.inference import (
     POSITION_FACTORS,
     Inference,
@@ -26,7 +27,6 @@ from seaid.log.describe.inference import (
     unit_by_velocity,
 )
 from seaid.log.describe.names import Meaning, joint_alone, vocabulary
-from seaid.log.log import UNIT_FACTORS
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage")
@@ -256,9 +256,9 @@ def quantities_of(inference: Inference, joint: str) -> Sources:
 
 
 _USUAL_UNITS = {
-    **{"motor_torque": "Nm", "joint_torque": "Nm", "torque_command": "Nm"},
-    **{"motor_current": "A", "motor_voltage": "V", "motor_temperature": "degC"},
-    "velocity_command": "rad/s",
+    name: next(iter(UNIT_FACTORS[row.unit]))
+    for name, row in OF_JOINTS.items()
+    if row.kind not in ("position", "deflection")
 }
 """{quantity: the unit of its columns that a description need not state}."""
 
