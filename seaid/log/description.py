@@ -281,14 +281,14 @@ class LogDescription(Display):
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
-        keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
-        lines = [f"{key} = {as_toml(content[key])}" for key in keys]
-        tables = {f"joints.{toml_key(joint)}": table for joint, table in content["joints"].items()}
-        tables |= {"base": content["base"]} if "base" in content else {}
-        for link, vectors in content.get("contacts", {}).items():
-            tables[f"contacts.{toml_key(link)}"] = vectors
-        if "repair" in content:
-            tables["repair"] = content["repair"]
+        tables: dict[str, Any] = {}
+        for key in ("joints", "base", "contacts", "repair"):
+            table = content.pop(key, {})
+            if key in ("joints", "contacts"):
+                tables |= {f"{key}.{toml_key(owner)}": entry for owner, entry in table.items()}
+            elif table:
+                tables[key] = table
+        lines = [f"{key} = {as_toml(value)}" for key, value in content.items()]
         for name, table in tables.items():
             lines += ["", f"[{name}]"]
             lines += [f"{toml_key(key)} = {as_toml(value)}" for key, value in table.items()]

@@ -19,12 +19,12 @@ from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
 from seaid.log.channels import (
-    ANGLE,
     CHANNELS,
     OF_BASE,
     OF_CONTACTS,
     TEMPERATURES,
     UNIT_FACTORS,
+    Quantity,
     column_name,
     column_names,
     short_name,
@@ -141,72 +141,56 @@ def _described_vectors(
                 "base='floating'",
             )
         return
-    for where, owner, quantity, names, source in (
-        *_base_vectors(path, table, description, base),
-        *_contact_vectors(path, table, description, base),
-    ):
-        clock = _clock_of(where, table, description, source)
-        yield _Described(where, owner, quantity, names, source, clock)
-
-
-_Vector = tuple[str, str, str, tuple[str, ...], VectorSource]
-"""The place in messages, the owner, the quantity, the names of its channels, and the source."""
-
-
-def _base_vectors(
-    path: Path, table: Table, description: LogDescription, base: FloatingBase
-) -> Iterator[_Vector]:
-    """Yield the vectors of the base."""
-    for quantity, source in description.base.items():
-        where = f"'{path}': [base] {quantity}"
-        yield where, "base", quantity, _names(where, quantity, source, base), source
-    planar = {"angle": (ANGLE,)} if base.normal is not None else {}
-    for quantity, every in {**CHANNELS, **planar}.items():
-        needed = every if quantity in planar else needed_columns(base, quantity)
-        logged = tuple(name for name in every if name in table.names)
-        if quantity not in description.base and {*needed} <= {*logged}:
-            yield f"'{path}': {logged[0]}", "base", quantity, logged, VectorSource(logged)
-
-
-def _contact_vectors(
-    path: Path, table: Table, description: LogDescription, base: FloatingBase
-) -> Iterator[_Vector]:
-    """Yield the flags and wrenches of contacts."""
-    for link in dict.fromkeys([*description.contacts, *base.contact_links]):
-        where = f"'{path}': [contacts.{link}]"
+    for link in description.contacts:
         if link not in base.frames:
-            raise LogError(f"{where}: {unknown_name('link', link, base.frames)}")
-        for quantity, row in OF_CONTACTS.items():
-            names = row.columns(link)
-            source = description.contacts.get(link, {}).get(quantity)
-            if source is None and {*names} <= {*table.names}:
-                source = VectorSource(names)
+            unknown = unknown_name("link", link, base.frames)
+            raise LogError(f"'{path}': [contacts.{link}]: {unknown}")
+    links = dict.fromkeys([*description.contacts, *base.contact_links])
+    places = [("base", "[base]", description.base, OF_BASE)]
+    for link in links:
+        vectors = description.contacts.get(link, {})
+        places.append((link, f"[contacts.{link}]", vectors, OF_CONTACTS))
+    for owner, place, described, rows in places:
+        for quantity, row in rows.items():
+            where, source = f"'{path}': {place} {quantity}", described.get(quantity)
             if source is not None:
-                yield f"{where} {quantity}", link, quantity, names, source
+                names = _names(where, row, owner, source, base)
+            elif (source := _own_vector(table, row, owner, base)) is not None:
+                names = source.columns
+            else:
+                continue
+            clock = _clock_of(where, table, description, source)
+            yield _Described(where, owner, quantity, names, source, clock)
 
 
-def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) -> tuple[str, ...]:
-    """Return the names of the channels of a vector, also of the part that a planar base needs."""
-    if quantity == "angle":
-        if base.normal is None:
-            raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
-        return (ANGLE,)
-    names, width = _raw_names(quantity, source), len(source.columns)
-    if width < len(names):
-        needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
-        if width != len(needed):
-            raise LogError(f"{where}: needs {len(needed)} columns, found {width}")
-        return needed
-    return names
+def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> VectorSource | None:
+    """Return the columns with seaid's own names of a vector, None if there are too few."""
+    if row.name == "acceleration" or (row.name == "angle" and base.normal is None):
+        return None
+    names = row.columns(owner)
+    needed = needed_columns(base, row.name) if row.name in CHANNELS else names
+    logged = tuple(name for name in names if name in table.names)
+    return VectorSource(logged) if {*needed} <= {*logged} else None
 
 
-def _raw_names(quantity: str, source: VectorSource) -> tuple[str, ...]:
-    """Return the names of the channels of a vector, which say its frame if it is to be turned."""
-    usual = OF_BASE[quantity].frame if quantity in OF_BASE else None
-    frame = source.frame or usual
-    if quantity in CHANNELS and frame == usual:
-        return CHANNELS[quantity]
-    return tuple(f"base.{quantity}_in_{frame}_{x}" for x in "xyz")
+def _names(
+    where: str, row: Quantity, owner: str, source: VectorSource, base: FloatingBase
+) -> tuple[str, ...]:
+    """Return the names of the channels of a vector, also of the part that a planar base needs.
+
+    Those of a vector that is to be turned into the frame of `BaseLog` have its own frame.
+    """
+    if row.name == "angle" and base.normal is None:
+        raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
+    names, frame = row.columns(owner), source.frame or row.frame
+    needed = needed_columns(base, row.name) if row.name in CHANNELS else names
+    if row.name == "acceleration" or frame != row.frame:
+        needed = names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
+    if len(source.columns) == len(names):
+        return names
+    if len(source.columns) != len(needed):
+        raise LogError(f"{where}: needs {len(needed)} columns, found {len(source.columns)}")
+    return needed
 
 
 def _sources_by_name(

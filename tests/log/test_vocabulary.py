@@ -60,7 +60,7 @@ def test_phrases_count_as_a_whole() -> None:
 def test_the_table_of_channels_has_the_fields_of_a_log_and_the_documented_quantities() -> None:
     assert tuple(OF_JOINTS) == SENSORS
     text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text("utf-8")
-    documented = re.search(r"Quantities of a joint: (.*)\. Velocities", text)
+    documented = re.search(r"Quantities of a joint: (.*?)\. Velocities", text, re.DOTALL)
     assert documented is not None
     assert {*re.findall(r"`(\w+)`", documented[1])} == {*SENSORS}
 
