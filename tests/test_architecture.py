@@ -144,7 +144,7 @@ ONE_IMPORTER = {
         *("export.joint_actuators", "regressor.random_instants"),
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.channels", "log.describe.base", "log.describe.joints", "log.describe.vectors"),
+        *("log.sources", "log.describe.base", "log.describe.joints"),
     ),
 }
 """{reason: modules that only one other module imports}."""

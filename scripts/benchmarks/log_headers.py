@@ -2,7 +2,7 @@
 
     python -m scripts.benchmarks.log_headers
 
-The headers are those of tests/data/headers/headers.toml, with samples that fit their truth.
+The headers are those of tests/data/headers, with samples that fit their truth.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from tests.log.test_real_headers import (
     HELD_OUT,
     LAST,
     SECOND_HALF,
+    TWENTY,
     judged,
 )
 
@@ -33,7 +34,12 @@ def main() -> None:
     """Print the table of the headers and the time of the HEBI log."""
     rows = []
     groups = {"59, developed on": DEVELOP, "59, others": HELD_OUT}
-    groups |= {"42, first half": FIRST_HALF, "42, second half": SECOND_HALF, "9": LAST}
+    groups |= {
+        "42, first half": FIRST_HALF,
+        "42, second half": SECOND_HALF,
+        "9": LAST,
+        "20": TWENTY,
+    }
     for name, headers in groups.items():
         columns = [column for header in headers for column in judged(ALL.index(header))]
         right = [one for _, one, _ in columns]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import seaid
-from seaid.cli.kinds import Contacts, JointNames, Kind, LogFile, TomlFile, UrdfFile
+from seaid.cli.kinds import Contacts, JointNames, Kind, LogFile, Names, TomlFile, UrdfFile
 from seaid.cli.messages import is_stdout
 from seaid.cli.options import ResultOptions, RobotOptions
 from seaid.errors import LogError
@@ -22,6 +22,7 @@ def describe(
     base: Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"] = "fixed",
     contact: list[Contacts] | None = None,
     rate_hz: float | None = None,
+    columns: Names | None = None,
     output: Annotated[Path, Kind("TOML")] | None = None,
     result: ResultOptions,
 ) -> None:
@@ -36,6 +37,8 @@ def describe(
         A log with custom columns, or the files of one log.
     urdf
         The robot, for joint names and units of angles.
+    columns
+        Names of the columns, or t,q,qd,tau: the time, and arrays in the order of the joints.
     output
         File for the TOML; default: on stdout.
 
@@ -52,7 +55,7 @@ def describe(
     robot = None
     if urdf is not None:
         robot = RobotOptions(urdf, drives=drives, joints=joints, base=base, contact=contact).robot()
-    guess = seaid.describe_log(logs, robot, rate_hz=rate_hz)
+    guess = seaid.describe_log(logs, robot, rate_hz=rate_hz, columns=columns or ())
     if robot is not None and robot.floating_base is not None:
         with suppress(LogError):  # what cannot be read yet is for the user to correct
             log = seaid.read_log(logs, robot, description=guess.description)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import seaid
-from seaid.cli.kinds import ByJoint, Folder, LogFile
+from seaid.cli.kinds import ByJoint, Folder, LogFile, Names
 from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.options import JsonOptions, RobotOptions, check_joints
 from seaid.errors import abridged
@@ -18,6 +18,7 @@ def init(
     position_gain: ByJoint | None = None,
     velocity_gain: ByJoint = 0,
     rate_hz: float | None = None,
+    columns: Names | None = None,
     folder: Folder = Path(),
     result: JsonOptions,
 ) -> None:
@@ -33,6 +34,9 @@ def init(
         Gain of the position controllers [N m/rad at the joint]
     velocity_gain
         Their velocity gain [N m s/rad at the joint]
+    columns
+        Names of the columns of each log, or t,q,qd,tau: the time, and arrays in the order of the
+        joints.
     folder
         The folder of the project.
 
@@ -41,6 +45,7 @@ def init(
     seaid init leg.urdf run.csv other.csv
     seaid init go2 go2.csv --position-gain 20 --velocity-gain 1.5
     seaid init go2 walk.npz --base floating --contact FL_foot,FR_foot,RL_foot,RR_foot --rate-hz 500
+    seaid init arm.urdf no_header.csv --columns t,q,qd,tau
     seaid init arm.urdf run.csv --drives arm.toml --payload hand:1.5:0,0,0.05
     """
     check_robot_files(options.urdf, options.drives)
@@ -51,6 +56,7 @@ def init(
         folder=folder,
         controllers=_controllers(options, position_gain, velocity_gain),
         rate_hz=rate_hz,
+        columns=columns or (),
         **options.keywords_of_robot(),
     )
     text = [f"unsure: {abridged(doubt)}" for doubt in project.doubts]

@@ -1,4 +1,3 @@
-from .base_log import CHANNELS as CHANNELS
 from .base_log import LEAST_LIFT as LEAST_LIFT
 from .base_log import BaseLog as BaseLog
 from .base_log import BaseMotion as BaseMotion
@@ -7,6 +6,11 @@ from .base_log import loaded as loaded
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
 from .base_log import turned_to_world as turned_to_world
+from .channels import CHANNELS as CHANNELS
+from .channels import OF_CONTROLLERS as OF_CONTROLLERS
+from .channels import LogField as LogField
+from .channels import column_name as column_name
+from .channels import column_names as column_names
 from .commands import commanded_part as commanded_part
 from .commands import relative_supply as relative_supply
 from .commands import with_commanded_torque as with_commanded_torque
@@ -35,12 +39,8 @@ from .filtering import spline_derivatives as spline_derivatives
 from .filtering import standstill as standstill
 from .filtering import still_share as still_share
 from .filtering import still_speed as still_speed
-from .log import OF_CONTROLLERS as OF_CONTROLLERS
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
-from .log import LogField as LogField
-from .log import column_name as column_name
-from .log import column_names as column_names
 from .log import write_log as write_log
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log

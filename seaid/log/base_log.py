@@ -17,30 +17,12 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, frozen
 from seaid._files import toml_key
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
+from seaid.log.channels import ANGLE, CHANNELS, contact_columns
 from seaid.log.filtering import low_pass, spline_derivatives
 from seaid.robot import imu_motion
 
 if TYPE_CHECKING:
     from seaid.robot import FloatingBase, ImuMotion, Robot
-
-_XYZ = ("x", "y", "z")
-CHANNELS = {
-    "position": tuple(f"base.position_{x}_m" for x in _XYZ),
-    "orientation": tuple(f"base.orientation_{x}" for x in ("w", *_XYZ)),
-    "velocity": tuple(f"base.velocity_{x}_m_per_s" for x in _XYZ),
-    "angular_velocity": tuple(f"base.angular_velocity_{x}_rad_per_s" for x in _XYZ),
-    "specific_force": tuple(f"base.specific_force_{x}_m_per_s2" for x in _XYZ),
-}
-"""{field: its columns in a file}."""
-
-ANGLE = "base.angle_rad"
-"""The column of the angle of a planar base, in place of its orientation."""
-
-
-def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
-    """Return the columns of a contact in a file: of its flag, and of its wrench."""
-    forces = (f"{link}.force_{x}_N" for x in _XYZ)
-    return f"{link}.contact", (*forces, *(f"{link}.moment_{x}_Nm" for x in _XYZ))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,468 +1,233 @@
-"""Channels in SI units from the custom columns of a file and its log description.
+"""What a log may have: the one table of its channels, from which names and units follow.
 
-Each quantity of a joint, and each vector of the base or of a contact, has a source in the
-description; those that are not described are read from seaid's own columns. Vectors of other frames
-are turned to those of `BaseLog` by the orientation of the base.
+A row is a quantity of a joint, of the base or of a contact. Its name is the field of `Log` or
+`BaseLog` and the key of a description; its columns in a file are the owner, the name and the SI
+unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain
+from typing import Literal, get_args
 
 import numpy as np
 
-from seaid._arrays import Array
-from seaid.drives import total_ratio
-from seaid.errors import LogError, listed, unknown_name
-from seaid.log.base_log import (
-    ANGLE,
-    CHANNELS,
-    contact_columns,
-    continuous,
-    matrices,
-    needed_columns,
-    with_guided,
-)
-from seaid.log.description import FRAMES, Clock, LogDescription, Servo, Source, VectorSource
-from seaid.log.log import (
-    TEMPERATURES,
-    UNIT_FACTORS,
-    column_name,
-    column_names,
-    short_name,
-    unit_of_column,
-)
-from seaid.log.readers.table import Block, Table
-from seaid.log.repair import Channel
-from seaid.robot import FloatingBase, Robot, coupled_names
+UNIT_FACTORS = {
+    "rad": {
+        **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "mdeg": np.pi / 180e3},
+        "turn": 2 * np.pi,
+    },
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "Nm": {"Nm": 1.0, "Ncm": 1e-2, "mNm": 1e-3, "Nmm": 1e-3, "uNm": 1e-6, "kNm": 1e3},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
+    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "degC": {"degC": 1.0},
+    "rad_per_s": {
+        **{"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
+        **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
+    },
+    "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "m_per_s2": {
+        **{"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3},
+        **{"g": 9.80665, "mg": 9.80665e-3},
+    },
+}
+"""{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
+TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
+"""{unit of a temperature: (factor, its zero) in degrees Celsius}."""
 
-def channels_of(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> list[Channel]:
-    """Return the channels of a file by a complete description, with seaid's names, in SI units.
+LogField = Literal[
+    "motor_position",
+    "joint_position",
+    "motor_torque",
+    "joint_torque",
+    "motor_current",
+    "motor_voltage",
+    "deflection",
+    "motor_temperature",
+    "position_command",
+    "velocity_command",
+    "torque_command",
+    "supply_voltage",
+]
+"""Fields of a `Log` with samples of sensors, each (T, n)."""
 
-    A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
-    Raises LogError naming joint and quantity.
-    """
-    described = [*_described_quantities(path, table, description, robot)]
-    if not described:
-        raise LogError(
-            f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
-            f"description names none, found: {listed(table.names)}"
-        )
-    described += _described_vectors(path, table, description, robot)
-    where = description.where and table.in_file_of(description.where, described[0].columns)
-    shared = [] if where is None else [where]
-    wanted = dict[str, None]()
-    for spec in described:
-        names = [*shared, *spec.columns, *spec.clock.columns()]
-        wanted |= _checked_columns(spec.where, names, table)
-    data = table.load(list(wanted))
-    kept = data[where] != 0 if where else None
-    return [
-        _selected(spec.where, channel, kept, table.sparse)
-        for spec in described
-        for channel in spec.channels(data, robot)
-    ]
+SENSORS = get_args(LogField)
 
-
-def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str, None]:
-    """Return names as keys. Raises LogError, which begins with `where`, for a missing column."""
-    for name in names:
-        if name not in table.names:
-            raise LogError(f"{where}: {table.missing(name)}")
-    return dict.fromkeys(names)
+Interpolation = Literal["spline", "akima", "linear"]
+Frame = Literal["base", "world"]
 
 
 @dataclass(frozen=True)
-class _Described:
-    """A described quantity of a joint, or a vector of the base or of a contact.
+class Quantity:
+    """A row of the table.
 
-    `where` names it in messages, `names` are those of its channels.
+    Attributes
+    ----------
+    name : str
+        Field of `Log` or `BaseLog`, and key of a description.
+    kind : str
+        What is measured, which determines the units of a column.
+    unit, prismatic_unit : str
+        SI units at the end of a column, the latter of a prismatic joint if it is another one.
+    interpolation : {"akima", "spline", "linear"}
+        How samples are interpolated: by a spline what is differentiated, linearly a command.
+    axes : str
+        The components of a vector.
+    short_name : str
+        Another name, as logs of position controllers have it.
+    is_slow : bool
+        Whether its values repeat because they hardly change.
+    frame : {"base", "world"} or None
+        That of a vector that may be logged in either, where a description has none.
     """
 
-    where: str
-    owner: str
-    quantity: str
-    names: tuple[str, ...]
-    source: Source | VectorSource
-    clock: Clock
+    name: str
+    kind: str
+    unit: str
+    prismatic_unit: str = ""
+    interpolation: Interpolation = "akima"
+    axes: str = ""
+    short_name: str = ""
+    is_slow: bool = False
+    frame: Frame | None = None
 
     @property
-    def columns(self) -> Sequence[str]:
-        """The columns of the source."""
-        return _columns_of(self.source)
+    def is_command(self) -> bool:
+        """Whether it is sent and not measured.
 
-    def channels(self, data: Block, robot: Robot) -> list[Channel]:
-        """Return the channels of the columns of a file."""
-        if isinstance(self.source, Source):
-            return [_channel(data, robot, self, self.source)]
-        return _vector_channels(data, self, self.source)
+        Repeated values, zeros and jumps are what the drive was asked for, and no faults.
+        """
+        return self.name.endswith("_command")
 
+    @property
+    def is_position(self) -> bool:
+        """Whether it is a measured position."""
+        return self.kind == "position" and not self.is_command
 
-def _columns_of(source: Source | VectorSource) -> Sequence[str]:
-    return source.columns() if isinstance(source, Source) else source.columns
+    @property
+    def width(self) -> int:
+        """The number of its columns."""
+        return max(len(self.axes), 1)
 
-
-def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
-    """Return a description with the columns of seaid for what it does not describe of joints."""
-    described = [joint for joint in description.joints if joint not in robot.standing_joints]
-    for joint in described:
-        if joint not in robot.joint_names:
-            raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
-    joints = {}
-    for joint in dict.fromkeys([*described, *robot.joint_names]):
-        sources = dict(description.joints.get(joint, {}))
-        joints[joint] = sources | _sources_by_name(table, robot, joint, sources)
-    return replace(description, joints={joint: entry for joint, entry in joints.items() if entry})
-
-
-def _described_quantities(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> Iterator[_Described]:
-    for joint, sources in description.joints.items():
-        for quantity, source in sources.items():
-            where = f"'{path}': [joints.{joint}] {quantity}"
-            clock = _clock_of(where, table, description, source)
-            name = _name_of(robot, joint, quantity)[0]
-            yield _Described(where, joint, quantity, (name,), source, clock)
-
-
-def _described_vectors(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> Iterator[_Described]:
-    """Yield the vectors of a description, and those with seaid's own columns."""
-    base = robot.floating_base
-    if base is None:
-        if description.base or description.contacts:
-            raise LogError(
-                "the description has [base] or [contacts], and the base of the robot is fixed: "
-                "load it with base='floating'",
-                "base='floating'",
-            )
-        return
-    for where, owner, quantity, names, source in (
-        *_base_vectors(path, table, description, base),
-        *_contact_vectors(path, table, description, base),
-    ):
-        clock = _clock_of(where, table, description, source)
-        yield _Described(where, owner, quantity, names, source, clock)
-
-
-_Vector = tuple[str, str, str, tuple[str, ...], VectorSource]
-"""The place in messages, the owner, the quantity, the names of its channels, and the source."""
-
-
-def _base_vectors(
-    path: Path, table: Table, description: LogDescription, base: FloatingBase
-) -> Iterator[_Vector]:
-    """Yield the vectors of the base."""
-    for quantity, source in description.base.items():
-        where = f"'{path}': [base] {quantity}"
-        yield where, "base", quantity, _names(where, quantity, source, base), source
-    planar = {"angle": (ANGLE,)} if base.normal is not None else {}
-    for quantity, every in {**CHANNELS, **planar}.items():
-        needed = every if quantity in planar else needed_columns(base, quantity)
-        logged = tuple(name for name in every if name in table.names)
-        if quantity not in description.base and {*needed} <= {*logged}:
-            yield f"'{path}': {logged[0]}", "base", quantity, logged, VectorSource(logged)
-
-
-def _contact_vectors(
-    path: Path, table: Table, description: LogDescription, base: FloatingBase
-) -> Iterator[_Vector]:
-    """Yield the flags and wrenches of contacts."""
-    for link in dict.fromkeys([*description.contacts, *base.contact_links]):
-        where = f"'{path}': [contacts.{link}]"
-        if link not in base.frames:
-            raise LogError(f"{where}: {unknown_name('link', link, base.frames)}")
-        flag, wrench = contact_columns(link)
-        channels = {"contact": (flag,), "force": wrench[:3], "moment": wrench[3:]}
-        for quantity, names in channels.items():
-            source = description.contacts.get(link, {}).get(quantity)
-            if source is None and {*names} <= {*table.names}:
-                source = VectorSource(names)
-            if source is not None:
-                yield f"{where} {quantity}", link, quantity, names, source
-
-
-def _names(where: str, quantity: str, source: VectorSource, base: FloatingBase) -> tuple[str, ...]:
-    """Return the names of the channels of a vector, also of the part that a planar base needs."""
-    if quantity == "angle":
-        if base.normal is None:
-            raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
-        return (ANGLE,)
-    names, width = _raw_names(quantity, source), len(source.columns)
-    if width < len(names):
-        needed = needed_columns(base, quantity) if names == CHANNELS[quantity] else names
-        if width != len(needed):
-            raise LogError(f"{where}: needs {len(needed)} columns, found {width}")
-        return needed
-    return names
-
-
-def _raw_names(quantity: str, source: VectorSource) -> tuple[str, ...]:
-    """Return the names of the channels of a vector, which say its frame if it is to be turned."""
-    frame = source.frame or FRAMES.get(quantity)
-    if quantity in CHANNELS and (frame is None or frame == FRAMES[quantity]):
-        return CHANNELS[quantity]
-    return tuple(f"base.{quantity}_in_{frame}_{x}" for x in "xyz")
-
-
-def _sources_by_name(
-    table: Table, robot: Robot, joint: str, described: Mapping[str, Source]
-) -> dict[str, Source]:
-    """Return the columns with seaid's names for the quantities that are not described."""
-    names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-    used = {column for source in described.values() for column in source.columns()}
-    logged = {
-        field: Source(column)
-        for name, field in names.items()
-        for column in (short_name(name), name)
-        # The long name comes last and replaces the short one, if a file has both.
-        if column in table.names and (column == name or column not in used)
-    }
-    if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
-        logged["deflection"] = replace(logged["deflection"], scale=robot.drives[joint].load_radius)
-    return {field: source for field, source in logged.items() if field not in described}
-
-
-def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
-    """Return the samples with deflections converted to the position of a side without encoder.
-
-    The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. With
-    both positions it stays, as a motion of the joint. Raises LogError for a deflection of a rigid
-    drive, or without a position.
-    """
-    samples = dict(picked)
-    for index, joint in enumerate(robot.joint_names):
-        name = next((name for name in picked if name.startswith(f"{joint}.deflection_")), None)
-        if name is None:
-            continue
-        deflection, drive = samples.pop(name), robot.drives[joint]
-        if not drive.is_elastic:
-            raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
-        _check_own_drive(robot, joint, "a deflection does not determine its position")
-        name_of = partial(column_name, joint, robot.is_prismatic[index])
-        motor, load = name_of("motor_position"), name_of("joint_position")
-        behind_gear = drive.motor_radius / drive.ratio
-        if {motor, load} <= set(samples):
-            samples[name_of("deflection")] = deflection / drive.load_radius
-        elif load in samples:
-            # d = (r_M / N) theta_M - r_L theta_L, solved for theta_M, and below for theta_L.
-            samples[motor] = (deflection + drive.load_radius * samples[load]) / behind_gear
-        elif motor in samples:
-            samples[load] = (behind_gear * samples[motor] - deflection) / drive.load_radius
-        else:
-            raise LogError(
-                f"joint '{joint}': a deflection determines the other side of the spring only "
-                "together with motor_position or joint_position"
-            )
-    return samples
-
-
-def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
-    """Raise LogError for a joint whose drive is coupled with other joints."""
-    if joint in coupled_names(robot.joint_names, robot.transmission):
-        raise LogError(
-            f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
-            f"{consequence}; give motor_position and joint_position as measured"
+    def column(self, joint: str, is_prismatic: bool) -> str:
+        """Return the name of the column of a joint."""
+        unit = (is_prismatic and self.prismatic_unit) or self.unit
+        return (
+            f"{joint}.{self.name.replace('torque', 'force') if unit == 'N' else self.name}_{unit}"
         )
 
-
-def _clock_of(
-    where: str, table: Table, description: LogDescription, source: Source | VectorSource
-) -> Clock:
-    columns = _columns_of(source)
-    time_column = next((table.clocks[column] for column in columns if column in table.clocks), None)
-    time_s = table.in_file_of("time_s", columns)
-    time_column = time_column or (time_s if time_s in table.names else None)
-    clock = source.time or description.time or (Clock(column=time_column) if time_column else None)
-    if clock is not None and clock.column is not None:
-        rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
-        clock = replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
-    if clock is None:
-        _checked_columns(where, columns, table)
-        raise LogError(
-            f'{where}: no time is given; name its column, time = "...", or a constant rate, time = '
-            "{ rate_hz = ... }"
-        )
-    return clock
+    def columns(self, owner: str) -> tuple[str, ...]:
+        """Return the names of the columns of the base or of a contact."""
+        parts = [[self.name, axis, self.unit] for axis in self.axes or [""]]
+        return tuple(f"{owner}.{'_'.join(filter(None, words))}" for words in parts)
 
 
-def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Channel:
-    """Return the channel of a quantity of a joint."""
-    unit = _name_of(robot, spec.owner, spec.quantity)[1]
-    factor, offset = source.sign * source.scale, source.offset
-    try:
-        if source.servo:
-            values = _servo_voltage(data, source.servo)
-        else:
-            if unit == "degC":
-                degree, zero = TEMPERATURES[source.unit or unit]
-                # sign scale (degree T + zero) + offset: the zero of the unit is scaled too, the
-                # offset is not.
-                factor, offset = factor * degree, offset + factor * zero
-            else:
-                factor *= _unit_factor(robot, spec, source, unit)
-            values = data[str(source.column)] * _number(data, source.times)
-        time = spec.clock.seconds(data, len(values))
-        times = source.times if isinstance(source.times, int | float) else 1.0
-        period = None if source.wraps is None else abs(factor * times) * source.wraps
-        return Channel(spec.names[0], time, factor * values + offset, period, source.delay_s)
-    except (LogError, ValueError) as problem:
-        text = str(problem)
-        raise LogError(text if text.startswith(spec.where) else f"{spec.where}: {text}") from None
+def _by_name(*rows: Quantity) -> dict[str, Quantity]:
+    return {row.name: row for row in rows}
 
 
-def _vector_channels(data: Block, spec: _Described, source: VectorSource) -> list[Channel]:
-    """Return the channels of a vector as logged: a quaternion without changes of sign."""
-    logged = np.column_stack([data[name] for name in source.columns])
-    values = source.scale * logged
-    if spec.quantity == "orientation":
-        if source.order == "xyzw":
-            values = values[:, [3, 0, 1, 2]]
-        # Before gaps and other clocks are interpolated: between p and -p an interpolation passes
-        # zero.
-        values = continuous(values)
-    if spec.quantity == "contact":
-        limit = 0.5 if source.above is None else source.above
-        unknown = np.nan if source.unknown is None else source.unknown
-        is_known = np.isfinite(values) & (logged != unknown)
-        values = np.where(is_known, values > limit, np.nan)
-    time = spec.clock.seconds(data, len(values))
-    return [
-        Channel(name, time, column, None, source.delay_s)
-        for name, column in zip(spec.names, values.T, strict=True)
-    ]
+OF_JOINTS = _by_name(
+    Quantity("motor_position", "position", "rad", interpolation="spline"),
+    Quantity("joint_position", "position", "rad", "m", "spline", short_name="position"),
+    Quantity("motor_torque", "torque", "Nm"),
+    Quantity("joint_torque", "torque", "Nm", "N"),
+    Quantity("motor_current", "current", "A"),
+    Quantity("motor_voltage", "voltage", "V"),
+    Quantity("deflection", "deflection", "rad", "m"),
+    Quantity("motor_temperature", "temperature", "degC", is_slow=True),
+    Quantity("position_command", "position", "rad", "m", "linear", short_name="command"),
+    Quantity("velocity_command", "velocity", "rad_per_s", "m_per_s", "linear"),
+    Quantity("torque_command", "torque", "Nm", "N", "linear"),
+    Quantity("supply_voltage", "voltage", "V", is_slow=True),
+)
+"""Quantities of a joint. Deflection: motor side of the spring minus joint side."""
+
+OF_CONTROLLERS = (*(x for x, row in OF_JOINTS.items() if row.is_command), "supply_voltage")
+"""Fields that the controllers of drives need."""
+
+OF_BASE = _by_name(
+    Quantity("position", "position", "m", interpolation="spline", axes="xyz"),
+    Quantity("orientation", "orientation", "", interpolation="spline", axes="wxyz"),
+    Quantity("velocity", "velocity", "m_per_s", "", "spline", "xyz", frame="world"),
+    Quantity("angular_velocity", "angular_velocity", "rad_per_s", axes="xyz", frame="base"),
+    Quantity("specific_force", "specific_force", "m_per_s2", axes="xyz"),
+    Quantity("acceleration", "acceleration", "m_per_s2", axes="xyz", frame="world"),
+    Quantity("angle", "angle", "rad", interpolation="spline"),
+)
+"""Quantities of the base; an acceleration becomes the specific force, an angle the orientation."""
+
+OF_CONTACTS = _by_name(
+    Quantity("contact", "contact", ""),
+    Quantity("force", "force", "N", axes="xyz"),
+    Quantity("moment", "moment", "Nm", axes="xyz"),
+)
+"""Quantities of a contact."""
+
+CHANNELS = {
+    name: row.columns("base")
+    for name, row in OF_BASE.items()
+    if name not in ("acceleration", "angle")
+}
+"""{field of `BaseLog`: its columns in a file}."""
+
+(ANGLE,) = OF_BASE["angle"].columns("base")
+"""The column of the angle of a planar base, in place of its orientation."""
 
 
-def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
-    """Return the name of a channel, and the SI unit at its end."""
-    is_prismatic = robot.is_prismatic[robot.index(joint)]
-    drive = robot.drives[joint]
-    if quantity == "deflection":
-        unit = drive.spring_units[1] if drive.is_elastic else "rad"
-        return f"{joint}.deflection_{unit}", unit
-    name = column_name(joint, is_prismatic, quantity)
-    return name, unit_of_column(name)
+def contact_columns(link: str) -> tuple[str, tuple[str, ...]]:
+    """Return the columns of a contact in a file: of its flag, and of its wrench."""
+    (flag,), *wrench = (row.columns(link) for row in OF_CONTACTS.values())
+    return flag, tuple(chain.from_iterable(wrench))
 
 
-def _unit_factor(robot: Robot, spec: _Described, source: Source, unit: str) -> float:
-    """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    factor = 1.0
-    own_side, _, kind = spec.quantity.partition("_")
-    if source.side not in (None, own_side):
-        factor = _gear_factor(robot, spec, source.side)
-        _, unit = _name_of(robot, spec.owner, f"{source.side}_{kind}")
-    if source.unit is None:
-        return factor
-    if source.torque_constant_Nm_per_A is not None:
-        return factor * UNIT_FACTORS["A"][source.unit] * source.torque_constant_Nm_per_A
-    units = dict(UNIT_FACTORS[unit])
-    if source.counts_per_turn is not None and unit == "rad":
-        units["counts"] = 2 * np.pi / source.counts_per_turn
-    if source.counts_per_m is not None and unit == "m":
-        units["counts"] = 1.0 / source.counts_per_m
-    if source.unit not in units:
-        raise LogError(f"{spec.where}: {unknown_name('unit of this quantity', source.unit, units)}")
-    return factor * units[source.unit]
+def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
+    """Return {column name in a file: field of `Log`} of one joint."""
+    return {row.column(joint, is_prismatic): name for name, row in OF_JOINTS.items()}
 
 
-def _gear_factor(robot: Robot, spec: _Described, side: str) -> float:
-    """Return the factor from the other side of the gear to that of the quantity."""
-    _check_own_drive(robot, spec.owner, f"its {side} side does not determine the other")
-    drive = robot.drives[spec.owner]
-    ratio = total_ratio(drive)
-    # The motor moves N times as far, and the joint has N times the torque.
-    grows = spec.quantity in ("motor_position", "joint_torque")  # with the ratio
-    return ratio if grows else 1.0 / ratio
+def column_name(joint: str, is_prismatic: bool, field: str) -> str:
+    """Return the column name in a file of one field of `Log` of one joint."""
+    return OF_JOINTS[field].column(joint, is_prismatic)
 
 
-def _servo_voltage(data: Block, servo: Servo) -> Array:
-    """Return the voltage [V] of a position servo, see `Servo`.
-
-    A goal holds until the next one, so at a sample the voltage is the mean of those before and
-    after the step of the goal.
-    """
-    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
-    before = np.concatenate([goal[:1], goal[:-1]])
-    duties = [
-        np.clip(gain * (target - data[servo.position]), -servo.limit, servo.limit)
-        for target in (before, goal)
-    ]
-    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply)
-    return voltage
+def unit_of_column(name: str) -> str:
+    """Return the SI unit at the end of the name of a column: "rad_per_s" or "Nm"."""
+    end = -3 if name.endswith("_per_s") else -1
+    return "_".join(name.split("_")[end:])
 
 
-def _number(data: Block, value: str | float | None) -> Array | float:
-    """Return a column, or the number itself; None is 1."""
-    return data[value] if isinstance(value, str) else 1.0 if value is None else float(value)
+def short_name(name: str) -> str:
+    """Return the short name of a column of seaid: "knee.position_rad" of the joint's position."""
+    joint, _, text = name.rpartition(".")
+    field, _, unit = text.rpartition("_")
+    row = OF_JOINTS.get(field)
+    return f"{joint}.{row.short_name}_{unit}" if joint and row and row.short_name else name
 
 
-def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:
-    """Return a channel without samples that are excluded, or missing in a message."""
-    use = np.ones(len(channel.time), dtype=bool)
-    if kept is not None:
-        if len(kept) != len(use):
-            raise LogError(f"{where}: has {len(use)} samples, the column of 'where' {len(kept)}")
-        use &= kept.astype(bool)
-        if not np.any(use):
-            raise LogError(f"{where}: the column of 'where' is zero at all samples")
-    if sparse and not np.all(np.isnan(channel.values)):
-        # A message may lack what another sender of its topic has, so that NaN is no fault in a bag.
-        use &= ~np.isnan(channel.values)
-    return replace(channel, time=channel.time[use], values=channel.values[use])
+@cache
+def quantity_of(name: str) -> Quantity:
+    """Return the row of a field or of a column of seaid; an empty one for another name."""
+    owner, _, text = name.rpartition(".")
+    tables = OF_JOINTS, OF_BASE if owner == "base" else OF_CONTACTS
+    for field, row in chain.from_iterable(table.items() for table in tables):
+        if f"{text}_".startswith((f"{field}_", f"{field.replace('torque', 'force')}_")):
+            return row
+    return Quantity("", "", "")
 
 
-def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
-    """Return the samples with vectors of other frames turned to those of `BaseLog`.
-
-    f = R^T (a - g) with R from the base to the world. Raises LogError without an orientation.
-    """
-    samples = with_guided(picked, robot)
-    turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
-    if not turned:
-        return samples
-    base = robot.floating_base
-    assert base is not None
-    _check_turnable(turned, picked, base)
-    quaternions = np.column_stack([picked[name] for name in CHANNELS["orientation"]])
-    R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
-    gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement
-    for stem in dict.fromkeys(name[:-2] for name in turned):
-        values = np.column_stack([samples.pop(f"{stem}_{x}") for x in "xyz"])
-        quantity, frame = stem.removeprefix("base.").rsplit("_in_", 1)
-        if quantity == "velocity":
-            values = np.einsum("tij,tj->ti", R, values)
-        elif frame == "world":
-            # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
-            down = gravity if quantity == "acceleration" else 0.0
-            values = np.einsum("tji,tj->ti", R, values - down) @ imu
-        else:
-            # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
-            values = (values - gravity @ R) @ imu
-        channel = "specific_force" if quantity == "acceleration" else quantity
-        # What was logged in its own frame has precedence over what was turned to it.
-        if CHANNELS[channel][0] not in samples:
-            samples.update(zip(CHANNELS[channel], values.T, strict=True))
-    return samples
-
-
-def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], base: FloatingBase) -> None:
-    """Raise LogError if vectors of other frames lack an orientation, or their IMU moves."""
-    if not set(CHANNELS["orientation"]) <= set(picked):
-        kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
-        raise LogError(
-            f"the {kind[0]} of the base in the frame of the {kind[1][:-2]} needs the orientation "
-            "of the base too: name it in [base]"
-        )
-    if not base.imu_is_fixed and any("velocity_in_base" not in name for name in turned):
-        raise LogError(
-            f"a joint moves the IMU at '{base.imu_link}': its angular velocity and specific force "
-            'must be those of its own frame, without frame = "world" and with gravity'
-        )
+def units_of(kind: str) -> set[str]:
+    """Return the units of the columns of a quantity of a joint, by what is measured."""
+    rows = [row for row in OF_JOINTS.values() if row.kind == kind]
+    units = {unit for row in rows for unit in (row.unit, row.prismatic_unit) if unit}
+    if "degC" in units:
+        return {*TEMPERATURES}
+    # Encoders count, and a torque may be that of a current by a torque constant.
+    units |= {"A"} if "Nm" in units else set()
+    factors = set(chain.from_iterable(UNIT_FACTORS[unit] for unit in units))
+    return factors | ({"counts"} if "rad" in units else set())

@@ -18,12 +18,17 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
-from seaid.log.log import SENSORS, TEMPERATURES, UNIT_FACTORS
+from seaid.log.channels import (
+    OF_BASE,
+    OF_CONTACTS,
+    OF_JOINTS,
+    UNIT_FACTORS,
+    Frame,
+    Quantity,
+    units_of,
+)
 from seaid.log.readers.table import Block
 from seaid.log.repair import Repairs
-
-QUANTITIES = SENSORS
-"""Quantities of a joint. Deflection: motor side of the spring minus joint side."""
 
 
 @dataclass(frozen=True)
@@ -83,24 +88,7 @@ class Servo:
 
 
 Side = Literal["motor", "joint"]
-Frame = Literal["base", "world"]
 Order = Literal["wxyz", "xyzw"]
-
-BASE_QUANTITIES = {
-    **dict.fromkeys(("position", "velocity", "angular_velocity", "acceleration"), 3),
-    **{"specific_force": 3, "orientation": 4, "angle": 1},
-}
-"""{quantity of the base: its number of columns}."""
-
-CONTACT_QUANTITIES = {"contact": 1, "force": 3, "moment": 3}
-"""{quantity of a contact: its number of columns}."""
-
-FRAMES: dict[str, Frame] = {
-    "velocity": "world",
-    "angular_velocity": "base",
-    "acceleration": "world",
-}
-"""Frames of vectors that may be in either, where a description does not say which."""
 
 _PLANAR = ("position", "velocity", "angular_velocity", "specific_force")
 """Vectors of which a planar base needs a part only."""
@@ -293,14 +281,14 @@ class LogDescription(Display):
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
-        keys = [key for key in ("files", "time", "where", "exclude_s") if key in content]
-        lines = [f"{key} = {as_toml(content[key])}" for key in keys]
-        tables = {f"joints.{toml_key(joint)}": table for joint, table in content["joints"].items()}
-        tables |= {"base": content["base"]} if "base" in content else {}
-        for link, vectors in content.get("contacts", {}).items():
-            tables[f"contacts.{toml_key(link)}"] = vectors
-        if "repair" in content:
-            tables["repair"] = content["repair"]
+        tables: dict[str, Any] = {}
+        for key in ("joints", "base", "contacts", "repair"):
+            table = content.pop(key, {})
+            if key in ("joints", "contacts"):
+                tables |= {f"{key}.{toml_key(owner)}": entry for owner, entry in table.items()}
+            elif table:
+                tables[key] = table
+        lines = [f"{key} = {as_toml(value)}" for key, value in content.items()]
         for name, table in tables.items():
             lines += ["", f"[{name}]"]
             lines += [f"{toml_key(key)} = {as_toml(value)}" for key, value in table.items()]
@@ -392,16 +380,6 @@ def as_toml(value: Any) -> str:
     return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
 
 
-_UNITS = {
-    "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
-    "torque": {*UNIT_FACTORS["Nm"], *UNIT_FACTORS["N"], *UNIT_FACTORS["A"]},
-    "velocity": {*UNIT_FACTORS["rad_per_s"], *UNIT_FACTORS["m_per_s"]},
-    "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
-    "current": {*UNIT_FACTORS["A"]},
-    "voltage": {*UNIT_FACTORS["V"]},
-    "temperature": {*TEMPERATURES},
-}
-
 Described = LogDescription | Mapping[str, Any] | str | Path
 """A log description, the same as plain data, or its TOML file."""
 
@@ -471,9 +449,9 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         where=column,
         exclude_s=_intervals(f"{where} exclude_s", content.get("exclude_s", ())),
         repair=repair,
-        base=_vector_table(f"{where} [base]", content.get("base", {}), BASE_QUANTITIES),
+        base=_vector_table(f"{where} [base]", content.get("base", {}), OF_BASE),
         contacts={
-            link: _vector_table(f"{where} [contacts.{link}]", table, CONTACT_QUANTITIES)
+            link: _vector_table(f"{where} [contacts.{link}]", table, OF_CONTACTS)
             for link, table in _mapping(f"{where} contacts", content.get("contacts", {})).items()
         },
         files=_files(f"{where} files", content.get("files", ())),
@@ -486,13 +464,13 @@ def _mapping(where: str, value: Any) -> Mapping[str, Any]:
     return value
 
 
-def _vector_table(where: str, table: Any, widths: Mapping[str, int]) -> dict[str, VectorSource]:
+def _vector_table(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, VectorSource]:
     """Return the vectors of a base or of a contact."""
-    _check_keys(where, table, ["time", *widths])
+    _check_keys(where, table, ["time", *rows])
     clock = _clock(f"{where} time", table.get("time"))
     return {
-        name: _vector(f"{where} {name}", name, table[name], clock, width)
-        for name, width in widths.items()
+        name: _vector(f"{where} {name}", name, table[name], clock, row.width)
+        for name, row in rows.items()
         if name in table
     }
 
@@ -513,7 +491,8 @@ def _vector(where: str, quantity: str, value: Any, clock: Clock | None, width: i
 
 
 _ONLY_OF: dict[str, Collection[str]] = {
-    **{"frame": FRAMES, "order": ("orientation",), "above": ("contact",), "unknown": ("contact",)}
+    "frame": [name for name, row in OF_BASE.items() if row.frame],
+    **{"order": ("orientation",), "above": ("contact",), "unknown": ("contact",)},
 }
 """{key of a vector: the quantities that have it}."""
 
@@ -557,7 +536,7 @@ def _intervals(where: str, value: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _joint(where: str, table: Any) -> dict[str, Source]:
-    _check_keys(where, table, ["time", *QUANTITIES])
+    _check_keys(where, table, ["time", *OF_JOINTS])
     clock = _clock(f"{where} time", table.get("time"))
     sources = {
         name: _source(f"{where} {name}", name, value, clock)
@@ -565,7 +544,7 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
         if name != "time"
     }
     if not sources:
-        raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
+        raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
     return sources
 
 
@@ -593,12 +572,10 @@ def _with_column(value: Any) -> Any:
 
 def _check_source(where: str, quantity: str, source: Source) -> None:
     """Raise LogError for keys that do not fit together or do not fit the quantity."""
-    kind, unit = quantity.rsplit("_", 1)[-1], source.unit
-    if kind == "command":
-        kind = quantity.removesuffix("_command")
+    row, unit = OF_JOINTS[quantity], source.unit
     counts = (source.counts_per_turn, source.counts_per_m)
-    is_current = kind == "torque" and unit in UNIT_FACTORS["A"]
-    units = sorted(_UNITS[kind])
+    is_current = row.kind == "torque" and unit in UNIT_FACTORS["A"]
+    units = sorted(units_of(row.kind))
     faults = {
         "needs column (or, for a voltage, servo instead)": (
             (source.column is None) == (source.servo is None)
@@ -617,8 +594,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
             source.wraps is not None and isinstance(source.times, str)
         ),
         "only positions and torques have a side of the gear": (
-            source.side is not None
-            and (quantity.endswith("_command") or kind not in ("position", "torque"))
+            source.side is not None and (row.is_command or row.kind not in ("position", "torque"))
         ),
     }
     for fault, is_there in faults.items():

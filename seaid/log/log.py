@@ -10,7 +10,7 @@ from io import BytesIO
 from itertools import chain
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,14 @@ from seaid._files import toml_table, write_csv, write_whole
 from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.base_log import BaseLog, base_columns, base_log
+from seaid.log.channels import (
+    SENSORS,
+    UNIT_FACTORS,
+    column_names,
+    quantity_of,
+    short_name,
+    unit_of_column,
+)
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.repair import Repair
@@ -30,90 +38,11 @@ if TYPE_CHECKING:
 Column = str | tuple[str, float | str]
 """A custom column: its name, or its name with its unit or with the factor to the SI unit."""
 
-UNIT_FACTORS = {
-    "rad": {
-        **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "mdeg": np.pi / 180e3},
-        "turn": 2 * np.pi,
-    },
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "Nm": {"Nm": 1.0, "Ncm": 1e-2, "mNm": 1e-3, "Nmm": 1e-3, "uNm": 1e-6, "kNm": 1e3},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
-    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "degC": {"degC": 1.0},
-    "rad_per_s": {
-        **{"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
-        **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
-    },
-    "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
-    "m_per_s2": {
-        **{"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3},
-        **{"g": 9.80665, "mg": 9.80665e-3},
-    },
-}
-"""{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
-
-TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
-"""{unit of a temperature: (factor, its zero) in degrees Celsius}."""
-
-LogField = Literal[
-    "motor_position",
-    "joint_position",
-    "motor_torque",
-    "joint_torque",
-    "motor_current",
-    "motor_voltage",
-    "deflection",
-    "motor_temperature",
-    "position_command",
-    "velocity_command",
-    "torque_command",
-    "supply_voltage",
-]
-"""Fields of a `Log` with samples of sensors, each (T, n)."""
-
-SENSORS = get_args(LogField)
-
-OF_CONTROLLERS = ("position_command", "velocity_command", "torque_command", "supply_voltage")
-"""Fields that the controllers of drives need."""
-
-
-def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
-    """Return {column name in a file: field of `Log`} of one joint."""
-    position, torque = ("m", "force_N") if is_prismatic else ("rad", "torque_Nm")
-    return {
-        f"{joint}.motor_position_rad": "motor_position",
-        f"{joint}.joint_position_{position}": "joint_position",
-        f"{joint}.motor_torque_Nm": "motor_torque",
-        f"{joint}.joint_{torque}": "joint_torque",
-        f"{joint}.motor_current_A": "motor_current",
-        f"{joint}.motor_voltage_V": "motor_voltage",
-        f"{joint}.deflection_{position}": "deflection",
-        f"{joint}.motor_temperature_degC": "motor_temperature",
-        f"{joint}.position_command_{position}": "position_command",
-        f"{joint}.velocity_command_{position}_per_s": "velocity_command",
-        f"{joint}.{torque.replace('_', '_command_')}": "torque_command",
-        f"{joint}.supply_voltage_V": "supply_voltage",
-    }
-
-
-def unit_of_column(name: str) -> str:
-    """Return the SI unit at the end of the name of a column: "rad_per_s" or "Nm"."""
-    end = -3 if name.endswith("_per_s") else -1
-    return "_".join(name.split("_")[end:])
-
 
 def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
     """Return {joint: {column name in a file: field of `Log`}} of a robot or of a log."""
     names = system.joint_names
     return dict(zip(names, map(column_names, names, system.is_prismatic), strict=True))
-
-
-def column_name(joint: str, is_prismatic: bool, field: str) -> str:
-    """Return the column name in a file of one field of `Log` of one joint."""
-    names = column_names(joint, is_prismatic).items()
-    return next(name for name, sensor in names if sensor == field)
 
 
 def wanted_columns(
@@ -154,17 +83,6 @@ def wanted_columns(
 _DESCRIBED = "columns= or description= (seaid.describe_log infers one)"
 
 
-_SHORT = {"joint_position": "position", "position_command": "command"}
-"""{field: its short name in a file}, as logs of position controllers have it."""
-
-
-def short_name(name: str) -> str:
-    """Return the short name of a column of seaid: "knee.position_rad" of the joint's position."""
-    joint, _, quantity = name.rpartition(".")
-    field, _, unit = quantity.rpartition("_")
-    return f"{joint}.{_SHORT.get(field, field)}_{unit}" if joint else name
-
-
 _COMPARED = 1_000
 """Most names of a file that are compared with missing names."""
 
@@ -181,8 +99,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
     ]
     text = "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
     for name, near in pairs[:1]:
-        joint, _, quantity = name.rpartition(".")
-        field = next((sensor for sensor in SENSORS if quantity.startswith(sensor)), "joint_torque")
+        joint, field = name.rpartition(".")[0], quantity_of(name).name
         text += f"; in the description of the log: {toml_table('joints', joint)} "
         text += f'{field} = "{near}"'
     return text

@@ -14,6 +14,7 @@ from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
+from seaid.log.channels import quantity_of
 from seaid.log.commands import commanded_torque, is_commanded
 from seaid.log.filtering import (
     BLUR_OF_COMMANDS,
@@ -25,7 +26,6 @@ from seaid.log.filtering import (
     select_cutoff,
     spline_derivatives,
 )
-from seaid.log.repair import interpolation_of
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
@@ -399,32 +399,36 @@ def _motion(
     rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
     cutoff = _selected_cutoff(robot, time, signals) if cutoff is None else cutoff
-    cutoff_hz = cutoff.cutoff_hz
+    cutoff_hz = float(cutoff.cutoff_hz)
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
+    band_hz = POSITION_BAND * cutoff_hz
     # One filter for both sides: the deflection r_M theta_M / N - r_L theta_L of (3) is a small
     # difference of them, to which unequal filters would add a part of the motion itself.
-    measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
+    measured = low_pass(np.hstack([joint, motor]), rate_hz, band_hz)
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
     )
-    n, springs = robot.n, signals.get("deflection")
-    if springs is not None:
-        springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
+    n = robot.n
     # Measured torques stay unfiltered; those of commands depend on the positions, and get their
     # filter.
-    torque, slope = commanded_torque(robot, time, signals, POSITION_BAND * cutoff_hz)
-    delays = [robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names]
-    warmth = signals.get("motor_temperature")
-    if warmth is not None:
-        warmth = low_pass(warmth, rate_hz, POSITION_BAND * cutoff_hz)
-    base = None
+    torque, slope = commanded_torque(robot, time, signals, band_hz)
+    others: dict[str, Any] = {
+        field: low_pass(signals[field], rate_hz, band_hz)
+        for field in ("deflection", "motor_temperature")
+        if field in signals
+    }
+    if "deflection" in others:
+        others["deflection_rate"] = spline_derivatives(time, others["deflection"])[1]
     if robot.floating_base is not None:
         states = (position[:, :n], velocity[:, :n], acceleration[:, :n])
-        base = base_motion(robot, _base_on(log, time), time, POSITION_BAND * cutoff_hz, states)
+        others["base"] = base_motion(robot, _base_on(log, time), time, band_hz, states)
+    if robot.has_controllers:
+        delays = (robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names)
+        others |= {"command_slope": slope, "command_delay_s": tuple(delays)}
     motion = Motion(
+        **others,
         time=time,
-        base=base,
         joint_names=robot.joint_names,
         joint_position=position[:, :n],
         joint_velocity=velocity[:, :n],
@@ -437,28 +441,23 @@ def _motion(
         joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
         motor_current=signals.get("motor_current"),
         motor_voltage=signals.get("motor_voltage"),
-        deflection=springs,
-        deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
-        motor_temperature=warmth,
-        command_slope=slope if robot.has_controllers else None,
-        command_delay_s=tuple(delays) if robot.has_controllers else (),
-        cutoff_hz=float(cutoff_hz),
+        cutoff_hz=cutoff_hz,
         transient_s=1.0 / cutoff_hz,
         bridged=_bridged(log.time, time),
         processing=Processing(
             logged_rate_hz=_rate_hz(log.time),
             rate_hz=rate_hz,
             resampled=time is not log.time,
-            position_low_pass_hz=float(POSITION_BAND * cutoff_hz),
+            position_low_pass_hz=band_hz,
             cutoff_selection=cutoff,
-            transient_s=float(1.0 / cutoff_hz),
+            transient_s=1.0 / cutoff_hz,
             repairs=log.report,
             sources=log.sources(),
         ),
     )
     if not robot.has_controllers:
         return motion
-    ends = math.ceil(_ENDS * rate_hz / (POSITION_BAND * cutoff_hz))
+    ends = math.ceil(_ENDS * rate_hz / band_hz)
     return with_directions(robot, motion.samples(slice(ends, len(time) - ends)), {})
 
 
@@ -526,7 +525,7 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
         for place in np.flatnonzero(np.isfinite(values[0])):
             # The deflection rate multiplies the damping of the spring: the deflection is
             # differentiated too.
-            how = "spline" if field == "deflection" else interpolation_of(field)
+            how = "spline" if field == "deflection" else quantity_of(field).interpolation
             resampled[field][:, place] = interpolated(log.time, values[:, place], time, how)
     return time, resampled
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.base_log import CHANNELS, continuous
-from seaid.log.channels import both_sides, channels_of, completed, in_own_frames
+from seaid.log.base_log import continuous
+from seaid.log.channels import CHANNELS, quantity_of
 from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
@@ -35,7 +35,7 @@ from seaid.log.log import (
 )
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Table, check_lengths
-from seaid.log.repair import FEWEST, Channel, Repair, Repairs, interpolation_of, is_command
+from seaid.log.repair import FEWEST, Channel, Repair, Repairs
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
     clock_lines,
@@ -45,6 +45,7 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
+from seaid.log.sources import both_sides, channels_of, completed, in_own_frames
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
@@ -354,7 +355,7 @@ def _on_grid(
 
     The last command of a channel holds to the end, and between commands there is no hole.
     """
-    measured = [name for name in usable if not is_command(name)] or list(usable)
+    measured = [name for name in usable if not quantity_of(name).is_command] or list(usable)
     late = max(usable, key=lambda name: usable[name][0][0])
     early = min(measured, key=lambda name: usable[name][0][-1])
     start, end = float(usable[late][0][0]), float(usable[early][0][-1])
@@ -372,7 +373,7 @@ def _on_grid(
     # Rounding may put the last instant behind `end`, where a spline would extrapolate.
     grid = np.minimum(grid, end)
     sampled = {
-        name: resampled(time, values, grid, rate_hz, rates[name], interpolation_of(name))
+        name: resampled(time, values, grid, rate_hz, rates[name], quantity_of(name).interpolation)
         for name, (time, values) in usable.items()
     }
     in_hole = np.zeros(len(grid), dtype=bool)

@@ -10,8 +10,9 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
 from seaid.errors import LogError
+from seaid.log.channels import quantity_of
 from seaid.log.log import MINIMUM_SAMPLES, Log
-from seaid.log.repair import Repair, is_command, is_position, is_slow
+from seaid.log.repair import Repair
 from seaid.log.repair.clocks import longest_bridge, typical_step
 
 REST: Final = "rest at the ends"
@@ -65,9 +66,9 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
     time, before, after, moves = log.time, np.inf, np.inf, False
     window = max(1, round(_SMOOTHED_S / typical_step(time)))
     for name, values in log.columns().items():
-        if is_slow(name):
+        if quantity_of(name).is_slow:
             continue
-        share, count = (_SHARE, 1) if is_position(name) else (_TORQUE_SHARE, window)
+        share, count = (_SHARE, 1) if quantity_of(name).is_position else (_TORQUE_SHARE, window)
         least = share * float(np.ptp(values))
         # its 5th percentile of n steps is at most ptp / 0.95 n
         if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
@@ -77,7 +78,7 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
         # Reversed in time with negative stamps: these increase, and the rest at the end is at the
         # start.
         after = min(after, _rest_s(-time[::-1], values[::-1], least, count))
-        moves |= is_position(name) and np.isfinite(rest)
+        moves |= quantity_of(name).is_position and np.isfinite(rest)
     if not moves:
         return log
     rests = (length if np.isfinite(length) else 0.0 for length in (before, after))
@@ -119,13 +120,17 @@ def without_frozen(log: Log) -> Log:
     bad, repairs, columns = np.zeros(len(log.time), dtype=bool), [], log.columns()
     for name, values in columns.items():
         repeated = _long_repeats(log.time, values)
-        if is_slow(name) or is_command(name) or not np.any(repeated):
+        if quantity_of(name).is_slow or quantity_of(name).is_command or not np.any(repeated):
             continue
-        if is_position(name):
+        if quantity_of(name).is_position:
             frozen = _frozen_positions(values, repeated)
         else:
             joint = name.rsplit(".", 1)[0]
-            sides = [columns[x] for x in columns if x.startswith(f"{joint}.") and is_position(x)]
+            sides = [
+                columns[x]
+                for x in columns
+                if x.startswith(f"{joint}.") and quantity_of(x).is_position
+            ]
             frozen = _frozen_torques(values, repeated, sides)
         if np.any(frozen):
             longest = max(log.time[end - 1] - log.time[start] for start, end in runs(frozen))

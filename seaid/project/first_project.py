@@ -89,6 +89,7 @@ def write_first_project(
     contacts: Sequence[str | Contact] = (),
     imu_link: str | None = None,
     rate_hz: float | None = None,
+    columns: Sequence[str] = (),
 ) -> FirstProject:
     """Write a project file for a robot and its logs, and the files that it needs.
 
@@ -122,6 +123,8 @@ def write_first_project(
     rate_hz : float, optional
         Sampling rate of logs without a column of time; then all files are those of one log, unless
         they have columns of the same names.
+    columns : sequence of str, optional
+        Names for the columns of each log, as in `describe_log`; then each file is a log.
 
     Returns
     -------
@@ -155,7 +158,9 @@ def write_first_project(
         imu_link=imu_link,
     )
     robot, joints = _load_named_joints(load, joints, paths, doubts)
-    read, robot = _read_all(paths, robot, folder, rate_hz, known is None, doubts)
+    describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
+    files_of_logs = _files_of_logs(paths, robot, rate_hz, columns, doubts)
+    read, robot = _read_all(files_of_logs, robot, folder, describe, known is None, doubts)
     texts = {x.description_file: x.text for x in read if x.description_file and x.text}
     logs_read = [entry.log for entry in read]
     without = _joints_without_torque(robot, logs_read, doubts)
@@ -224,22 +229,36 @@ def _load_named_joints(
     return load(joints=named), named
 
 
-def _read_all(
+def _files_of_logs(
     paths: Sequence[Path],
     robot: Robot,
-    folder: Path,
     rate_hz: float | None,
+    columns: Sequence[str],
+    doubts: list[str],
+) -> Sequence[tuple[Path, ...]]:
+    """Return the files of each log: those that the user named columns of are one log each."""
+    if columns:
+        return [(path,) for path in paths]
+    if rate_hz is not None:
+        return _logs_without_time(paths)
+    grouped, of_files = logs_of_files(paths, robot)
+    doubts += of_files
+    return grouped
+
+
+def _read_all(
+    files_of_logs: Sequence[tuple[Path, ...]],
+    robot: Robot,
+    folder: Path,
+    describe: Callable[..., Description],
     infers: bool,
     doubts: list[str],
 ) -> tuple[list[_ReadLog], Robot]:
     """Return the logs of files, and the robot with springs in joints whose deflection they have."""
-    grouped, of_files = (
-        logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
-    )
     read: list[_ReadLog] = []
-    for files in grouped:
-        read.append(_read(files, robot, folder, rate_hz, infers, read))
-    doubts += [*of_files, *(doubt for entry in read for doubt in entry.doubts)]
+    for files in files_of_logs:
+        read.append(_read(files, robot, folder, describe, infers, read))
+    doubts += [doubt for entry in read for doubt in entry.doubts]
     return read, _with_springs(robot, {joint for entry in read for joint in entry.springs})
 
 
@@ -340,7 +359,7 @@ def _read(
     files: tuple[Path, ...],
     robot: Robot,
     folder: Path,
-    rate_hz: float | None,
+    describe: Callable[..., Description],
     infers: bool,
     others: Sequence[_ReadLog],
 ) -> _ReadLog:
@@ -355,7 +374,7 @@ def _read(
         if path.with_suffix(".toml").is_file() or not path.exists():
             raise
         plain = problem
-    guess = _guess(files, robot, rate_hz, plain)
+    guess = _guess(files, robot, describe, plain)
     joints = guess.description.joints
     springs = tuple(x for x in joints if infers and "deflection" in joints[x])
     robot = _with_springs(robot, springs)
@@ -374,11 +393,11 @@ def _read(
 
 
 def _guess(
-    files: Sequence[Path], robot: Robot, rate_hz: float | None, plain: LogError
+    files: Sequence[Path], robot: Robot, describe: Callable[..., Description], plain: LogError
 ) -> Description:
     """Return what columns may mean; without an answer raise `plain` for seaid's own names."""
     try:
-        return describe_log(files, robot, rate_hz=rate_hz)
+        return describe(files, robot)
     except LogError as problem:
         raise plain if _has_own_names(files) else problem from None
 

@@ -33,8 +33,8 @@ import seaid
 from seaid.cli.commands import app
 from seaid.drives.toml import read_drives
 from seaid.errors import RobotError, SeaidError
+from seaid.log.channels import column_names
 from seaid.log.description import description_for
-from seaid.log.log import column_names
 from seaid.log.reading import repaired
 from seaid.log.repair import Channel, Repairs
 from seaid.project.saved import _checksum

@@ -17,7 +17,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log.log import column_names
+from seaid.log.channels import column_names
 from seaid.log.reading import Log, repaired
 from seaid.log.repair import Channel
 from seaid.log.repair.clocks import clock_line, longest_bridge

@@ -63,6 +63,9 @@ def plain(found: Description) -> dict[str, Any]:
         ("TORQUE_MNM_2", "torque", "", "2", "mNm"),
         ("slide_force_kN", "torque", "", "slide", "kN"),
         ("torque1mNm", "torque", "", "1", "mNm"),
+        ("torq_left_s0", "torque", "", "left_s0", None),
+        ("torAct", "torque", "", "", None),
+        ("posAct", "position", "", "", None),
         ("currentmA", "current", "", "", "mA"),
         ("vbus mV", "voltage", "", "vbus", "mV"),
         ("slide.link_pos_um", "position", "joint", "slide", "um"),
@@ -721,3 +724,28 @@ def test_an_estimate_that_never_changes_is_no_torque(tmp_path: Path) -> None:
     guess = describe_log(path, chain(tmp_path, "elbow"))
     assert {*guess.description.joints["elbow"]} == {"joint_position"}
     assert "elbow: no torque, current or voltage found" in guess.unsure
+
+
+def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
+    time = np.arange(0, 4, 0.01)
+    q = np.column_stack([np.sin(time), np.cos(2 * time)])
+    rows = np.column_stack([time, q, np.gradient(q, time, axis=0), 3 * q])
+    path, robot = tmp_path / "log.csv", chain(tmp_path, "hip", "knee")
+    np.savetxt(path, rows, delimiter=",")
+    guess = describe_log(path, robot, columns=["t", "q", "qd", "tau"])
+    assert guess.description.to_dict()["time"] == "1"
+    of_joints = {
+        x: {y: z.column for y, z in of.items()} for x, of in guess.description.joints.items()
+    }
+    assert of_joints == {
+        "hip": {"joint_position": "2", "motor_torque": "6"},
+        "knee": {"joint_position": "3", "motor_torque": "7"},
+    }
+    assert not any("order" in doubt for doubt in guess.unsure)
+    whole = ["time", "pos_hip", "pos_knee", "vel_hip", "vel_knee", "eff_hip", "eff_knee"]
+    assert describe_log(path, robot, columns=whole).to_toml() == guess.to_toml()
+    for names in (["t", "q", "tau"], whole[:-1], [*whole, "more"], ["t"]):
+        with pytest.raises(
+            LogError, match=r"columns= does not name the 7 columns of the log: give one"
+        ):
+            describe_log(path, robot, columns=names)

@@ -15,8 +15,9 @@ from hypothesis.extra.numpy import arrays
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
+from seaid.log.channels import column_names
 from seaid.log.describe import describe_log
-from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
+from seaid.log.log import LARGEST, MINIMUM_SAMPLES
 from seaid.log.readers.opening import READERS, _plain_numbers
 from seaid.log.reading import Log, read_log, write_log
 from seaid.robot.robot import Robot

@@ -1,4 +1,4 @@
-"""describe_log on the headers of 110 real logs: what each column is, or that it is doubtful."""
+"""describe_log on the headers of 130 real logs: what each column is, or that it is doubtful."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from tests.one_joint import chain
 FOLDER = Path(__file__).parents[1] / "data" / "headers"
 HEADERS = tomllib.loads((FOLDER / "headers.toml").read_text("utf-8"))["header"]
 MORE = tomllib.loads((FOLDER / "more_headers.toml").read_text("utf-8"))["header"]
-ALL = HEADERS + MORE
+TWENTY = tomllib.loads((FOLDER / "twenty_headers.toml").read_text("utf-8"))["header"]
+ALL = HEADERS + MORE + TWENTY
 DEVELOP = [one for one in HEADERS if one.get("develop")]
 HELD_OUT = [one for one in HEADERS if not one.get("develop")]
 FIRST_HALF = [one for one in MORE if one["half"] == 1]
@@ -189,8 +190,8 @@ def test_no_column_of_a_real_header_is_wrong_without_being_listed(place: int) ->
 
 @pytest.mark.parametrize(
     "headers",
-    [DEVELOP, HELD_OUT, FIRST_HALF, SECOND_HALF, LAST],
-    ids=["developed on", "held out", "first half", "second half", "last"],
+    [DEVELOP, HELD_OUT, FIRST_HALF, SECOND_HALF, LAST, TWENTY],
+    ids=["developed on", "held out", "first half", "second half", "last", "twenty"],
 )
 def test_most_columns_of_real_headers_are_right(headers: list[dict[str, Any]]) -> None:
     found = [one for header in headers for one in judged(ALL.index(header))]

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
-from seaid.log.describe.names import known_unit, meaning_of, vocabulary
-from seaid.log.describe.vectors import kind_of, place_of
-from seaid.log.log import TEMPERATURES, UNIT_FACTORS
+from seaid.log.channels import (
+    OF_BASE,
+    OF_CONTACTS,
+    OF_JOINTS,
+    SENSORS,
+    TEMPERATURES,
+    UNIT_FACTORS,
+    quantity_of,
+)
+from seaid.log.describe.names import kind_of, known_unit, meaning_of, place_of, vocabulary
 
 
 def test_a_word_has_one_quantity_and_a_quantity_one_rank() -> None:
@@ -46,3 +55,22 @@ def test_phrases_count_as_a_whole() -> None:
     form, stem, axis, factor = place_of("imu_rot_vel_z [deg/s]", "")
     assert (form, stem, axis) == ("axis", "imu_rot_vel", "z")
     assert factor == np.pi / 180
+
+
+def test_the_table_of_channels_has_the_fields_of_a_log_and_the_documented_quantities() -> None:
+    assert tuple(OF_JOINTS) == SENSORS
+    text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text("utf-8")
+    documented = re.search(r"Quantities of a joint: (.*?)\. Velocities", text, re.DOTALL)
+    assert documented is not None
+    assert {*re.findall(r"`(\w+)`", documented[1])} == {*SENSORS}
+
+
+def test_a_column_of_any_quantity_is_found_in_the_table() -> None:
+    for name, row in OF_JOINTS.items():
+        for is_prismatic in (False, True):
+            assert quantity_of(row.column("base", is_prismatic)) == row == quantity_of(name)
+    for row in OF_BASE.values():
+        assert all(quantity_of(column) == row for column in row.columns("base"))
+    for row in OF_CONTACTS.values():
+        assert all(quantity_of(column) == row for column in row.columns("foot.left"))
+    assert quantity_of("knee.speed").kind == ""

@@ -43,9 +43,9 @@ from seaid.identification.result import Identification
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
 from seaid.identification.validation import _actuator
-from seaid.log.channels import both_sides
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
+from seaid.log.sources import both_sides
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters

@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import chain, permutations
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +130,7 @@ def describe_log(
     robot: Robot | None = None,
     *,
     rate_hz: float | None = None,
+    columns: Sequence[str] = (),
 ) -> Description:
     """Infer a log description from the names and values of the columns of a log.
 
@@ -145,6 +146,9 @@ def describe_log(
         floating base, columns of the base and of its contacts are sought too.
     rate_hz : float, optional
         Sampling rate of a log that has no column of time.
+    columns : sequence of str, optional
+        Names in place of those of the file, or for a file without a header: one for each column, or
+        time and arrays in the order of the joints, ["t", "q", "qd", "tau"].
 
     Returns
     -------
@@ -154,16 +158,20 @@ def describe_log(
     Raises
     ------
     LogError
-        If the file cannot be read or no column looks like a position.
+        If the file cannot be read, no column looks like a position, or `columns` are too many or
+        too few.
 
     Examples
     --------
     >>> guess = seaid.describe_log("run.csv", robot)
     >>> print(guess)
     >>> Path("run.toml").write_text(guess.to_toml())
+    >>> seaid.describe_log("no_header.csv", robot, columns=["t", "q", "qd", "tau"])
     """
     paths, held = files_of(path)
     table = held or open_tables(paths)
+    if columns:
+        table = replace(table, labels=_labels(table, columns, robot))
     samples, inference, guess = _understood(table, robot)
     clocks = {} if table.clocks else _file_clocks(table, inference)
     inference.time = _time_of(inference, clocks.get(""))
@@ -205,7 +213,35 @@ def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, Ba
 def _meanings(table: Table, robot: Robot | None) -> dict[str, Meaning]:
     """Return {column: its meaning} of the columns of one or several files."""
     joints, files = every_joint(robot), table.files
-    return {x: in_file(meaning_of(table.bare(x), joints), files.get(x, "")) for x in table.names}
+    return {x: in_file(meaning_of(table.label(x), joints), files.get(x, "")) for x in table.names}
+
+
+def _labels(table: Table, names: Sequence[str], robot: Robot | None) -> dict[str, str]:
+    """Return {column: name given by the user}; arrays have a column per joint of the robot."""
+    # A matrix of an archive has a name of its own, under which it is no column.
+    columns = [name for name in table.names if f"{name}[0]" not in table.names]
+    if len(names) != len(columns):
+        arrays = {name for name in names if meaning_of(name).quantity != "time"}
+        places = _places(len(columns) - len(names) + len(arrays), len(arrays), robot)
+        spelled = ([f"{x}[{place}]" for place in places] if x in arrays else [x] for x in names)
+        names = [*chain.from_iterable(spelled)]
+    if len(names) != len(columns):
+        raise LogError(
+            f"columns= does not name the {counted(len(columns), 'column')} of the log: give one "
+            "name for each of them, or those of the time and of arrays with a column per joint, as "
+            "t,q,qd,tau",
+            "columns=",
+        )
+    return dict(zip(columns, names, strict=True))
+
+
+def _places(columns: int, arrays: int, robot: Robot | None) -> Sequence[str]:
+    """Return the joints, or places, of each of several arrays that share columns equally."""
+    width = columns // max(arrays, 1)
+    if robot is None:
+        return [*map(str, range(width))]
+    sets = (robot.joint_names, every_joint(robot))
+    return next((joints for joints in sets if len(joints) == width), ())
 
 
 def _sources(

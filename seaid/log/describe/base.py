@@ -11,27 +11,29 @@ n + 3 columns.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.log.base_log import matrices
+from seaid.log.channels import UNIT_FACTORS, Frame
 from seaid.log.describe.inference import Inference
-from seaid.log.describe.names import Meaning, meaning_of
-from seaid.log.describe.vectors import (
-    Vector,
-    force_sensors,
+from seaid.log.describe.names import (
+    Meaning,
+    is_commanded,
     is_contact,
     is_elsewhere,
     kind_of,
+    meaning_of,
     place_of,
     planar_meaning,
     words_of,
 )
-from seaid.log.description import Frame, Order, VectorSource
-from seaid.log.log import UNIT_FACTORS
+from seaid.log.description import Order, VectorSource
 from seaid.log.readers.table import Table
 from seaid.robot import FloatingBase, Robot
 
@@ -61,6 +63,34 @@ _OPPOSITE = -0.8
 """Correlation of the derivative of the angle with the rate from which one has the other sign."""
 
 _TAKEN = Meaning("base", "", "", None, "derived")
+
+
+_WRENCH = re.compile(r"(.+?)[._/ ]+(force|f|moment|torque|tau|t|m)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Columns that differ in a component or in their place in an array, and their factor to SI."""
+
+    stem: str
+    columns: tuple[str, ...]
+    factor: float = 1.0
+    is_array: bool = False
+
+    def source(self, **more: Any) -> VectorSource:
+        """Return the source of the vector."""
+        return VectorSource(self.columns, **{"scale": self.factor, **more})
+
+
+def force_sensors(vectors: Sequence[Vector]) -> dict[str, dict[str, Vector]]:
+    """Return {sensor: {"force" and "moment": vector}} of what is no command."""
+    sensors: dict[str, dict[str, Vector]] = {}
+    for vector in vectors:
+        match = _WRENCH.fullmatch(vector.stem)
+        if match and len(vector.columns) == 3 and not is_commanded(vector.stem):
+            quantity = "force" if match[2].lower().startswith("f") else "moment"
+            sensors.setdefault(match[1], {})[quantity] = vector
+    return {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
 
 
 @dataclass
@@ -148,7 +178,7 @@ class _Search:
         groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
         for name in self.inference.data:
             file = self.table.files.get(name, "")
-            form, stem, place, factor = place_of(self.table.bare(name), file)
+            form, stem, place, factor = place_of(self.table.label(name), file)
             if form:
                 groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
         return groups
@@ -329,7 +359,7 @@ class _Search:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
         links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
         for name in self.inference.data:
-            bare = self.table.bare(name)
+            bare = self.table.label(name)
             if is_contact(bare) and self._shared(bare)[0] in links:
                 self._take_contact(self._shared(bare)[0], name)
         for vector in vectors:
@@ -396,7 +426,7 @@ class _Search:
         taken = {*self.guess.meanings, *self.guess.columns()}
         columns: dict[tuple[str, str], str] = {}
         for column in [x for x in self.inference.data if x not in taken]:
-            meaning = planar_meaning(self.table.bare(column), normal)
+            meaning = planar_meaning(self.table.label(column), normal)
             if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
                 columns.setdefault(meaning, column)
         return columns

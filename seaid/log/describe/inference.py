@@ -19,8 +19,8 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.errors import LogError, in_one_line, listed
+from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.names import Meaning, Role, is_of_another_part
-from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
 
@@ -123,8 +123,7 @@ class Inference:
     def take(self, name: str, text: str = "", **changes: Any) -> None:
         """Change the meaning of a column, and note why."""
         self.meanings[name] = replace(self.meanings[name], **changes)
-        if text:
-            self.note(name, text)
+        self.note(name, text)
 
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
@@ -167,13 +166,13 @@ class Inference:
         """Whether names of the log are those of drives that have turns for angles."""
         return any(_DRIVE.search(name) for name in self.meanings)
 
-    def note(self, about: str, text: str) -> None:
-        """Note an uncertain choice; notes with the same text become one sentence."""
-        self.notes.setdefault(text, []).append(about)
+    def note(self, about: str, text: str, *, is_usual: bool = False) -> None:
+        """Note a choice, if there is a text: a usual one that the samples allow is assumed.
 
-    def choose(self, about: str, text: str, *, is_usual: bool) -> None:
-        """Note a choice: a usual one that the samples allow is assumed, another is uncertain."""
-        (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
+        Any other one is uncertain. Notes with the same text become one sentence.
+        """
+        if text:
+            (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
 
     def unsure(self) -> tuple[str, ...]:
         """Return the notes as sentences."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import listed
+from seaid.log.channels import OF_JOINTS, UNIT_FACTORS
 from seaid.log.describe.inference import (
     POSITION_FACTORS,
     Inference,
@@ -26,7 +27,6 @@ from seaid.log.describe.inference import (
     unit_by_velocity,
 )
 from seaid.log.describe.names import Meaning, joint_alone, vocabulary
-from seaid.log.log import UNIT_FACTORS
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage")
@@ -139,13 +139,15 @@ def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
     nameless = {x: m for x, m in inference.meanings.items() if not m.joint and is_sensor(m)}
     sides = {m.side for m in nameless.values() if m.quantity == "position"}
-    # Exactly one label, and columns without one that are all of a motor: "mpos" next to
+    # Exactly one label, and no position of a joint without one: "mpos" or "motor_current" next to
     # "elbow_pos".
-    if len(labels) != 2 or "" not in labels or not sides <= {"motor"}:
+    label, *others = [*filter(None, labels), ""]
+    if not label or others != [""] or not sides <= {"motor"}:
         return labels
-    label = next(filter(None, labels))
-    for name in nameless:
-        inference.take(name, f"taken for the motor of {label}", joint=label)
+    for name, meaning in nameless.items():
+        # A voltage next to a motor that has no other column is as likely that of the supply.
+        if "" in labels or meaning.quantity != "voltage":
+            inference.take(name, f"taken for the motor of {label}", joint=label)
     return [label]
 
 
@@ -254,9 +256,9 @@ def quantities_of(inference: Inference, joint: str) -> Sources:
 
 
 _USUAL_UNITS = {
-    **{"motor_torque": "Nm", "joint_torque": "Nm", "torque_command": "Nm"},
-    **{"motor_current": "A", "motor_voltage": "V", "motor_temperature": "degC"},
-    "velocity_command": "rad/s",
+    name: next(iter(UNIT_FACTORS[row.unit]))
+    for name, row in OF_JOINTS.items()
+    if row.kind not in ("position", "deflection")
 }
 """{quantity: the unit of its columns that a description need not state}."""
 
@@ -282,12 +284,7 @@ class _Columns:
         unit = self.meaning(column).unit
         units = {} if unit in (None, _USUAL_UNITS.get(quantity)) else {"unit": unit}
         self.sources[quantity] = {"column": column, **more, **units}
-        self.note(column, doubt)
-
-    def note(self, about: str, doubt: str, *, is_usual: bool = False) -> None:
-        """Note a doubt, if there is one; a usual choice is assumed."""
-        if doubt:
-            self.inference.choose(about, doubt, is_usual=is_usual)
+        self.inference.note(column, doubt)
 
     def add_positions(self) -> None:
         """Add the positions of motor and joint, with their units."""
@@ -302,7 +299,7 @@ class _Columns:
         if [source.get("unit") for source in self.sources.values()] == [None, "deg"]:
             source = self.sources["motor_position"]
             source["unit"] = "deg"
-            self.note(source["column"], "taken for degrees, like the joint's")
+            self.inference.note(source["column"], "taken for degrees, like the joint's")
         if [*self.sources] == ["joint_position"]:
             self._note_side(self.sources["joint_position"])
 
@@ -312,7 +309,7 @@ class _Columns:
         small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
         # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
         if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
-            self.note(large, f"moves much farther than {small}: taken for the motor side")
+            self.inference.note(large, f"moves much farther than {small}: taken for the motor side")
             return [large], [small]
         return [], names
 
@@ -324,7 +321,7 @@ class _Columns:
         fits = self.inference.is_within(column, factor, self.joint)
         is_usual = fits and not self.inference.is_of_a_drive
         doubt = "taken for the joint side of the gear; it may be the motor side"
-        self.note(column, doubt, is_usual=is_usual)
+        self.inference.note(column, doubt, is_usual=is_usual)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
@@ -334,12 +331,12 @@ class _Columns:
             # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
             # whole turn.
             power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
-            self.note(column, f"in counts: {power} per turn is a guess")
+            self.inference.note(column, f"in counts: {power} per turn is a guess")
             return {"unit": "counts", "counts_per_turn": float(power)}
         if unit is not None:
             return {"unit": unit}
         if unit := unit_by_velocity(self.inference, column, self.joint):
-            self.note(column, f"{unit} by its velocity", is_usual=True)
+            self.inference.note(column, f"{unit} by its velocity", is_usual=True)
         elif quantity == "joint_position":
             unit = self._unit_by_range(column)
         return {} if unit in (None, "rad") else {"unit": unit}
@@ -354,19 +351,19 @@ class _Columns:
         unit = "deg" if moves > min(2 * (upper - lower), 4 * np.pi) else "rad"
         fits = inference.is_within(column, UNIT_FACTORS["rad"][unit], self.joint)
         if fits and inference.is_far(column) and not inference.is_of_a_drive:
-            self.note(column, f"taken for {unit}", is_usual=True)
+            self.inference.note(column, f"taken for {unit}", is_usual=True)
         elif unit == "deg":
-            self.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
+            self.inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
         else:
             more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
-            self.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
+            self.inference.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
         return unit
 
     def add_deflection(self) -> None:
         """Add the deflection of the spring, if only one side has an encoder."""
         for name in self.having("deflection")[:1] if self.sources else ():
             if len(self.sources) == 2:
-                self.note(name, "redundant, because both positions are there")
+                self.inference.note(name, "redundant, because both positions are there")
             else:
                 self._add_deflection(name)
 
@@ -376,7 +373,7 @@ class _Columns:
         # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
         pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
         if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
-            self.note(name, "its unit is not said, and it moves far for rad or m")
+            self.inference.note(name, "its unit is not said, and it moves far for rad or m")
         origin = f", inferred from {drives[0]}" if pulls else ""
         doubt = f"check its sign (motor side minus joint side){origin}"
         self.take("deflection", name, doubt, sign=-1 if pulls < 0 else 1)
@@ -387,15 +384,19 @@ class _Columns:
         if not names and not self.having("current"):
             names = self.inference.having("torque", self.joint, role="estimated")
             for name in names:
-                self.note(name, "an estimate of the drive, taken as there is no other torque")
+                self.inference.note(
+                    name, "an estimate of the drive, taken as there is no other torque"
+                )
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
-                self.note(name, "a torque in amperes: describe it with torque_constant_Nm_per_A")
+                self.inference.note(
+                    name, "a torque in amperes: describe it with torque_constant_Nm_per_A"
+                )
                 continue
             side, doubt, more = self._side_of_torque(name)
-            self.note(name, doubt)
+            self.inference.note(name, doubt)
             if f"{side}_torque" in self.sources:
-                self.note(name, f"a second {side}_torque: excluded")
+                self.inference.note(name, f"a second {side}_torque: excluded")
             else:
                 self.take(f"{side}_torque", name, **more)
 
@@ -435,11 +436,11 @@ class _Columns:
                 scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
                 more: dict[str, Any] = {} if scale == 1 else {"scale": scale}
                 self.take("motor_voltage", duties[0], times=name, **more)
-                self.note(f"{duties[0]} times {name}", doubt)
+                self.inference.note(f"{duties[0]} times {name}", doubt)
             if "motor_voltage" in self.sources:
                 return
             doubt = "has one sign: a supply, not the voltage of the motor"
-            self.note(name, doubt, is_usual=not is_of_motor)
+            self.inference.note(name, doubt, is_usual=not is_of_motor)
 
     def turn_motor_side(self) -> None:
         """Note the gear ratio if motor position and joint position (plus deflection) correlate.
@@ -460,7 +461,9 @@ class _Columns:
         # Least squares of the motor's position over the joint's: the slope is N, and is negative
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        self.note(self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
+        self.inference.note(
+            self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio"
+        )
         if ratio < 0:
             self._turn()
 
@@ -473,7 +476,9 @@ class _Columns:
         for source in turned:
             source["sign"] = -int(source.get("sign", 1))
         columns = listed(str(source["column"]) for source in turned)
-        self.note(columns, "turns against the joint encoder: sign = -1 on the motor's side")
+        self.inference.note(
+            columns, "turns against the joint encoder: sign = -1 on the motor's side"
+        )
 
     def _in_si(self, source: Mapping[str, Any]) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
@@ -498,7 +503,9 @@ class _Columns:
             f"; {listed(unknown)}: a command of what is unknown, as the position does not follow "
             "it: name it position_command, velocity_command or torque_command in a description"
         )
-        self.note(self.joint, f"no torque, current or voltage found{what if unknown else ''}")
+        self.inference.note(
+            self.joint, f"no torque, current or voltage found{what if unknown else ''}"
+        )
 
     def _is_driven(self, *, may_be: bool) -> bool:
         """Return whether an effort of the joint has both signs, or whether there may be one."""
@@ -515,14 +522,14 @@ class _Columns:
             if columns:
                 more = usual if kind == "position" else {}
                 self.take(f"{kind}_command", columns[0], _selected(columns, "commands"), **more)
-        self.note(
+        self.inference.note(
             names[leading][0],
             f"a {leading} command of a joint without a torque that has both signs: its drive needs "
             f'motor_input = "{leading}_command" and the gains of its controller',
         )
         computed = self.inference.having("torque", self.joint, role="derived")
         for name in names["torque"][:1] or computed:
-            self.note(
+            self.inference.note(
                 name,
                 "computed, and not used: if the drive adds it to the torque of its gains, describe "
                 "it as torque_command"
@@ -541,10 +548,10 @@ class _Columns:
         self.take("motor_temperature", name)
         if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
             self.sources["motor_temperature"]["unit"] = "K"
-            self.note(name, "taken for kelvin")
+            self.inference.note(name, "taken for kelvin")
         if self.meaning(name).side != "motor":
             doubt = "taken for the temperature of the motor"
-            self.note(name, doubt, is_usual=len(names) == 1)
+            self.inference.note(name, doubt, is_usual=len(names) == 1)
 
 
 def _selected(columns: Sequence[str], what: str) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -49,6 +49,9 @@ _MARKS = {
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _EXCEL = re.compile(r'"?sep=.?"?\s*')
 """A first line in which spreadsheets write the delimiter of the file."""
+
+_ROW_NAME = re.compile(r'"\d+"')
+"""The name of a row in a file that R wrote."""
 
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
 
@@ -111,9 +114,9 @@ def open_csv(path: Path) -> Table:
     columns are 1, 2, 3, ..., which are its rows if these are far longer. Raises LogError for an
     invalid file, and for one too large to be loaded at once.
     """
-    delimiter = _delimiter_of_rows(path)
+    delimiter, count = _rows_of(path)
     if delimiter:
-        return _in_rows(path, delimiter)
+        return _in_rows(path, delimiter, count)
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
@@ -140,20 +143,22 @@ _NUMBERED = (
 )
 
 
-def _delimiter_of_rows(path: Path) -> str:
-    """Return the delimiter of a table of numbers with a channel per row, "" for any other file."""
+def _rows_of(path: Path) -> tuple[str, int]:
+    """Return delimiter and rows of a table of numbers with a channel per row, "" for any other."""
     with path.open("rb") as file:
         start = file.readline(2 * FEWEST_SAMPLES)
         if len(start) < 2 * FEWEST_SAMPLES:
-            return ""  # a digit and a delimiter per number
+            return "", 0  # a digit and a delimiter per number
         check_memory(path, path.stat().st_size)
         first = (start + file.readline()).decode("utf-8", "replace")
         count = 1 + sum(not line.isspace() for line in file)
     form = _format_of(first.rstrip())
-    return form.delimiter if form and has_samples_in_columns((count, form.cells)) else ""
+    if form is None or not has_samples_in_columns((count, form.cells)):
+        return "", 0
+    return form.delimiter, count
 
 
-def _in_rows(path: Path, delimiter: str) -> Table:
+def _in_rows(path: Path, delimiter: str, count: int) -> Table:
     """Return the columns of a table of numbers whose rows are the channels."""
 
     def load(wanted: list[str]) -> Block:
@@ -162,8 +167,6 @@ def _in_rows(path: Path, delimiter: str) -> Table:
             rows = np.loadtxt(path, delimiter=None if delimiter == " " else delimiter, ndmin=2)
         return {name: rows[int(name) - 1] for name in wanted}
 
-    with path.open("rb") as file:
-        count = sum(not line.isspace() for line in file)
     return Table([str(place) for place in range(1, count + 1)], load, notice=_NUMBERED)
 
 
@@ -244,7 +247,7 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
     if not units:
         return header
     header = _named(path, first, third, skipped + 2)
-    pairs = zip(header.names, units, strict=False)
+    pairs = zip_longest(header.names, units, fillvalue="")
     return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
 
 
@@ -336,7 +339,13 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
     if delimiter == " ":
         header = " ".join(header.split())
     _, cells = next(_cells(path, [header], delimiter, 1), (1, []))
-    names, width = [name.strip() for name in cells], len(cells)
+    names = [name.strip() for name in cells]
+    if not is_comment:
+        _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
+        if len(cells) == len(names) + 1 and all(_is_sample(cell) for cell in cells if cell):
+            # R has no name for the column of the names of rows, which is the first, and quotes it.
+            names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
+    width = len(names)
     items: _Items = ()
     is_decimal = delimiter != "," and any(
         _DECIMAL_COMMA.fullmatch(cell.strip()) for cell in sample.split(delimiter)

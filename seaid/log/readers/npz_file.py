@@ -71,11 +71,7 @@ def open_npy(path: Path) -> Table:
 
     def load(wanted: list[str]) -> Block:
         with damaged(path, "a NumPy array (.npy)"), path.open("rb") as file:
-            header = _header(file)
-            # As stored, or as float64: a file of bytes grows by a factor of eight.
-            check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
-            values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
-            values = values.reshape(header.shape, order="F" if header.by_columns else "C")
+            values = _array(path, path.stem, file, _header(file))
         return _picked(path, values, [(name, part_of(name)[1]) for name in wanted])
 
     names = with_parts(path.stem, header.shape)
@@ -115,18 +111,20 @@ def _load(path: Path, wanted: list[str]) -> Block:
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
         block: Block = {}
         for base, places in _places(archive, wanted).items():
-            block |= _picked(path, _array(path, archive, base), places)
+            with _member(path, archive, base) as (file, header):
+                values = _array(path, base, file, header)
+            block |= _picked(path, values, places)
             check_memory(path, 8.0 * sum(len(column) for column in block.values()))
     return {name: block[name] for name in wanted}
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
+def _array(path: Path, name: str, file: IO[bytes], header: _Header) -> Any:
     """Return an array of one or two dimensions, with the type of its file."""
-    with _member(path, archive, name) as (file, header):
-        _check_kind(path, name, header)
-        check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
-        values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
-        return values.reshape(header.shape, order="F" if header.by_columns else "C")
+    _check_kind(path, name, header)
+    # As stored, or as float64: a file of bytes grows by a factor of eight.
+    check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
+    values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
+    return values.reshape(header.shape, order="F" if header.by_columns else "C")
 
 
 def _check_kind(path: Path, name: str, header: _Header) -> None:
@@ -143,7 +141,7 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
             file, header = stack.enter_context(_member(path, archive, base))
             _check_kind(path, places[base][0][0], header)
             if header.by_columns:  # it cannot be read row by row
-                whole[base] = _array(path, archive, base)
+                whole[base] = _array(path, base, file, header)
             files[base] = (file, header)
         check_lengths(path, {base: header.shape[0] for base, (_, header) in files.items()})
         total = min(header.shape[0] for _, header in files.values())

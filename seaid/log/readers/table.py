@@ -136,7 +136,7 @@ class Table:
     None if the format cannot be read in pieces. `clocks` is {column: its time column [s]} if the
     file defines it. `sparse`: NaN marks values that a message lacks. `notice` is what messages on
     its columns add. `files` is {column: file} of a log of several files, where a name that several
-    files have is "file:name".
+    files have is "file:name". `labels` are {column: name given by the user}.
     """
 
     names: Sequence[str]
@@ -146,6 +146,7 @@ class Table:
     sparse: bool = False
     notice: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)
 
     def start(self, names: list[str], samples: int) -> Block:
         """Return the first samples of columns, all if the format cannot be read in pieces."""
@@ -154,6 +155,10 @@ class Table:
     def bare(self, name: str) -> str:
         """Return the name of a column in its own file."""
         return name.removeprefix(f"{self.files.get(name, '')}:")
+
+    def label(self, name: str) -> str:
+        """Return the name of a column that says what it is: that of the user, or of its file."""
+        return self.labels.get(name, self.bare(name))
 
     def in_file_of(self, name: str, others: Iterable[str]) -> str:
         """Return the column of a name, if several files have it that in the file of the others."""

@@ -14,6 +14,7 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._progress import Display
 from seaid.errors import LogError, shown
+from seaid.log.channels import Quantity, quantity_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,51 +139,6 @@ LARGEST = 1e30
 """Largest magnitude of a sample in any unit, so that arithmetic does not overflow."""
 
 
-def is_position(name: str) -> bool:
-    """Return whether a column name of seaid is that of a measured position."""
-    return "position" in name.rsplit(".", 1)[-1] and not is_command(name)
-
-
-def is_command(name: str) -> bool:
-    """Return whether a column name of seaid is that of a command, which is sent and not measured.
-
-    Repeated values, zeros and jumps of a command are what the drive was asked for, and no faults.
-    """
-    return "_command_" in name.rsplit(".", 1)[-1]
-
-
-Interpolation = Literal["spline", "akima", "linear"]
-
-
-def interpolation_of(name: str) -> Interpolation:
-    """Return how a column of seaid is interpolated: by a spline, if it is differentiated."""
-    if is_command(name):
-        return "linear"
-    is_smooth = is_position(name) or name.startswith(_SMOOTH)
-    return "spline" if is_smooth else "akima"
-
-
-_SMOOTH = ("base.orientation", "base.velocity", "base.angle")
-"""Channels of a base that are differentiated."""
-
-
-def is_angle_of_base(name: str) -> bool:
-    """Return whether a column name of seaid is the angle of a planar base, which may turn."""
-    return name.startswith("base.angle")
-
-
-def is_slow(name: str) -> bool:
-    """Return whether a column name of seaid is that of a temperature or a supply, which repeat."""
-    quantity = name.rsplit(".", 1)[-1]
-    return "temperature" in quantity or quantity.startswith("supply_voltage")
-
-
-def is_contact(name: str) -> bool:
-    """Return whether a column name of seaid is that of a contact, which is zero in the air."""
-    quantity = name.rsplit(".", 1)[-1]
-    return quantity == "contact" or quantity.startswith(("force_", "moment_"))
-
-
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.
@@ -213,3 +169,8 @@ class Channel:
                 )
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
             raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")
+
+    @property
+    def quantity(self) -> Quantity:
+        """The row of its name in the table of channels."""
+        return quantity_of(self.name)

@@ -9,20 +9,14 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, is_constant, resolution, runs, white_noise
 from seaid.errors import LogError
+from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass
 from seaid.log.repair import (
     FEWEST,
     Channel,
     Fault,
-    Interpolation,
     Repair,
     Repairs,
-    interpolation_of,
-    is_angle_of_base,
-    is_command,
-    is_contact,
-    is_position,
-    is_slow,
 )
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
@@ -88,7 +82,9 @@ def on_time(
     kept = (time >= time[0] - early) & (time <= time[-1] - late)
     # A late sample shows the state `delay` before its stamp: that at t has the stamp t + delay.
     return kept, {
-        name: interpolated(time, channels[name], time[kept] + delay, interpolation_of(name))
+        name: interpolated(
+            time, channels[name], time[kept] + delay, quantity_of(name).interpolation
+        )
         for name, delay in delays_s.items()
     }
 
@@ -434,9 +430,9 @@ def repaired_channel(
     time, values, missing = _without(
         channel, time, values, ~np.isfinite(values), "values that are no number", repairs
     )
-    if is_contact(channel.name):
+    if channel.quantity.name in OF_CONTACTS:
         return time, values
-    if is_command(channel.name):
+    if channel.quantity.is_command:
         return time, _without_wraps(channel, time, values, repairs)
     if is_constant(values):
         action = f"it is {values[0]:.6g} all the time; not changed"
@@ -445,12 +441,12 @@ def repaired_channel(
         channel, time, values, zero_dropouts(values), "sudden zeros", repairs
     )
     missing += lost
-    if is_slow(channel.name):  # it is slow, so that neither repeats nor gaps are faults
+    if channel.quantity.is_slow:  # it is slow, so that neither repeats nor gaps are faults
         return time, values
     if len(values) >= FEWEST:
         values = _without_wraps(channel, time, values, repairs)
     # A noisy torque repeats a value now and then; two equal ones in a row are no fault.
-    held = held_dropouts(values, 2 if is_position(channel.name) else 3)
+    held = held_dropouts(values, 2 if channel.quantity.is_position else 3)
     slower = float(np.mean(held)) > SLOWER if len(held) else False
     kind: Fault = "values of a slower sensor" if slower else "held values"
     time, values, lost = _without(channel, time, values, held, kind, repairs)
@@ -482,9 +478,9 @@ def _without(
 
 def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[Repair]) -> Array:
     # The angle of a base is in rad by its name, so that its turn is known.
-    known = 2 * math.pi if is_angle_of_base(channel.name) else channel.period
+    known = 2 * math.pi if channel.quantity.kind == "angle" else channel.period
     period = known
-    if period is None and is_position(channel.name):
+    if period is None and channel.quantity.is_position:
         period = wrap_period(time, values)
     if period is None:
         return values
@@ -496,16 +492,12 @@ def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[R
     return whole
 
 
-_COMPUTED = ("base.orientation_", "base.velocity_", "base.angle_")
-"""Channels of a base that an estimator computes: at rest they repeat, and no sensor is at its end.
-"""
-
-
 def _check_saturation(
     channel: Channel, time: Array, values: Array, limits: Repairs, repairs: list[Repair]
 ) -> None:
     """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
-    if is_position(channel.name) or channel.name.startswith(_COMPUTED):
+    # A position has no end of its range, and what an estimator computes of a base repeats at rest.
+    if channel.quantity.interpolation == "spline":
         return
     stuck = saturated(values)
     if not np.any(stuck):
@@ -536,7 +528,7 @@ def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) ->
         )
     bridged = np.where(steps <= longest, steps, 0.0)
     place = int(np.argmax(bridged))
-    if limit is not None or bridged[place] <= usual or not is_position(channel.name):
+    if limit is not None or bridged[place] <= usual or not channel.quantity.is_position:
         return
     error = gap_error(time, values, usual, longest)
     if error is None or error > limits.most_gap_error:

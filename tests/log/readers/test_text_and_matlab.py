@@ -218,3 +218,21 @@ def test_other_lists_are_named(tmp_path: Path, line: str, words: str) -> None:
     path.write_text(f't,q\n1,"[1, 2, 3]"\n{line}\n')
     with pytest.raises(LogError, match=words):
         open_table(path).load(["t", "q[1]"])
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        ("t,q\n0,1,7\n0.1,2,8\n", {"t": 0.1, "q": 2, "unnamed": 8}),
+        ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": 0.1, "q": 2, "unnamed": 2}),  # written by R
+        ("t,q\n[s],[rad]\n0,1,7\n0.1,2,8\n", {"t [s]": 0.1, "q [rad]": 2, "unnamed": 8}),
+    ],
+)
+def test_a_cell_more_than_names_is_an_unnamed_column(
+    rows: str, columns: dict[str, float], tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(rows)
+    table = open_table(path)
+    loaded = table.load(list(table.names))
+    assert {name: values[-1] for name, values in loaded.items()} == columns
