@@ -228,11 +228,17 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
     if rivals:
         evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
         causes = [replace(transform, message=message), *(rival.transform for rival in rivals)]
-        message = "; or ".join(cause.message + _DECIDED[cause.code][0] for cause in causes)
-        measures = list(dict.fromkeys(_DECIDED[cause.code][1] for cause in causes))
+        message = "; or ".join(_with_implication(cause) for cause in causes)
+        measures = list(dict.fromkeys(cause.code.measurement for cause in causes))
         remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
         certainty = "possible"
     return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+
+
+def _with_implication(transform: Transform) -> str:
+    """Return the message of a mistake with what follows if it is the cause."""
+    implies = transform.code.implies
+    return f"{transform.message} ({implies})" if implies else transform.message
 
 
 def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
@@ -260,31 +266,6 @@ _OF_VALUES = (
     *(codes.ROTOR_INERTIA, codes.TORQUE_SCALE),
 )
 """Mistakes that may be small."""
-
-_DECIDED = {
-    codes.UNIT: ("", "turn a joint by a known angle and hold a known weight"),
-    codes.TIME_UNIT: ("", "compare the duration of the log with a clock"),
-    codes.SIGN: ("", "turn the joint by hand in its positive direction and look at the signs"),
-    codes.SWAPPED_JOINTS: ("", "move one of the joints alone"),
-    codes.GEAR_RATIO: ("", "count the turns of the motor for one of the joint"),
-    codes.PAYLOAD: (" (then the bodies are estimated with that error)", "weigh the payload"),
-    codes.GRAVITY: ("", "measure the tilt of the base"),
-    codes.ENCODER_OFFSET: (
-        "",
-        "turn the joints to the zeros of the robot file and read the encoders",
-    ),
-    codes.COUPLED_JOINTS: ("", "turn one of the joints by hand and look which motors turn with it"),
-    codes.VARYING_RATIO: ("", "count the turns of the motor at several angles of the joint"),
-    codes.GEOMETRY: ("", "measure the distance between the joints"),
-    codes.ROTOR_INERTIA: ("", "move the motor without its load"),
-    codes.TORQUE_SCALE: (
-        " (then all that is estimated from these torques is off by that factor)",
-        "hold a known weight at a known distance and compare the torque",
-    ),
-    codes.NOMINAL_VALUES: (" (then the estimate is right and the file is not)", "weigh a link"),
-}
-"""{code: (what it implies if it is the cause, the measurement that decides)}."""
-
 
 # Factors on channels: signs, units of angles and of torques
 
