@@ -83,12 +83,15 @@ from .tolerances import SURE as SURE
 from .values import contradictions as contradictions
 from .values import disagreement as disagreement
 from .values import drive_findings as drive_findings
+from .values import excluded_instants as excluded_instants
 from .values import fixed_findings as fixed_findings
 from .values import gear_findings as gear_findings
 from .values import homogeneous as homogeneous
+from .values import inconsistent_bodies as inconsistent_bodies
 from .values import instruments_without_effect as instruments_without_effect
 from .values import noise_findings as noise_findings
 from .values import offset_findings as offset_findings
+from .values import regression_notes as regression_notes
 from .values import revalued as revalued
 from .values import rigid_gear as rigid_gear
 from .values import scale_of_bodies as scale_of_bodies

@@ -319,16 +319,7 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     if is_heavier:
         message = f"the robot is {_heavier(total, error)} than its file"
         message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
-    rival, measurement = (
-        f"a payload on {link} was not named",
-        f"weigh {link if is_mostly else 'a link'}",
-    )
-    if np.any(robot.payload_parameters):
-        rival = "a payload has another mass than the one named"
-        measurement += " and the payload"
-    elif not is_mostly:
-        rival = f"all torques are {1 + total:.3g} times what they should be"
-        measurement += ", or hold a known weight at a known distance and compare the torque"
+    rival, measurement = _other_explanation(experiment, link if is_mostly else "", total)
     yield codes.NOMINAL_VALUES.finding(
         f"{message}, by the torques and the shapes of the links in the file; or {rival}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
@@ -340,6 +331,23 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
         },
         f"{measurement}: if the file is wrong, the estimate needs no change",
         "possible",
+    )
+
+
+def _other_explanation(experiment: Experiment, mostly: str, total: float) -> tuple[str, str]:
+    """Return what else may explain the masses, and the measurement that decides.
+
+    The relative change `total` of the mass is `mostly` that of a link, "" if it is not.
+    """
+    measurement = f"weigh {mostly or 'a link'}"
+    if np.any(experiment.robot.payload_parameters):
+        rival = "a payload has another mass than the one named"
+        return rival, f"{measurement} and the payload"
+    if mostly:
+        return f"a payload on {mostly} was not named", measurement
+    return (
+        f"all torques are {1 + total:.3g} times what they should be",
+        f"{measurement}, or hold a known weight at a known distance and compare the torque",
     )
 
 

@@ -191,12 +191,10 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
     clock that was resampled is none that counts.
     """
     for where, log in logged.numbered:
-        steps, kinds = np.diff(log.time), {repair.kind for repair in log.report}
-        is_counter = np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps)
         positions = [channel.values for channel in _positions(log)]
-        if not is_counter or "irregular steps" in kinds or not positions:
+        if not _has_counter(log) or not positions:
             continue
-        lost = _lost(positions)
+        lost, many = _lost(positions), tol.SLIGHT * (len(log.time) - 1)
         jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
         if len(lost) >= tol.EVENTS or jumps:
             text, count = f"most positions jump at once {jumps} times{where}", "bursts of samples"
@@ -207,12 +205,19 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
             yield codes.HOLES.finding(
                 f"{text}, while the time has equal steps: {count} were lost, and the time counts "
                 "those that are left",
-                severity="wrong" if jumps or np.sum(lost) > tol.SLIGHT * len(steps) else "doubtful",
+                severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
                 evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
                 remedy="log the clock of the robot with each sample, and record anew: gaps in time "
                 "are then bridged or excluded",
                 certainty="certain",
             )
+
+
+def _has_counter(log: Log) -> bool:
+    """Whether the time of a log has equal steps, by itself and not by resampling."""
+    steps = np.diff(log.time)
+    is_even = bool(np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps))
+    return is_even and all(repair.kind != "irregular steps" for repair in log.report)
 
 
 def _common_jumps(positions: Sequence[Array]) -> int:

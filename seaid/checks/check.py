@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar, Generic, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant
-from seaid._files import toml_table, toml_text
+from seaid._files import read_toml, toml_table, toml_text
 from seaid.drives import total_ratio
-from seaid.errors import Certainty, Finding, Severity, reason_of
+from seaid.errors import Certainty, Finding, SeaidError, Severity, reason_of
 from seaid.log import Log, changed_source
 from seaid.robot import Robot
 
@@ -40,20 +42,38 @@ class Code:
     ----------
     name : str
         The word by which users and scripts refer to it, such as "delay".
-    meaning : str
-        What it stands for, in a phrase.
-    cause, advice : str
-        The usual cause, and what to do, in sentences.
     is_symptom, spoils : bool
         Whether it is a `Symptom`, or a `Cause`.
     """
 
     name: str
-    meaning: str
-    cause: str
-    advice: str
     is_symptom: ClassVar[bool] = False
     spoils: ClassVar[bool] = False
+
+    @property
+    def meaning(self) -> str:
+        """What it stands for, in a phrase."""
+        return _texts()[self.name]["meaning"]
+
+    @property
+    def cause(self) -> str:
+        """The usual cause, in sentences."""
+        return _texts()[self.name]["cause"]
+
+    @property
+    def advice(self) -> str:
+        """What to do, in sentences."""
+        return _texts()[self.name]["advice"]
+
+    @property
+    def measurement(self) -> str:
+        """What decides between it and other causes that explain a log as well, "" if nothing."""
+        return _texts()[self.name].get("measurement", "")
+
+    @property
+    def implies(self) -> str:
+        """What follows if it is the cause, as a clause, "" if nothing does."""
+        return _texts()[self.name].get("implies", "")
 
     def finding(
         self,
@@ -80,6 +100,17 @@ class Code:
         """Return a `finding` for information: by default what is certain and no mistake."""
         details.setdefault("certainty", "certain")
         return self.finding(message, joint, "note", **details)
+
+
+@cache
+def _texts() -> Mapping[str, Mapping[str, str]]:
+    """Return {name of a code: its texts} of codes.toml, read once, where a text is needed."""
+    path = Path(__file__).with_name("codes.toml")
+    tables = read_toml(path, "the texts of codes", SeaidError)
+    return {
+        name: {key: " ".join(text.split()) for key, text in texts.items()}
+        for name, texts in tables.items()
+    }
 
 
 class Symptom(Code):

@@ -298,7 +298,7 @@ def _missing_terms(
     side: Side, joint: str, accepted: Sequence[Accepted], share: float
 ) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
-    if any(_is_impossible(found) for found in accepted):
+    if any(map(_is_impossible, accepted)):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
@@ -308,10 +308,9 @@ def _missing_terms(
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
-    what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
-    what = _FOLLOWS.get(terms[0], what).format(joint)
     return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
-        f"{what}: {names} in its {field} would explain {share:.0%} of the squared residual of its "
+        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would explain "
+        f"{share:.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
         f"blocks by {comparison.improvement:.0%}",
         joint,
@@ -319,6 +318,13 @@ def _missing_terms(
         evidence_of(comparison, values) | {"explained": share},
         _lines_of_terms(side, joint, field, terms, values),
     )
+
+
+def _what_is_lacking(joint: str, field: str, term: str) -> str:
+    """Return what the support of a term of a drive means."""
+    if term in _FOLLOWS:
+        return _FOLLOWS[term].format(joint)
+    return f"the spring of {joint} is not linear" if field == "spring" else f"{joint} lacks a term"
 
 
 def _lines_of_terms(

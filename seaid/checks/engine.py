@@ -124,25 +124,6 @@ def best_of(supported: Mapping[Model, ModelComparison]) -> Model | None:
     return max(supported, key=lambda model: supported[model].criterion(rows))
 
 
-def compare_models(
-    equation: Equation, alternatives: Sequence[Alternative], asked: int, *, in_full: bool = True
-) -> list[ModelComparison]:
-    """Compare the model of an equation with each of the larger `alternatives`.
-
-    `asked` is the number of models compared. If not `in_full`, independent rows are counted for
-    those that explain enough of the rows that they act on, and blocks are predicted by those that
-    the criterion supports too; others count as unchanged. Raises IdentificationError for too few
-    rows.
-    """
-    shared = _shared_model(equation, alternatives)
-    comparisons, start = [], 0
-    for model in alternatives:
-        places = range(start, start + model.columns.shape[1])
-        comparisons.append(shared.compared(model, places, asked, in_full))
-        start = places.stop
-    return comparisons
-
-
 def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _SharedModel:
     """Return what the comparisons of an equation with alternatives share."""
     rows, p = equation.rows, len(equation.rows.names)
@@ -158,7 +139,9 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     whole = _without_core(joint_factor, len(core))[1]
     # Row by row, not as a factor: the autocorrelation of the residual needs the order in time.
     rest = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
-    return _SharedModel(equation, replaced, len(core), factors, whole, rest)
+    ends = np.cumsum([model.columns.shape[1] for model in alternatives]).tolist()
+    starts = dict(zip(alternatives, [0, *ends], strict=False))
+    return _SharedModel(equation, replaced, len(core), starts, factors, whole, rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,14 +149,15 @@ class _SharedModel:
     """The smaller model of comparisons, and what it leaves of the columns of alternatives.
 
     `replaced` are the places of columns that some alternative replaces, `core` is the number of all
-    others. `factors` are those of the blocks; `whole` is that of the columns that are replaced,
-    those of alternatives and y without the core, and `rest` (R, c) the rows of the latter two
-    without all columns of the model.
+    others, and `starts` are the places of the columns of alternatives. `factors` are those of the
+    blocks; `whole` is that of the columns that are replaced, those of alternatives and y without
+    the core, and `rest` (R, c) the rows of the latter two without all columns of the model.
     """
 
     equation: Equation
     replaced: Sequence[int]
     core: int
+    starts: Mapping[Alternative, int]
     factors: Sequence[Array]
     whole: Array
     rest: Array
@@ -188,33 +172,51 @@ class _SharedModel:
         """The squared error (B,) of the smaller model in predicting each block."""
         return _squares(*self.blocks, range(len(self.replaced)))
 
-    def compared(
-        self, model: Alternative, places: Sequence[int], asked: int, in_full: bool
-    ) -> ModelComparison:
-        """Compare the model with a larger one, whose columns are at `places` of all of them."""
-        equation, base = self.equation, list(range(len(self.replaced)))
-        # Places in `whole`, which begins with the columns that some alternative replaces.
+    @cached_property
+    def before(self) -> float:
+        """The squared residual of the smaller model."""
+        return float(_squares(self.whole, self.whole, range(len(self.replaced))))
+
+    def columns_of(self, model: Alternative) -> range:
+        """Return the places of the columns of a larger model among those of all."""
+        start = self.starts[model]
+        return range(start, start + model.columns.shape[1])
+
+    def places_of(self, model: Alternative) -> list[int]:
+        """Return the places of a larger model in `whole`, which begins with those replaced."""
         kept = [k for k, place in enumerate(self.replaced) if place not in model.replaced]
-        larger = [*kept, *(len(base) + k for k in places)]
-        # RSS_0 / RSS of the smaller and the larger model: below one if columns that replace others
-        # fit worse than these.
-        before, after = (
-            float(_squares(self.whole, self.whole, places)) for places in (base, larger)
-        )
-        growth = before / max(after, 1e-300)
+        return [*kept, *(len(self.replaced) + k for k in self.columns_of(model))]
+
+    def growth(self, model: Alternative) -> float:
+        """Return the squared residual of the smaller model over that of a larger one.
+
+        It is below one if columns that replace others fit worse than these.
+        """
+        after = float(_squares(self.whole, self.whole, self.places_of(model)))
+        return self.before / max(after, 1e-300)
+
+    def compared(
+        self, model: Alternative, growth: float, asked: int, least_bic: float | None
+    ) -> ModelComparison:
+        """Compare the model with a larger one, by whose columns the residual has such a `growth`.
+
+        The arguments are those of `compared_candidates`.
+        """
+        equation, in_full = self.equation, least_bic is None
         explained, count = 1 - 1 / max(growth, 1e-300), 1.0
         acts = np.any(model.columns != 0, axis=1)
         part = equation.squares(acts) / max(equation.squares(), 1e-300)
         share = explained / max(part, 1e-300)
         if in_full or share > LEAST_EXPLAINED:
-            count = _independent_rows(equation.rows, self.rest[:, [*places]], self.rest[:, -1])
+            columns = self.rest[:, [*self.columns_of(model)]]
+            count = _independent_rows(equation.rows, columns, self.rest[:, -1])
         # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
         freedom = max(count - len(equation.rows.names) - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(self.factors))
-        if in_full or (bic > 0 and share > LEAST_EXPLAINED):
-            without, within = self.without, _squares(*self.blocks, larger)
+        if least_bic is None or (bic > least_bic and share > LEAST_EXPLAINED):
+            without, within = self.without, _squares(*self.blocks, self.places_of(model))
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
         F = freedom / model.parameters * max(growth - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
@@ -436,8 +438,6 @@ class Equation:
         more than they do next to all columns.
         """
         columns = [self.weight[:, None] * model.columns for model in alternatives]
-        if not columns:
-            return False
         whole = np.hstack(columns)
         rows, rest = np.any(whole != 0, axis=1), self.residual_of(whole)
         of_joints = [
@@ -490,29 +490,35 @@ def explained_squares(columns: Array, y: Array) -> float:
 
 
 def compared_candidates(
-    equation: Equation, candidates: Sequence[Candidate], asked: int, *, only_promising: bool = False
+    equation: Equation,
+    candidates: Iterable[Candidate],
+    asked: int,
+    *,
+    least_bic: float | None = None,
 ) -> list[Trial]:
     """Return every candidate that has columns at the best point of its grid, in their order.
 
-    `asked` is the number of all tests, which the criterion allows for. With `only_promising` those
-    are compared that may explain enough of the rows that they act on. Raises IdentificationError
-    for too few rows.
+    `asked` is the number of all tests, which the criterion allows for. With a `least_bic` those are
+    compared that may explain enough of the rows that they act on. Independent rows are then counted
+    for those that do, and blocks are predicted by those whose criterion is above it; others count
+    as unchanged. Raises IdentificationError for too few rows.
     """
-    tested: list[tuple[Candidate, Alternative]] = []
-    for candidate in candidates:
-        if not only_promising or equation.is_promising(candidate.alternatives):
-            tested += [(candidate, alternative) for alternative in candidate.alternatives]
+    in_full = least_bic is None
+    tested = [
+        candidate
+        for candidate in candidates
+        if candidate.alternatives and (in_full or equation.is_promising(candidate.alternatives))
+    ]
     if not tested:
         return []
-    models = [alternative for _, alternative in tested]
-    compared = compare_models(equation, models, asked, in_full=not only_promising)
-    best: dict[Candidate, Trial] = {}
-    for (candidate, alternative), comparison in zip(tested, compared, strict=True):
+    shared, trials = _shared_model(equation, [x for c in tested for x in c.alternatives]), []
+    for candidate in tested:
         # All points of a grid have the same number of parameters: the best one explains most.
-        trial = best.get(candidate)
-        if trial is None or comparison.explained > trial.comparison.explained:
-            best[candidate] = Trial(candidate, comparison, alternative)
-    return list(best.values())
+        growths = {model: shared.growth(model) for model in candidate.alternatives}
+        best = max(growths, key=growths.__getitem__)
+        comparison = shared.compared(best, growths[best], asked, least_bic)
+        trials.append(Trial(candidate, comparison, best))
+    return trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -562,10 +568,12 @@ def forward_selection(
     current, remaining = equation, list(candidates)
     with suppress(IdentificationError):  # too few rows
         while len(steps) < MOST_ACCEPTED:
-            # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already.
-            compared = compared_candidates(current, remaining, 1, only_promising=True)
+            # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already. The
+            # first trials are asked for other numbers of tests, too.
+            least = least_bic if first else 0.0
+            compared = compared_candidates(current, remaining, 1, least_bic=least)
             first = first or compared
-            strong = [trial for trial in compared if trial.comparison.bic >= least_bic]
+            strong = [trial for trial in compared if trial.comparison.bic > least_bic]
             best = best_trial(strong)
             if best is None:
                 break

@@ -293,7 +293,8 @@ class Experiment:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
-            misfit[self.used] = self._left(self.base.project(bodies))[1]
+            # not by `columns`, which most transforms of a set-up need for nothing else
+            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used])[1]
         return misfit
 
     @property
@@ -312,18 +313,18 @@ class Experiment:
         R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
         factor = triangle(R.reshape(-1, R.shape[2]))
         theta = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
-        residual, misfit[used] = self._left(theta)
+        residual, misfit[used] = self._left(self.columns[used] @ theta)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
 
-    def _left(self, theta: Array) -> tuple[Array, Array]:
-        """Return what base parameters (p,) leave of the torques (u, R) of used joints, and misfits.
+    def _left(self, torques: Array) -> tuple[Array, Array]:
+        """Return what torques (u, R) of bodies leave of those of used joints, and misfits.
 
         The misfits (u,) are those with the friction that explains most.
         """
         used, counted = self.used, self.counted.T[self.used]
-        y = self.target.T[used] - self.columns[used] @ theta
+        y = self.target.T[used] - torques
         x = self._of_loads[1][used] @ y[..., None]
         residual = y - (self.loads[used] @ x)[..., 0]
         # The mean is zero, because a constant is among the loads.
@@ -483,10 +484,14 @@ class Experiment:
         rotor = [self.motor[2][:, j]] if has_rotor else []
         return np.column_stack([self.friction[j], gradual, *rotor])
 
+    def misfit(self, kind: str) -> Array:
+        """Return the misfit (n,) of a kind: "nominal", "free", "motor" or "encoders"."""
+        return np.asarray(getattr(self, _KINDS[kind][0]))
+
     @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
-        return {kind: getattr(self, name) for kind, (name, _) in _KINDS.items()}
+        return {kind: self.misfit(kind) for kind in _KINDS}
 
     @derived("robot")
     def widths(self) -> Array:
@@ -672,9 +677,8 @@ class Experiment:
         Each joint has so many independent `rows`.
         """
         # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
-        name, floor = _KINDS[kind]
         # n / 2 log(rms^2): the likelihood of Gaussian residuals at their most likely size.
-        squares = np.minimum(getattr(self, name), tol.TWICE) ** 2 + floor**2
+        squares = np.minimum(self.misfit(kind), tol.TWICE) ** 2 + _KINDS[kind][1] ** 2
         return float(np.nansum(rows * np.log(squares))) / 2
 
 

@@ -234,19 +234,28 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
             penalty=1.0,
         )
         yield coupled
-        # An encoder against another link measures the sum or the difference of two joints: it looks
-        # like a motor that turns once with the other one.
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
-            angles = experiment.joint.copy()
-            angles[:, :, j] += np.sign(turns) * angles[:, :, i]
-            added = f"{'minus' if turns < 0 else 'plus'} that of {mover}"
-            yield replace(
-                coupled,
-                message=f"the encoder of {joint} measures its angle against another link than the "
-                f"one before it: the joint moves as its encoder {added}",
-                changed=experiment.with_changes(joint=angles),
-                remedy=f"write the angle of {joint} {added} into the log, as that of {joint}",
-            )
+            yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
+
+
+def _against_another_link(
+    experiment: Experiment, coupled: Transform, i: int, j: int, sign: float
+) -> Transform:
+    """Return the transform of an encoder of joint j that measures its angle plus or minus joint i.
+
+    It looks like a motor that turns once with the other joint, as if these were `coupled`.
+    """
+    joint, mover = (experiment.robot.joint_names[place] for place in (j, i))
+    angles = experiment.joint.copy()
+    angles[:, :, j] += sign * angles[:, :, i]
+    added = f"{'minus' if sign < 0 else 'plus'} that of {mover}"
+    return replace(
+        coupled,
+        message=f"the encoder of {joint} measures its angle against another link than the "
+        f"one before it: the joint moves as its encoder {added}",
+        changed=experiment.with_changes(joint=angles),
+        remedy=f"write the angle of {joint} {added} into the log, as that of {joint}",
+    )
 
 
 _RATIO_STEPS = 3

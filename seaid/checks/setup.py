@@ -108,10 +108,9 @@ class _Trial:
 def _trial(before: Experiment, transform: Transform) -> _Trial:
     """Return what speaks for a transform.
 
-    No mistake contradicts a kind of evidence: none makes a misfit matter that did not. Where much
-    is left it is the model's error, which any change makes somewhat smaller or larger: only a fall
-    by half counts there. Where nearly nothing is left it is noise, whose likelihood shows a value
-    that is off by little.
+    Where much is left it is the model's error, which any change makes somewhat smaller or larger:
+    only a fall by half counts there. Where nearly nothing is left it is noise, whose likelihood
+    shows a value that is off by little.
     """
     changed, is_value = transform.changed, transform.code in _OF_VALUES
     kinds, rows = [*before.misfits], before.independent_rows
@@ -128,12 +127,23 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     counts &= np.array([[kind in _DIRECT] for kind in kinds])
     shown = float(np.sum(np.where(counts, gains, 0.0))) if falls or is_value else 0.0
     direct = sum(before.cost(kind, rows) - changed.cost(kind, rows) for kind in _DIRECT)
-    losses = np.nansum(np.where(y > tol.POOR, -gains, 0.0), axis=1)
-    # z standard errors are z^2 / 2 of a log likelihood.
-    if np.max(losses) >= tol.SURE**2 / 2:
-        direct = -math.inf
     bodies_of_file = before.file - changed.file
     return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
+
+
+_BY_COST = ("nominal", "encoders", "motor", "free")
+"""The kinds of misfit, those first that are quickly computed."""
+
+
+def _is_contradicted(before: Experiment, transform: Transform) -> bool:
+    """Whether a kind of misfit that matters grows by more than chance, which no mistake does."""
+    for kind in _BY_COST:
+        x, y = (np.maximum(each.misfit(kind), tol.FEW) for each in (before, transform.changed))
+        losses = before.independent_rows * np.log(y / x)
+        # z standard errors are z^2 / 2 of a log likelihood.
+        if np.nansum(np.where(y > tol.POOR, losses, 0.0)) >= tol.SURE**2 / 2:
+            return True
+    return False
 
 
 def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
@@ -181,6 +191,7 @@ def transforms(experiment: Experiment) -> Iterator[Transform]:
 def _trials(experiment: Experiment) -> list[_Trial]:
     """Return the transforms that the log demands, the best first."""
     tried, rows = [*transforms(experiment)], experiment.independent_rows
+    possible = [transform for transform in tried if not _is_contradicted(experiment, transform)]
     has_bodies = _has_bodies(experiment)
 
     def by_file(transform: Transform) -> float:
@@ -195,7 +206,7 @@ def _trials(experiment: Experiment) -> list[_Trial]:
     best = [
         transform
         for cost in (by_file, by_joint)
-        for transform in sorted(tried, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
+        for transform in sorted(possible, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
     ]
     trials = [_trial(experiment, transform) for transform in dict.fromkeys(best)]
     demanded = [trial for trial in trials if trial.is_demanded(len(tried))]
@@ -228,11 +239,17 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
     if rivals:
         evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
         causes = [replace(transform, message=message), *(rival.transform for rival in rivals)]
-        message = "; or ".join(cause.message + _DECIDED[cause.code][0] for cause in causes)
-        measures = list(dict.fromkeys(_DECIDED[cause.code][1] for cause in causes))
+        message = "; or ".join(_with_implication(cause) for cause in causes)
+        measures = list(dict.fromkeys(cause.code.measurement for cause in causes))
         remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
         certainty = "possible"
     return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+
+
+def _with_implication(transform: Transform) -> str:
+    """Return the message of a mistake with what follows if it is the cause."""
+    implies = transform.code.implies
+    return f"{transform.message} ({implies})" if implies else transform.message
 
 
 def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
@@ -260,31 +277,6 @@ _OF_VALUES = (
     *(codes.ROTOR_INERTIA, codes.TORQUE_SCALE),
 )
 """Mistakes that may be small."""
-
-_DECIDED = {
-    codes.UNIT: ("", "turn a joint by a known angle and hold a known weight"),
-    codes.TIME_UNIT: ("", "compare the duration of the log with a clock"),
-    codes.SIGN: ("", "turn the joint by hand in its positive direction and look at the signs"),
-    codes.SWAPPED_JOINTS: ("", "move one of the joints alone"),
-    codes.GEAR_RATIO: ("", "count the turns of the motor for one of the joint"),
-    codes.PAYLOAD: (" (then the bodies are estimated with that error)", "weigh the payload"),
-    codes.GRAVITY: ("", "measure the tilt of the base"),
-    codes.ENCODER_OFFSET: (
-        "",
-        "turn the joints to the zeros of the robot file and read the encoders",
-    ),
-    codes.COUPLED_JOINTS: ("", "turn one of the joints by hand and look which motors turn with it"),
-    codes.VARYING_RATIO: ("", "count the turns of the motor at several angles of the joint"),
-    codes.GEOMETRY: ("", "measure the distance between the joints"),
-    codes.ROTOR_INERTIA: ("", "move the motor without its load"),
-    codes.TORQUE_SCALE: (
-        " (then all that is estimated from these torques is off by that factor)",
-        "hold a known weight at a known distance and compare the torque",
-    ),
-    codes.NOMINAL_VALUES: (" (then the estimate is right and the file is not)", "weigh a link"),
-}
-"""{code: (what it implies if it is the cause, the measurement that decides)}."""
-
 
 # Factors on channels: signs, units of angles and of torques
 

@@ -156,6 +156,9 @@ CONTRADICTED = 10.0
 PULL = 0.02
 """Part by which equations without a torque may reduce the parameters towards zero."""
 
+AUTOCORRELATED = 0.9
+"""Autocorrelation of a residual at lag 1 above which a term is missing; a low pass causes 0.5."""
+
 CONFIDENCE = 0.975
 """Confidence with which a larger model must predict excluded blocks better."""
 

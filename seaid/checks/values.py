@@ -31,10 +31,19 @@ from seaid.drives import (
     unit_of,
 )
 from seaid.errors import Finding, Severity, listed
-from seaid.estimation import Estimate, FittedRows, Program, QRFactor, first_term, nearest, triangle
+from seaid.estimation import (
+    Estimate,
+    FittedRows,
+    ModelChecks,
+    Program,
+    QRFactor,
+    first_term,
+    nearest,
+    triangle,
+)
 from seaid.log import Motion
 from seaid.regressor import INPUT_FIELDS, Regression, motor_regressor
-from seaid.robot import Robot
+from seaid.robot import THIN, Robot, is_physical
 
 # Two ways of the same fit
 
@@ -172,6 +181,38 @@ def instruments_without_effect() -> Finding:
         "instrumental variables have no effect: the instruments of stiff drives come from the same "
         "motor encoder as the motion"
     )
+
+
+def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> Iterator[Finding]:
+    """Yield notes on a regression: poor combinations, needless terms, and correlated residuals.
+
+    `place` and `side` are its words, with its joint and without; `joint` is that of its terms, ""
+    if they name their own.
+    """
+    for text in checks.poorly_determined:
+        yield codes.POORLY_DETERMINED.note(f"{place}: {text}")
+    for term in checks.terms:
+        if term.bic <= 0:
+            name = readable(JointParameter(term.terms[0], joint) if joint else term.terms[0])
+            yield codes.NEEDLESS_TERM.note(
+                f"{name}: not supported by the data (BIC {term.bic:.3g}); remove the term"
+            )
+    for name, white in checks.whiteness.items():
+        if white.first > tol.AUTOCORRELATED:
+            yield codes.RESIDUAL.note(
+                f"the residual of {name} ({side}) is autocorrelated ({white.first:.3g} at lag 1): "
+                "the model lacks a term there, or a sensor has an offset"
+            )
+
+
+def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:
+    """Yield the note on a regression that lacks most of its instants, a `share` of them."""
+    if share > tol.MOST:
+        contacts = ", or next to a change of contact" * has_contacts
+        yield codes.STANDSTILL.note(
+            f"the {place} is identified from {1 - share:.0%} of its instants: the others are near "
+            f"standstill, where the direction of dry friction is unknown{contacts}"
+        )
 
 
 # The values of a drive
@@ -506,6 +547,28 @@ def contradictions(robot: Robot, program: Program, least: float, bounds: int) ->
         "robot file",
         certainty="possible",
     )
+
+
+def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
+    """Yield the note on bodies of a result that are physically inconsistent.
+
+    `is_nearest` says whether the nearest consistent ones were asked for.
+    """
+    bodies = robot.parameters.reshape(-1, 10)
+    wrong = [
+        name
+        for name, body in zip(robot.body_names, bodies, strict=True)
+        if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
+    ]
+    if wrong:
+        but = (
+            ". They have the identified base parameters and thus the right torques, but a "
+            "simulator may refuse them. Identify with feasible=True for physically consistent ones"
+        )
+        yield codes.INCONSISTENT_INERTIA.note(
+            f"the inertial parameters of {listed(wrong)} are physically inconsistent"
+            f"{'' if is_nearest else but}"
+        )
 
 
 def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[str, Program]]:

@@ -7,7 +7,7 @@ identified.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,14 +15,13 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
-from seaid.checks import POOR
-from seaid.drives import PARAMETERS_OF, readable
+from seaid.checks import POOR, excluded_instants, inconsistent_bodies, regression_notes
+from seaid.drives import PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
 from seaid.identification import compared, verdict_with
 from seaid.log import row_samples
 from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
-from seaid.report.tables import ErrorRow, error_rows, place_name, side_name, term_name
-from seaid.robot import THIN, is_physical
+from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
 
-_LARGE_EXCLUDED_SHARE = 0.5
-_CORRELATED = 0.9
-"""Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
 NOT_VALIDATED = (
     "Not validated on an unseen motion: how well the model fits its own motion says little about "
@@ -141,11 +137,7 @@ def notices_of(
         *(_notice(finding) for replay in replays for finding in replay.warnings),
         *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
         *_validation_notices(result, runs),
-        *(
-            Notice(code, "note", (text,))
-            for code, texts in _NOTES.items()
-            for text in texts(result)
-        ),
+        *map(_notice, _notes(result)),
     ]
     together: dict[tuple[str, ...], Notice] = {}
     for notice in every:
@@ -194,73 +186,19 @@ def _badly_predicted(identification: Identification, run: Run) -> Iterator[Notic
         yield Notice("badly-predicted", "doubtful", (message,), tuple(row.joint for row in bad))
 
 
-def _inconsistent_bodies(identification: Identification) -> Iterator[str]:
-    """Yield the physically inconsistent bodies, which `write_urdf` would refuse."""
-    bodies = identification.robot.parameters.reshape(-1, 10)
-    wrong = [
-        name
-        for name, body in zip(identification.robot.body_names, bodies, strict=True)
-        if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
-    ]
-    if wrong and identification.feasible is None:
-        yield (
-            f"{_listed(wrong)}: the inertial parameters are physically inconsistent. They have "
-            "the identified base parameters and thus the right torques, but a simulator may refuse "
-            "them. Identify with feasible=True for physically consistent ones."
-        )
-    elif wrong:
-        yield f"{_listed(wrong)}: the inertial parameters are physically inconsistent."
-
-
-def _poorly_determined(identification: Identification) -> Iterator[str]:
-    for side, checks in identification.checks.items():
-        for text in checks.poorly_determined:
-            yield _sentence(f"{place_name(side)}: {text}")
-
-
-def _unsupported_terms(identification: Identification) -> Iterator[str]:
-    for side, checks in identification.checks.items():
-        for term in checks.terms:
-            if term.bic <= 0:
-                name = _capital(readable(term_name(side, term.terms[0])))
-                yield f"{name}: not supported by the data (BIC {short(term.bic)}); remove the term."
-
-
-def _autocorrelated(identification: Identification) -> Iterator[str]:
-    for side, checks in identification.checks.items():
-        for joint, white in checks.whiteness.items():
-            if white.first > _CORRELATED:
-                yield (
-                    f"The residual of {joint} ({side_name(side)}) is autocorrelated "
-                    f"({white.first:.3g} at lag 1): the model lacks a term there, or a sensor has "
-                    "an offset."
-                )
-
-
-def _excluded(identification: Identification) -> Iterator[str]:
-    instants = sum(len(row_samples(motion)) for motion in identification.motions)
-    for side, count in identification.excluded.items():
+def _notes(result: Identification) -> Iterator[Finding]:
+    """Yield the notes on the model of an identification, which only a page has room for."""
+    yield from inconsistent_bodies(result.robot, result.feasible is not None)
+    for side, checks in result.checks.items():
+        joint = side if side in result.drives else ""
+        yield from regression_notes(place_name(side), side_name(side), joint, checks)
+    instants = sum(len(row_samples(motion)) for motion in result.motions)
+    for side, count in result.excluded.items():
         # An instant has one equation (7) per motor; (8) has one per torque and axis of the base.
-        rows = instants * (_load_rows(identification) if side == "load" else 1)
-        if rows and count > _LARGE_EXCLUDED_SHARE * rows:
-            where = "The load side" if side == "load" else f"The actuator side of {side}"
-            others = "near standstill, where the direction of dry friction is unknown"
-            if side == "load" and identification.robot.floating_base is not None:
-                others += ", or next to a change of contact"
-            yield (
-                f"{where} is identified from {share(1 - count / rows)} of its instants: the others "
-                f"are {others}."
-            )
-
-
-_NOTES: Mapping[str, Callable[[Identification], Iterator[str]]] = {
-    "inconsistent-inertia": _inconsistent_bodies,
-    "poorly-determined": _poorly_determined,
-    "needless-term": _unsupported_terms,
-    "residual": _autocorrelated,
-    "standstill": _excluded,
-}
-"""{code of a finding: texts of the notes on an identification}."""
+        rows = instants * (_load_rows(result) if side == "load" else 1)
+        has_contacts = side == "load" and result.robot.floating_base is not None
+        if rows:
+            yield from excluded_instants(place_name(side), count / rows, has_contacts)
 
 
 def _load_rows(result: Identification) -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 
+from seaid import checks
 from seaid.checks import CODES, Observation, observed
 from seaid.checks.echoes import consequences
 from seaid.errors import Finding, LogError
@@ -33,3 +36,14 @@ def test_what_follows_from_a_wrong_set_up_prints_no_lines_to_apply() -> None:
     (note,) = consequences([HOLES.finding("holes", severity="wrong")], [finding])
     assert (note.severity, note.remedy) == ("note", "")
     assert consequences([HOLES.finding("holes")], [finding]) == [finding]
+
+
+def test_texts_of_codes_are_those_of_codes() -> None:
+    tables = tomllib.loads((Path(checks.__file__).with_name("codes.toml")).read_text("utf-8"))
+    assert [*tables] == [*CODES]
+    for code in CODES.values():
+        assert code.meaning
+        assert code.cause.endswith(".")
+        assert code.advice.endswith(".")
+        assert not code.measurement.endswith(".")
+        assert not code.implies.endswith(".")

@@ -1,5 +1,6 @@
 """Nested models: what a term is worth by BIC and by prediction of what was left out."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,10 +11,11 @@ from seaid._arrays import Array
 from seaid.checks.engine import (
     SEGMENTS,
     Alternative,
+    Candidate,
     Equation,
     ModelComparison,
     Selection,
-    compare_models,
+    compared_candidates,
     equation_of,
     forward_selection,
     linear_candidate,
@@ -63,10 +65,16 @@ def first(data: Regression, count: int) -> Regression:
     return replace(data, names=NAMES[:count], units=("1",) * count, H=data.H[:, :count])
 
 
+def compare(equation: Equation, larger: Sequence[Alternative], asked: int) -> list[ModelComparison]:
+    """Compare the model of an equation with each of several larger ones."""
+    candidates = [Candidate("", "", str(k), lambda x=x: [x]) for k, x in enumerate(larger)]  # type: ignore[misc]
+    return [trial.comparison for trial in compared_candidates(equation, candidates, asked)]
+
+
 def compared(data: Regression, base: int, *more: Array, asked: int = 1) -> ModelComparison:
     """Compare the model of the first columns with one that has more columns."""
     larger = [Alternative(np.column_stack(more), len(more))]
-    return compare_models(Equation(first(data, base), np.ones(2)), larger, asked)[0]
+    return compare(Equation(first(data, base), np.ones(2)), larger, asked)[0]
 
 
 def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
@@ -104,7 +112,7 @@ def test_improvement_is_that_of_refitting_without_each_block() -> None:
 def test_a_column_may_take_the_place_of_another_one() -> None:
     data = rows((1.0, -2.0, 0.0, 0.5))
     larger = [Alternative(data.H[:, [3]], 1, (2,)), Alternative(data.H[:, [3]], 1)]
-    instead, both = compare_models(Equation(first(data, 3), np.ones(2)), larger, 1)
+    instead, both = compare(Equation(first(data, 3), np.ones(2)), larger, 1)
     columns = data.H[:, [0, 1, 3]]
     left = [
         float(np.sum((data.y - H @ np.linalg.lstsq(H, data.y, rcond=None)[0]) ** 2))

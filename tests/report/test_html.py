@@ -379,7 +379,7 @@ def test_physically_inconsistent_bodies_are_named() -> None:
     robot = arm_found().robot
     found = replace(arm_found(), robot=robot.with_values(inconsistent, robot.drives))
     (sentence,) = notices(found, arm_result())["inconsistent-inertia"].messages
-    assert sentence.startswith(robot.body_names[0])
+    assert sentence.startswith(f"The inertial parameters of {robot.body_names[0]}")
     consistent = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
     assert "inconsistent-inertia" not in notices(consistent, arm_result())
 
@@ -404,7 +404,7 @@ def test_checks_that_fail_are_flagged() -> None:
         "Load side: the data tell 1e-03 of the combination a - b.",
     )
     (term_said,) = said["needless-term"].messages
-    assert term_said.startswith("Viscous friction of wrist: not supported by the data (BIC −4)")
+    assert term_said.startswith("Viscous friction of wrist: not supported by the data (BIC -4)")
     (residual,) = said["residual"].messages
     assert "wrist (load side)" in residual
     assert "standstill" in said
