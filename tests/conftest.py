@@ -151,7 +151,7 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     from seaid.checks import selections
     from seaid.drives import DefaultTerms
 
-    module = "seaid.identification.identification"
+    module = "seaid.identification.problem"
 
     def selected(sides: Sequence[Side]) -> list[SideSelection]:
         drives = [side.robot.drives[joint] for side in sides for joint in side.joints]

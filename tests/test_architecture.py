@@ -56,7 +56,7 @@ ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_files", "_progress"
 UPWARDS = {
     # results print themselves by the tables and figures of the report
     ("seaid._progress", "seaid.report"),
-    ("seaid.identification.repeated_identification", "seaid.report"),
+    ("seaid.identification.identification", "seaid.report"),
     # Identification.to_dict is the content of parameters.json
     ("seaid.identification.result", "seaid.export"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
@@ -120,7 +120,6 @@ ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("identification.instrumental", "identification.simultaneous"),
         *("identification.consistency", "identification.linear_joints"),
-        "identification.motors_alone",
         "excitation.multisine",
         *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
         *("regressor.exact.recursion", "regressor.motor_only"),

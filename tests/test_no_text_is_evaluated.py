@@ -34,7 +34,7 @@ LAMBDIFY = {
     "drives/functions.py",
     "drives/regressor.py",
     "drives/equations.py",
-    "regressor/structural/arithmetic.py",
+    "regressor/random_instants.py",
     "symbolic/independence.py",
 }
 """sympy writes source of expressions that seaid built: of its own symbols, of rationals, and of

@@ -18,7 +18,7 @@ import seaid
 from scripts.benchmarks import identify_cost
 from scripts.claims import MARK
 from seaid import load_trajectory
-from seaid.identification import identification
+from seaid.identification import problem
 from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
@@ -154,7 +154,7 @@ def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
 
 def test_the_cost_of_identify_is_measured_by_functions_that_it_calls() -> None:
     """A part that was renamed would end the script."""
-    assert [name for name in identify_cost.PARTS if not hasattr(identification, name)] == []
+    assert [name for name in identify_cost.PARTS if not hasattr(problem, name)] == []
 
 
 @pytest.mark.slow  # 4.5 s

@@ -23,7 +23,7 @@ from typing import Any
 from unittest.mock import patch
 
 import seaid
-from seaid.identification import identification
+from seaid.identification import problem
 from seaid.identification.sensitivity import TYPICAL_STD
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,7 +106,7 @@ def timed(times: dict[str, float], name: str) -> Any:
 
     A name that `identify` does not have is an AttributeError.
     """
-    function = getattr(identification, name)
+    function = getattr(problem, name)
 
     def call(*arguments: Any, **options: Any) -> Any:
         begin = time.process_time()
@@ -115,7 +115,7 @@ def timed(times: dict[str, float], name: str) -> Any:
         finally:
             times[name] += time.process_time() - begin
 
-    return patch.object(identification, name, call)
+    return patch.object(problem, name, call)
 
 
 def parts(folder: Path, names: Sequence[str], runs: int) -> list[list[str]]:

@@ -61,6 +61,8 @@ from .predictions import unseen_motion as unseen_motion
 from .predictions import unseen_resonance as unseen_resonance
 from .predictions import worse_than_start as worse_than_start
 from .predictions import wrong_minimum as wrong_minimum
+from .setup import JointCheck as JointCheck
+from .setup import joint_checks as joint_checks
 from .setup import log_findings as log_findings
 from .setup import setup_findings as setup_findings
 from .terms import DriveRows as DriveRows

@@ -21,7 +21,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import chdtri
 
-from seaid._arrays import Array
+from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, excluding_torque, in_description, in_drives, observed
@@ -37,7 +37,7 @@ from seaid.checks.experiment import (
 )
 from seaid.errors import Certainty, Finding
 from seaid.estimation import scaled_svd
-from seaid.log import Log, changed_source
+from seaid.log import Log, Motion, changed_source
 from seaid.robot import Robot
 
 _MOST_MISTAKES = 5
@@ -729,3 +729,53 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     gains, without = commands.gain_findings(experiment)
     findings = [*gains, *channels.limit_findings(without), *commands.pose_findings(without)]
     return [finding for finding in findings if finding.joint not in stopped]
+
+
+@dataclass(frozen=True)
+class JointCheck:
+    """What the logs say of one joint, NaN where they cannot.
+
+    Attributes
+    ----------
+    swing : float
+        Range of the position [rad or m].
+    encoder_slope : float
+        Motor angle per joint angle over the gear ratio: 1 for a right set-up.
+    nominal, bodies, motor : float
+        Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
+        by the motor equation (7) of a spring joint, where the motor moves: its friction at
+        standstill is anything up to that of Coulomb.
+    gear_ratio, gear_ratio_error : float
+        Gear ratio between both encoders, without the deflection of a spring, and standard error.
+    delay_s, delay_error_s : float
+        Delay of the motor torque against the motion and its standard error.
+    """
+
+    swing: float
+    encoder_slope: float
+    nominal: float
+    bodies: float
+    motor: float
+    gear_ratio: float = float("nan")
+    gear_ratio_error: float = float("nan")
+    delay_s: float = float("nan")
+    delay_error_s: float = float("nan")
+
+
+def joint_checks(experiment: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
+    """Return what the motions of an experiment say of each joint."""
+    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0)
+    nothing, moving = (float("nan"), float("nan")), experiment.in_motion
+    checks = {
+        joint: JointCheck(
+            float(swings[j]),
+            gears.encoder_slope(experiment, j) if experiment.both[j] else float("nan"),
+            float(moving.nominal[j]),
+            float(moving.free[j]),
+            float(moving.of_motors[j]),
+            *experiment.encoder_ratios.get(j, nothing),
+            *experiment.torque_delays.get(j, nothing),
+        )
+        for j, joint in enumerate(experiment.robot.joint_names)
+    }
+    return FrozenMapping(checks, "joint")

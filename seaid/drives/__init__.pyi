@@ -80,6 +80,7 @@ from .terms import key_of as key_of
 from .terms import of_spring as of_spring
 from .terms import parameter_named as parameter_named
 from .terms import parameter_of as parameter_of
+from .terms import places_of as places_of
 from .terms import readable as readable
 from .terms import spring_slopes as spring_slopes
 from .terms import without_condition as without_condition

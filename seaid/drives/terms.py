@@ -49,7 +49,7 @@ cos(n x) and sin(n x). Its angle x is that of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal, get_args
@@ -294,6 +294,15 @@ class ConditionParameter(str):
 def without_condition(name: str) -> str:
     """Return what the name of a column is within its condition."""
     return name.name if isinstance(name, ConditionParameter) else name
+
+
+def places_of(names: Sequence[str], condition: str) -> list[int]:
+    """Return the places of the columns that a condition has, in the order of its own names."""
+    return [
+        place
+        for place, name in enumerate(names)
+        if not isinstance(name, ConditionParameter) or name.condition == condition
+    ]
 
 
 def parameter_of(name: str) -> str:

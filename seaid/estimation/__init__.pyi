@@ -1,10 +1,3 @@
-from .conditions import IsSpecific as IsSpecific
-from .conditions import Share as Share
-from .conditions import differences as differences
-from .conditions import joined_rows as joined_rows
-from .conditions import part_of as part_of
-from .conditions import places_of as places_of
-from .conditions import shares_of as shares_of
 from .covariance import at_slots as at_slots
 from .covariance import long_run as long_run
 from .covariance import long_run_of as long_run_of

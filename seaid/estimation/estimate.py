@@ -16,6 +16,7 @@ from scipy.stats import f as f_distribution
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
+from seaid.drives import places_of, without_condition
 from seaid.errors import (
     IdentificationError,
     SeaidError,
@@ -187,6 +188,11 @@ class Estimate(Result):
             white_standard_errors=None if white is None else white[picked],
             degrees_of_freedom=None if freedom is None else freedom[picked],
         )
+
+    def of_condition(self, condition: str) -> Estimate:
+        """Return what a condition has of the estimate, under the names of its own columns."""
+        places = places_of(self.names, condition)
+        return self.part(places, [without_condition(self.names[place]) for place in places])
 
     def value(self, name: str) -> float:
         """Return the value of one parameter. Raises SeaidError for an unknown name."""

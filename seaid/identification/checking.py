@@ -17,8 +17,10 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._progress import Result, counted
 from seaid.checks import (
     Experiment,
+    JointCheck,
     experiment_of,
     is_wrong,
+    joint_checks,
     log_findings,
     model_findings,
     model_sides,
@@ -45,7 +47,6 @@ from seaid.errors import (
 )
 from seaid.estimation import estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.joint_checks import JointCheck, joint_checks
 from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque

@@ -8,23 +8,28 @@ them known, identify what one condition cannot, such as the torque constant of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import PARAMETERS, JointParameter
+from seaid.drives import PARAMETERS, ConditionParameter, JointParameter
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
+    FittedRows,
     LinearEstimator,
     TermTest,
-    differences,
+    independent_rows,
+    qr_factor_of,
+    settled_weights,
+    term_test,
 )
 from seaid.identification.datasets import (
     Source,
     sources_of,
 )
-from seaid.identification.options import Options
-from seaid.identification.problem import concluded, solved
+from seaid.identification.problem import Options, concluded, solved
 from seaid.identification.result import (
     Identification,
 )
@@ -131,13 +136,36 @@ def identify_conditions(
     return Conditions(FrozenMapping(parts), tuple(condition_specific), tests)
 
 
+def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
+    """Return {specific parameter: test of whether the conditions differ in it}."""
+    groups: dict[str, list[int]] = {}
+    for place, name in enumerate(fit.estimate.names):
+        if isinstance(name, ConditionParameter):
+            groups.setdefault(name.name, []).append(place)
+    assert fit.rows is not None
+    names, change = fit.rows.names, np.eye(len(fit.rows.names))
+    for places in groups.values():
+        # theta_c = theta_1 + delta_c, so that H theta = (H change) (theta_1, delta_2, ...).
+        change[places, places[0]] = 1.0
+    independent = independent_rows(fit.qr_factor, fit.estimate)
+    # Each F test needs degrees of freedom of the residual.
+    if not groups or independent <= len(names):
+        return {}
+    qr_factor = qr_factor_of(replace(fit.rows, H=fit.rows.H @ change))
+    weights = settled_weights(qr_factor)
+    return {
+        name: term_test(qr_factor, weights, [names[place] for place in places[1:]], independent)
+        for name, places in groups.items()
+    }
+
+
 def _differences(fits: TwoStepFits) -> dict[str, TermTest]:
     """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
     return {
         JointParameter(name, joint): test
         for joint, fit in fits.actuators.items()
-        for name, test in differences(fit).items()
-    } | differences(fits.load)
+        for name, test in _differences_of(fit).items()
+    } | _differences_of(fits.load)
 
 
 def _check_conditions(conditions: Mapping[str, object]) -> None:

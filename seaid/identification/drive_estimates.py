@@ -1,4 +1,4 @@
-"""Estimates of drives: the spring's part and its noise, and the drive with its values.
+"""Estimates of a robot and of its drives: the spring's part and its noise, and drives with values.
 
 (7) has the sum of a constant error of the motor torque b_0 and the spring offset f_0 as one column,
 s = f_0 + b_0 N/r_M. (4b) with s instead of f_0 would put r_L N/r_M b_0 on the load. So (8) gets a
@@ -7,8 +7,8 @@ column for b_0 per spring: r_L (k d + s) = Y beta + r_L N/r_M b_0, and f_0 is th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,8 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives import Drive, JointParameter, parameter_named, parameter_of
-from seaid.estimation import Estimate, FittedRows, QRFactor, triangle
+from seaid.errors import Finding
+from seaid.estimation import Estimate, FittedRows, ModelChecks, QRFactor, triangle
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
@@ -26,6 +27,48 @@ if TYPE_CHECKING:
 _BAND = (2.5, 4.0)
 """Band for the noise in units of the cutoff; positions are filtered at five times the cutoff: the
 spectra there contain only noise and vibration of a spring."""
+
+
+LOAD = ""
+"""Key of the load side among equations named by joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotEstimate:
+    """Estimates of both sides of the springs.
+
+    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
+    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
+    were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
+    motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
+    motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
+    the way to the estimates, and `not_shared` is why the data do not support an estimate of both
+    sides at once, whose rows `regress` returns.
+    """
+
+    drives: Mapping[str, Estimate]
+    load: Estimate
+    load_side: Estimate
+    springs: Mapping[str, Array]
+    excluded: Mapping[str, int]
+    checks: Mapping[str, ModelChecks]
+    fit: FittedRows
+    whole: Estimate | None = None
+    actuators: Mapping[str, FittedRows] = field(default_factory=dict)
+    scaling: Mapping[str, FittedRows] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    not_shared: str = ""
+    regress: Callable[[Robot, Motion], Regression] | None = None
+
+
+def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
+    """Return springs {joint: parameters} without torque, for rows before the fit of the springs."""
+    return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
+
+
+def sensed_spring(joint: str) -> JointParameter:
+    """Return the key of (4b) of a joint among equations named by joint."""
+    return JointParameter("spring", joint)
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:

@@ -1,19 +1,40 @@
-"""`identify`: the actuator side first, then the load side with its springs, or both at once."""
+"""`identify`: the actuator side first, then the load side with its springs, or both at once.
+
+Without a sensor behind some springs their motors alone determine them, by simulation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
-from seaid.errors import IdentificationError, checked
+import numpy as np
+
+from seaid._arrays import Array, frozen
+from seaid._progress import Result, counted, track
+from seaid.checks import explained, log_findings
+from seaid.errors import ExcitationError, IdentificationError, LogError, SeaidError, checked
 from seaid.estimation import EstimatorName
 from seaid.identification.datasets import Source, sources_of
-from seaid.identification.motor_side import without_joint_encoder
-from seaid.identification.motors_alone import identify_from_motors
-from seaid.identification.options import Method, Options
-from seaid.identification.problem import concluded, solved
-from seaid.identification.result import Identification
+from seaid.identification.model_selection import with_closed_terms
+from seaid.identification.motor_side import (
+    cutoff_of,
+    shown_springs,
+    starts_by_regression,
+    without_joint_encoder,
+)
+from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
+from seaid.identification.problem import Method, Options, concluded, solved
+from seaid.identification.result import Identification, consistent_bodies
+from seaid.identification.simulated_joints import check_refinable
+from seaid.identification.unseen_motion import validate
+from seaid.identification.validation import Validation
 from seaid.log import Log
 from seaid.robot import Robot
 
@@ -112,5 +133,339 @@ def identify(
     in_memory = [source for source in sources if isinstance(source, Log)]
     unseen = without_joint_encoder(robot, in_memory) if len(in_memory) == len(sources) else ()
     if unseen:
-        return identify_from_motors(robot, in_memory, unseen, options, identify)
+        return _identify_from_motors(robot, in_memory, unseen, options)
     return concluded(solved({"": robot}, {"": sources}, options), "")
+
+
+_MOST_STEPS = 60
+"""Steps of a refinement without joint encoders, three times as many as with them: at a spring that
+the torque noise hides, a step goes only part of the way."""
+
+
+_LOWER = (1.0, 0.5, 0.25)
+"""Parts of the proposed cutoff that are tried in turn without joint encoders. That of a motion far
+above the antiresonance lets in derivatives of noise, which hide where a search has to start."""
+
+
+def _identify_from_motors(
+    robot: Robot,
+    logs: list[Log],
+    joints: Sequence[str],
+    options: Options,
+) -> Identification:
+    """Return the identification of logs without a sensor behind the springs of some joints.
+
+    Where the fit does not end below the proposed
+    cutoff, lower ones are tried. Raises the error of the proposed one if none of them shows the
+    springs: a fit of noise may end there too.
+    """
+    findings = log_findings(robot, logs, robot.selected(options.torque_joints))
+    with explained(partial(list, findings)):
+        result = _best_of_cutoffs(robot, logs, joints, options)
+    return consistent_bodies(result) if options.feasible else result
+
+
+def _best_of_cutoffs(
+    robot: Robot,
+    logs: list[Log],
+    joints: Sequence[str],
+    options: Options,
+) -> Identification:
+    """Return the result of the highest cutoff that shows the springs."""
+    check_refinable(robot, joints)
+    options.check_without_encoders(joints)
+    fit = partial(
+        identify,
+        robot,
+        torque_joints=options.torque_joints,
+        method="two-step",  # the simulated angles of the joints come from the springs
+        estimator=options.estimator,
+        encoder_offset_std=options.encoder_offset_std,
+        known_std=options.known_std,
+        executor=options.executor,
+    )
+    proposed_hz, problem = cutoff_of(robot, logs, joints, options.cutoff_hz), None
+    for part in _LOWER if options.cutoff_hz is None else (1.0,):
+        try:
+            cutoff_hz = part * proposed_hz
+            second = fit(_simulated(robot, logs, joints, cutoff_hz, fit), cutoff_hz=cutoff_hz)
+            result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
+            if problem is None or not any(finding.code == _HIDDEN for finding in result.findings):
+                return result
+        except (IdentificationError, ExcitationError, LogError) as reason:
+            problem = problem or reason
+    assert problem is not None
+    raise problem
+
+
+_HIDDEN = "hidden-resonance"
+
+
+def _simulated(
+    robot: Robot,
+    logs: list[Log],
+    joints: Sequence[str],
+    cutoff_hz: float,
+    fit: Callable[..., Identification],
+) -> list[Log]:
+    """Return the logs with the angles of joints as the best of the first estimates simulates them.
+
+    A search of the stiffness gives the angles for a first regression, and its refinement these, for
+    a second, from which the terms of the drives and all findings come.
+    """
+    problem = None
+    tried: list[FirstEstimate] = []
+    for initial in starts_by_regression(robot, logs, joints, cutoff_hz):
+        for consistent in (False, True):  # an inertia as estimated may not be one to simulate
+            try:
+                start = fit(initial, cutoff_hz=cutoff_hz, feasible=consistent)
+                tried.append(first_estimate(start, logs))
+                break
+            except (IdentificationError, ExcitationError, LogError) as reason:
+                problem = problem or reason
+        if tried and tried[-1].is_at_noise:
+            break
+    if not tried and problem is not None:
+        raise problem
+    return min(tried, key=lambda estimate: estimate.merit).logs
+
+
+def _refined_from_motors(
+    second: Identification, logs: list[Log], joints: Sequence[str], encoder_offset_std: float
+) -> Identification:
+    """Return the refinement of a second regression, with what hides the springs of joints."""
+    try:
+        refined, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
+    except IdentificationError as reason:
+        raise IdentificationError(
+            f"the motor alone does not determine the stiffness of {', '.join(joints)} "
+            f"({str(reason).split(';')[0]}). "
+            f"Either the motion, with a band of {second.cutoff_hz:.3g} Hz, stays too far below the "
+            "antiresonance of the load for the motor to feel the spring, or the load has a spring "
+            "of its own: record a multisine with a larger band (seaid excite --basis multisine), "
+            "or log the joint position"
+        ) from None
+    rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
+    findings = (*refined.findings, *shown_springs(refined, joints, rate_hz))
+    return replace(refined, findings=findings)
+
+
+@checked(IdentificationError)
+def cross_validate(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    *,
+    parts: int = 4,
+    progress: bool = False,
+    **options: Any,
+) -> tuple[Validation, ...]:
+    """Validate each log on the model identified from all the others.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot model.
+    logs : Log or sequence of Log
+        Logs of several motions; a single log is cut into `parts`.
+    parts : int
+        Number of parts of a single log, at least 2.
+    progress : bool
+        Show a progress bar.
+    **options
+        Options of `identify`. All identifications use one cutoff, `cutoff_hz` or that of all logs.
+
+    Returns
+    -------
+    tuple of Validation
+        One per log or part.
+
+    Raises
+    ------
+    IdentificationError
+        For less than two parts; further errors as in `identify` and `validate`.
+
+    Examples
+    --------
+    >>> [one.load.r_squared for one in seaid.cross_validate(robot, log, parts=4)]
+    """
+    pieces = _cut(logs, parts) if isinstance(logs, Log) else list(logs)
+    if len(pieces) == 1:
+        pieces = _cut(pieces[0], parts)
+    if len(pieces) < 2:
+        raise IdentificationError(
+            f"cross-validation needs two logs or parts at least, found {len(pieces)}"
+        )
+    if options.get("cutoff_hz") is None:
+        # With cutoffs of their own, the errors of the parts would not be comparable.
+        options["cutoff_hz"] = identify(robot, logs, **options).cutoff_hz
+    return tuple(
+        validate(identify(robot, [*pieces[:place], *pieces[place + 1 :]], **options), pieces[place])
+        for place in track(range(len(pieces)), "cross-validation", progress)
+    )
+
+
+def _cut(log: Log, parts: int) -> list[Log]:
+    """Return a log in consecutive parts of equal length."""
+    if not (parts >= 2 and parts == int(parts)):
+        raise IdentificationError(
+            f"parts must be a whole number of at least 2, found {parts}", "parts"
+        )
+    edges = np.linspace(log.time[0], log.time[-1], int(parts) + 1)
+    # `between` excludes its end: the last sample belongs to the last part.
+    edges[-1] = np.inf
+    return [log.between(start, end) for start, end in pairwise(edges)]
+
+
+_FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
+
+NEAR = 2.0
+"""Cutoffs within this factor of the proposed one could have been proposed as well."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CutoffSensitivity(Result):
+    """Estimates over the cutoff; str() is a table.
+
+    Attributes
+    ----------
+    cutoffs_hz : ndarray (C,)
+        Cutoffs in increasing order.
+    names, units : tuple of str (p,)
+        Parameters of drives and base parameters.
+    values, standard_errors : ndarray (C, p)
+        Estimates per cutoff, NaN where the identification failed.
+    proposed : int
+        Index of the cutoff proposed from the data.
+    refused : mapping {cutoff: reason}
+        Cutoffs at which the identification failed.
+    """
+
+    table_name = "sensitivity_table"
+
+    cutoffs_hz: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+    proposed: int
+    refused: Mapping[float, str]
+
+    def _in_short(self) -> str:
+        band = f"{self.cutoffs_hz[0]:.3g} to {self.cutoffs_hz[-1]:.3g} Hz"
+        cutoffs = counted(len(self.cutoffs_hz), "cutoff")
+        return f"{counted(len(self.names), 'parameter')} at {cutoffs} from {band}"
+
+    def __post_init__(self) -> None:
+        shape = (len(self.cutoffs_hz), len(self.names))
+        object.__setattr__(self, "cutoffs_hz", frozen("cutoffs_hz", self.cutoffs_hz, (None,)))
+        for name in ("values", "standard_errors"):
+            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+
+    @property
+    def moves(self) -> Array:
+        """Largest change (p,) from the estimate at the proposed cutoff, in standard errors.
+
+        Over cutoffs within a factor of two of the proposed one.
+        """
+        ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
+        # Cutoffs that failed are NaN.
+        near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
+        off = np.abs(self.values[near] - self.values[self.proposed])
+        return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
+
+    def save_figure(self, path: str | Path) -> None:
+        """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed cutoff marked."""
+        from seaid.report import save_sensitivity_figure
+
+        save_sensitivity_figure(self, path)
+
+
+@checked(IdentificationError)
+def cutoff_sensitivity(
+    robot: Robot,
+    logs: Source | Sequence[Source],
+    cutoffs_hz: Sequence[float] | None = None,
+    *,
+    progress: bool = False,
+    **options: Any,
+) -> CutoffSensitivity:
+    """Repeat an identification over several cutoffs.
+
+    An estimate that changes by more than its standard error is biased: by noise (high cutoffs), or
+    by model errors that grow with frequency.
+
+    Parameters
+    ----------
+    robot, logs
+        As in `identify`.
+    cutoffs_hz : sequence of float, optional
+        Cutoffs [Hz]. Default: a third to three times the proposed one.
+    progress : bool
+        Show a progress bar.
+    **options
+        Further options of `identify`, without `cutoff_hz`.
+
+    Returns
+    -------
+    CutoffSensitivity
+
+    Raises
+    ------
+    IdentificationError
+        For `cutoff_hz` among the options, and for a cutoff that is not positive. Errors of
+        `identify` at the proposed cutoff are raised, those at other cutoffs are in `refused`.
+
+    Examples
+    --------
+    >>> print(seaid.cutoff_sensitivity(robot, log, [4.0, 8.0, 16.0]))
+    """
+    if "cutoff_hz" in options:
+        raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")
+    asked = [] if cutoffs_hz is None else list(map(float, cutoffs_hz))
+    if not all(0 < cutoff < np.inf for cutoff in asked):
+        raise IdentificationError(f"cutoffs_hz must be more than 0 and finite, found {asked}")
+    base = identify(robot, logs, **options)
+    if cutoffs_hz is None:
+        asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
+    cutoffs = sorted({*asked, base.cutoff_hz})
+    # Terms that drives got by themselves and the method stay, so that estimates are comparable.
+    robot = with_closed_terms(robot, base.known)
+    options["method"] = base.method
+    names, units = _names(base)
+    values, errors = np.full((2, len(cutoffs), len(names)), np.nan)
+    refused: dict[float, str] = {}
+    for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
+        try:
+            same = cutoff == base.cutoff_hz
+            result = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
+        except SeaidError as problem:
+            refused[cutoff] = str(problem)
+            continue
+        if _names(result) != (names, units):
+            refused[cutoff] = "other parameters are identifiable than at the proposed cutoff"
+            continue
+        values[place], errors[place] = _estimates(result)
+    return CutoffSensitivity(
+        cutoffs_hz=np.array(cutoffs),
+        names=names,
+        units=units,
+        values=values,
+        standard_errors=errors,
+        proposed=cutoffs.index(base.cutoff_hz),
+        refused=refused,
+    )
+
+
+def _names(result: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    drives = result.drives.items()
+    names = [f"{name} of {joint}" for joint, estimate in drives for name in estimate.names]
+    units = [unit for _, estimate in drives for unit in estimate.units]
+    return (*names, *result.load.names), (*units, *result.load.units)
+
+
+def _estimates(result: Identification) -> tuple[Array, Array]:
+    estimates = [*result.drives.values(), result.load]
+    return (
+        np.concatenate([estimate.values for estimate in estimates]),
+        np.concatenate([estimate.standard_errors for estimate in estimates]),
+    )

@@ -31,15 +31,9 @@ from seaid.checks import instruments_without_effect, smoothed_instruments
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
 from seaid.identification.datasets import Dataset
-from seaid.identification.drive_estimates import spring_of
+from seaid.identification.drive_estimates import LOAD, RobotEstimate, spring_of, without_torque
 from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
-from seaid.identification.two_step import (
-    LOAD,
-    Condition,
-    RobotEstimate,
-    estimate_two_step,
-    without_torque,
-)
+from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,

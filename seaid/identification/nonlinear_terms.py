@@ -43,8 +43,8 @@ from seaid.estimation import (
     separable_least_squares,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
-from seaid.identification.drive_estimates import spring_of, with_spring_torque, with_values
-from seaid.identification.two_step import LOAD, spring_torque_joints, two_step_equations
+from seaid.identification.drive_estimates import LOAD, spring_of, with_spring_torque, with_values
+from seaid.identification.two_step import spring_torque_joints, two_step_equations
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     LoadModel,

@@ -52,6 +52,7 @@ from seaid.identification.drive_estimates import (
     merged_estimates,
     with_estimate,
     with_values,
+    without_torque,
 )
 from seaid.identification.motor_side import (
     SAMPLES,
@@ -74,7 +75,7 @@ from seaid.identification.simulated_joints import (
     with_encoder_noise,
     with_hysteresis,
 )
-from seaid.identification.two_step import split_load_side, without_torque
+from seaid.identification.two_step import split_load_side
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,

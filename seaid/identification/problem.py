@@ -8,10 +8,11 @@ the identification of a condition of the fits and of what the checks find.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from seaid.checks import (
     explained,
     fit_findings,
     is_wrong,
+    joint_checks,
     locked_outputs,
     log_findings,
     mass_findings,
@@ -46,11 +48,13 @@ from seaid.checks import (
     without_echoes,
     without_setup_echoes,
 )
-from seaid.drives import Drive, without_condition
-from seaid.errors import Finding, IdentificationError
+from seaid.drives import Drive, places_of, without_condition
+from seaid.errors import Finding, IdentificationError, listed, unknown_name
 from seaid.estimation import (
+    Estimator,
+    EstimatorName,
     QRFactor,
-    places_of,
+    estimator_named,
     qr_factor_of,
 )
 from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_mass
@@ -70,9 +74,9 @@ from seaid.identification.datasets import (
     datasets_by_log,
     first_motion,
 )
+from seaid.identification.drive_estimates import LOAD, RobotEstimate
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
-from seaid.identification.joint_checks import joint_checks
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.motor_constants import (
     UnknownScaleError,
@@ -80,7 +84,6 @@ from seaid.identification.motor_constants import (
     with_unit_scale,
 )
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
-from seaid.identification.options import Options
 from seaid.identification.result import (
     Identification,
     consistent_bodies,
@@ -99,9 +102,9 @@ from seaid.identification.sensitivity import (
 from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.two_step import (
-    LOAD,
+    NOTHING_SPECIFIC,
     Condition,
-    RobotEstimate,
+    SpecificParameters,
     TwoStepFits,
     check_forces,
     check_scale_of_locked,
@@ -109,8 +112,81 @@ from seaid.identification.two_step import (
     joints_with_torque,
 )
 from seaid.log import Log, Motion, stretches, with_commanded_torque
-from seaid.regressor import is_linear, load_model_of
+from seaid.regressor import check_offset_std, is_linear, load_model_of
 from seaid.robot import Robot
+
+KNOWN_STD = {
+    "torque": "the torques, with one scale error common to all",
+    "payload": "the mass of the payloads",
+    "bodies": "the known bodies, each with a scale of its own",
+    "motor_inertia_kg_m2": "rotor inertias",
+    "gear_ratio": "gear ratios",
+    "motor_pulley_radius_m": "motor pulley radii",
+    "load_pulley_radius_m": "load pulley radii",
+}
+"""Names in `known_std`: relative standard deviations of what."""
+
+
+def check_known_std(known_std: Mapping[str, float]) -> None:
+    """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
+    for name, std in known_std.items():
+        if name not in KNOWN_STD:
+            wrong = unknown_name("constant", name, KNOWN_STD)
+            raise IdentificationError(f"known_std=: {wrong}", "known_std=")
+        if not 0 <= std <= 1:
+            raise IdentificationError(
+                f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
+                f"{std}",
+                "known_std=",
+            )
+
+
+Method = Literal["auto", "two-step", "simultaneous"]
+"""Values of `method=`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """The options of `identify`, and the parameters that conditions have for themselves."""
+
+    torque_joints: str | Sequence[str] | None = None
+    method: Method = "auto"
+    estimator: EstimatorName = "wls"
+    feasible: bool = False
+    cutoff_hz: float | None = None
+    encoder_offset_std: float = 0.0
+    known_std: Mapping[str, float] = field(default_factory=dict)
+    executor: Executor | None = None
+    progress: bool = False
+    specific: SpecificParameters = NOTHING_SPECIFIC
+
+    def __post_init__(self) -> None:
+        if self.estimator == "iv" and self.method == "simultaneous":
+            raise IdentificationError(
+                f'estimator="iv" needs method="two-step", found "{self.method}"',
+                'estimator="iv"',
+                'method="two-step"',
+            )
+        check_offset_std(self.encoder_offset_std)
+        check_known_std(self.known_std)
+
+    @property
+    def linear_estimator(self) -> Estimator:
+        """The estimator of two steps, from which instruments continue too."""
+        return estimator_named("wls" if self.estimator == "iv" else self.estimator)
+
+    def check_without_encoders(self, joints: Sequence[str]) -> None:
+        """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
+        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
+        refused = 'estimator="iv"' if self.estimator == "iv" else refused
+        if refused:
+            raise IdentificationError(
+                f"{refused} needs the joint position of each spring, and the logs have none of "
+                f"{listed(joints)}: these springs are found by a refinement that simulates the "
+                f"motors, whatever the first estimate is; remove {refused}, or log the joint "
+                "position",
+                refused,
+            )
 
 
 @dataclass(frozen=True, eq=False)

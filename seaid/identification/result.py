@@ -15,6 +15,7 @@ from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
     SURE,
+    JointCheck,
     JointFit,
     Verdict,
     consequences,
@@ -47,15 +48,11 @@ from seaid.identification.datasets import (
     Dataset,
     processing_of,
 )
-from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.drive_estimates import RobotEstimate, with_estimate
 from seaid.identification.gear import (
     gear_estimates,
     own_estimates,
     with_gears,
-)
-from seaid.identification.joint_checks import JointCheck
-from seaid.identification.two_step import (
-    RobotEstimate,
 )
 from seaid.log import Motion, Processing
 from seaid.regressor import BaseParameters, LoadModel

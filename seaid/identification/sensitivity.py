@@ -46,9 +46,13 @@ from seaid.estimation import (
 from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
+    LOAD,
     TORQUE_OFFSET,
+    RobotEstimate,
     has_only_spring_torque,
     offset_lever,
+    sensed_spring,
+    without_torque,
 )
 from seaid.identification.motor_constants import (
     CONSTANTS,
@@ -56,7 +60,6 @@ from seaid.identification.motor_constants import (
     scales_with_torque,
     with_unit_constant,
 )
-from seaid.identification.two_step import LOAD, RobotEstimate, sensed_spring, without_torque
 from seaid.log import POSITION_BAND, Log, Motion, low_pass
 from seaid.regressor import (
     LoadModel,

@@ -40,9 +40,14 @@ from seaid.estimation import (
     with_drifts_of,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.drive_estimates import TORQUE_OFFSET, offset_lever, spring_of
+from seaid.identification.drive_estimates import (
+    TORQUE_OFFSET,
+    RobotEstimate,
+    offset_lever,
+    spring_of,
+    without_torque,
+)
 from seaid.identification.simulated_joints import check_simultaneous, not_shared
-from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
 from seaid.regressor import (
     LoadModel,

@@ -6,10 +6,10 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,8 +19,9 @@ from seaid._arrays import Array
 from seaid.drives import (
     JointParameter,
     parameter_of,
+    places_of,
 )
-from seaid.errors import Finding, IdentificationError
+from seaid.errors import IdentificationError
 from seaid.estimation import (
     Change,
     Estimate,
@@ -28,17 +29,12 @@ from seaid.estimation import (
     FittedRows,
     ModelChecks,
     Rows,
-    Share,
     deflection_instruments,
     equal_weights,
     fit,
     instrumental,
-    joined_rows,
-    part_of,
-    places_of,
     projected_columns,
     qr_factor_of_rows,
-    shares_of,
     unattenuated,
     with_columns,
     with_predicted_columns,
@@ -51,14 +47,18 @@ from seaid.identification.datasets import (
     rows_of_equations,
 )
 from seaid.identification.drive_estimates import (
+    LOAD,
+    RobotEstimate,
     has_only_spring_torque,
     identifiable_offsets,
     merged_estimates,
     noise_ratio,
     offset_places,
+    sensed_spring,
     spring_of,
     with_torque_columns,
     with_torque_offsets,
+    without_torque,
 )
 from seaid.identification.motor_constants import (
     CONSTANTS,
@@ -75,10 +75,13 @@ from seaid.regressor import (
     LoadModel,
     Regress,
     Regression,
+    Share,
     actuator_regression,
+    joined_rows,
     load_regression,
     motor_regressor,
     offset_sensitivity,
+    shares_of,
     spring_regression,
     spring_regressor,
 )
@@ -87,38 +90,7 @@ from seaid.robot import Robot, group_of
 _OF_CURRENT = "torque_constant"
 """That of a current, which is measured, with noise; a voltage is what the drive applies."""
 
-LOAD = ""
-"""Key of the load side among equations named by joint."""
-
 _NEEDED = (STIFFNESS, "spring_offset", "deflection_zero")
-
-
-@dataclass(frozen=True, eq=False)
-class RobotEstimate:
-    """Estimates of both sides of the springs.
-
-    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
-    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
-    motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
-    the way to the estimates, and `not_shared` is why the data do not support an estimate of both
-    sides at once, whose rows `regress` returns.
-    """
-
-    drives: Mapping[str, Estimate]
-    load: Estimate
-    load_side: Estimate
-    springs: Mapping[str, Array]
-    excluded: Mapping[str, int]
-    checks: Mapping[str, ModelChecks]
-    fit: FittedRows
-    whole: Estimate | None = None
-    actuators: Mapping[str, FittedRows] = field(default_factory=dict)
-    scaling: Mapping[str, FittedRows] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    not_shared: str = ""
-    regress: Callable[[Robot, Motion], Regression] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +154,9 @@ class TwoStepFits:
     def of(self, name: str) -> RobotEstimate:
         """Return the estimate of the robot of one condition."""
         robot, model = self.conditions[name].robot, self.conditions[name].model
-        drives = {joint: part_of(estimate, name) for joint, estimate in self.drives.items()}
+        drives = {joint: estimate.of_condition(name) for joint, estimate in self.drives.items()}
         # The columns after those of the model are torque offsets.
-        load_side = part_of(self.load.estimate, name).part(range(len(model.names)), model.names)
+        load_side = self.load.estimate.of_condition(name).part(range(len(model.names)), model.names)
         base, load_drives = split_load_side(model, load_side)
         merged = merged_estimates(drives, load_drives)
         names = self.load.estimate.names
@@ -330,8 +302,8 @@ def _with_offsets(
 ) -> Regress:
     """Return the rows of the load side of a condition with columns of its encoder offsets."""
     # Torque offsets, after the columns of the model, do not matter.
-    theta = part_of(load, name).values[: len(condition.model.names)]
-    own = {joint: part_of(spring, name) for joint, spring in springs.items()}
+    theta = load.of_condition(name).values[: len(condition.model.names)]
+    own = {joint: spring.of_condition(name) for joint, spring in springs.items()}
     return partial(with_offset_columns, condition.robot, condition.model, own, theta, regress)
 
 
@@ -411,11 +383,6 @@ def two_step_equations(
     return equations | {LOAD: partial(load_regression, robot, model=model, springs=zero)}
 
 
-def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
-    """Return springs {joint: parameters} without torque, for rows before the fit of the springs."""
-    return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
-
-
 def fit_actuator(
     robot: Robot, motions: Sequence[Motion], joint: str, rows: Rows, estimator: Estimator
 ) -> FittedRows:
@@ -467,11 +434,6 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
                 f"(joint_torque), the stiffness of its spring (known = ['{STIFFNESS}']), its "
                 f"rotor inertia, or the constant itself (known = ['{name}'])"
             )
-
-
-def sensed_spring(joint: str) -> JointParameter:
-    """Return the key of (4b) of a joint among equations named by joint."""
-    return JointParameter("spring", joint)
 
 
 def _sensed_springs(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:

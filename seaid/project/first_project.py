@@ -15,7 +15,7 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import PROJECT_FILE, from_template, write_whole
 from seaid._progress import Display
-from seaid.checks import is_unsigned, no_measurements
+from seaid.checks import JointCheck, is_unsigned, no_measurements
 from seaid.drives import (
     COMMANDS,
     Controller,
@@ -26,7 +26,7 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import JointCheck, check, with_leg_order
+from seaid.identification import check, with_leg_order
 from seaid.log import (
     Description,
     Log,

@@ -45,6 +45,7 @@ from .regression import INPUT_FIELDS as INPUT_FIELDS
 from .regression import INPUTS as INPUTS
 from .regression import Regress as Regress
 from .regression import Regression as Regression
+from .regression import Share as Share
 from .regression import actuator_columns as actuator_columns
 from .regression import actuator_equation as actuator_equation
 from .regression import actuator_regression as actuator_regression
@@ -53,11 +54,13 @@ from .regression import gear_regression as gear_regression
 from .regression import has_deflection as has_deflection
 from .regression import input_signals as input_signals
 from .regression import is_linear as is_linear
+from .regression import joined_rows as joined_rows
 from .regression import joint_regressor as joint_regressor
 from .regression import known_friction as known_friction
 from .regression import motor_regressor as motor_regressor
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import sensed_torque as sensed_torque
+from .regression import shares_of as shares_of
 from .regression import signals as signals
 from .regression import spring_regression as spring_regression
 from .regression import spring_regressor as spring_regressor

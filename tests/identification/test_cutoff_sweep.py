@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.identification.identification import identify
-from seaid.identification.repeated_identification import CutoffSensitivity, cutoff_sensitivity
+from seaid.identification.identification import CutoffSensitivity, cutoff_sensitivity, identify
 from seaid.identification.result import Identification
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
@@ -41,7 +40,7 @@ def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.Monke
         assert method == ("auto" if cutoff_hz is None else plain.method)
         return plain if cutoff_hz is None else fewer
 
-    monkeypatch.setattr("seaid.identification.repeated_identification.identify", identified)
+    monkeypatch.setattr("seaid.identification.identification.identify", identified)
     result = cutoff_sensitivity(KNOWN, log(), [6.0])
     assert "other parameters are ident" in result.refused[6.0]
     assert np.all(np.isnan(result.values[result.cutoffs_hz == 6.0]))

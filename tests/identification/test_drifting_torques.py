@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seaid.identification.identification import identify
-from seaid.identification.options import Method
+from seaid.identification.problem import Method
 from seaid.identification.result import Identification
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion

@@ -14,8 +14,8 @@ from seaid.errors import IdentificationError, RobotError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
-from seaid.identification.repeated_identification import validate
 from seaid.identification.result import Identification
+from seaid.identification.unseen_motion import validate
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.plant import plant_of

@@ -12,6 +12,7 @@ import pytest
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
+from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import (
     FittedModel,
@@ -21,7 +22,7 @@ from seaid.identification.instrumental import (
     load_with_instruments,
     split_instruments,
 )
-from seaid.identification.two_step import Condition, RobotEstimate, estimate_two_step
+from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log.filtering import in_band
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters

@@ -18,8 +18,8 @@ from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
-from seaid.identification.repeated_identification import validate
 from seaid.identification.result import Identification
+from seaid.identification.unseen_motion import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
@@ -474,7 +474,7 @@ def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyP
         drive = replace(given.drives["two"], known=("deflection_zero",))
         return given.with_drives({**given.drives, "two": drive}), datasets
 
-    monkeypatch.setattr("seaid.identification.conditions.linearised_robot", holding)
+    monkeypatch.setattr("seaid.identification.problem.linearised_robot", holding)
     drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
     known, log = robot(STIFF, drive), noisy("plain")
     both = identify_conditions({"a": (known, log), "b": (known, log)}, condition_specific=())

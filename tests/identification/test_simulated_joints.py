@@ -13,10 +13,11 @@ from seaid.checks import noise_findings
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
+from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side
-from seaid.identification.two_step import Condition, RobotEstimate, estimate_two_step
+from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_columns, load_model

@@ -20,6 +20,7 @@ from seaid.estimation.fitting import FittedRows, estimator_named
 from seaid.estimation.least_squares import ordinary, weighted
 from seaid.estimation.qr_factor import QRFactor
 from seaid.excitation.trajectory import Trajectory
+from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
     _contradiction,
@@ -30,7 +31,6 @@ from seaid.identification.simultaneous import (
     split_estimate,
     whitened,
 )
-from seaid.identification.two_step import RobotEstimate
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters

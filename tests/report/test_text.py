@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seaid.identification.identification import identify
-from seaid.identification.repeated_identification import validate
+from seaid.identification.unseen_motion import validate
 from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
 from seaid.report.text import (

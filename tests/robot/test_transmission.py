@@ -38,10 +38,10 @@ from seaid.excitation.objective import load_target
 from seaid.identification import Method
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
-from seaid.identification.repeated_identification import validate
 from seaid.identification.result import Identification
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
+from seaid.identification.unseen_motion import validate
 from seaid.identification.validation import _actuator
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
