@@ -128,8 +128,8 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     logs = [measure(robot, motion, seaid.Noise(torque_std_Nm=1e-3), seed) for seed in range(2)]
     for log, name in zip(logs * 2, ("run.csv", "other.csv", "day.parquet"), strict=False):
         seaid.write_log(log, place / name)
-    arrays = [logs[0].time[:, None], logs[0].joint_position, logs[0].joint_velocity]
-    table = np.hstack([*arrays, logs[0].motor_torque])
+    arrays = [motion.joint_position, motion.joint_velocity, motion.motor_torque]
+    table = np.column_stack([motion.time, *arrays])
     np.savetxt(place / "no_header.csv", table, delimiter=",")
     (place / "custom.csv").write_text(custom_columns((place / "run.csv").read_text()))
     (place / "models").symlink_to(MODELS)

@@ -114,9 +114,9 @@ def open_csv(path: Path) -> Table:
     columns are 1, 2, 3, ..., which are its rows if these are far longer. Raises LogError for an
     invalid file, and for one too large to be loaded at once.
     """
-    delimiter, count = _rows_of(path)
+    delimiter = _delimiter_of_rows(path)
     if delimiter:
-        return _in_rows(path, delimiter, count)
+        return _in_rows(path, delimiter)
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
@@ -143,22 +143,20 @@ _NUMBERED = (
 )
 
 
-def _rows_of(path: Path) -> tuple[str, int]:
-    """Return delimiter and rows of a table of numbers with a channel per row, "" for any other."""
+def _delimiter_of_rows(path: Path) -> str:
+    """Return the delimiter of a table of numbers with a channel per row, "" for any other file."""
     with path.open("rb") as file:
         start = file.readline(2 * FEWEST_SAMPLES)
         if len(start) < 2 * FEWEST_SAMPLES:
-            return "", 0  # a digit and a delimiter per number
+            return ""  # a digit and a delimiter per number
         check_memory(path, path.stat().st_size)
         first = (start + file.readline()).decode("utf-8", "replace")
         count = 1 + sum(not line.isspace() for line in file)
     form = _format_of(first.rstrip())
-    if form is None or not has_samples_in_columns((count, form.cells)):
-        return "", 0
-    return form.delimiter, count
+    return form.delimiter if form and has_samples_in_columns((count, form.cells)) else ""
 
 
-def _in_rows(path: Path, delimiter: str, count: int) -> Table:
+def _in_rows(path: Path, delimiter: str) -> Table:
     """Return the columns of a table of numbers whose rows are the channels."""
 
     def load(wanted: list[str]) -> Block:
@@ -167,6 +165,8 @@ def _in_rows(path: Path, delimiter: str, count: int) -> Table:
             rows = np.loadtxt(path, delimiter=None if delimiter == " " else delimiter, ndmin=2)
         return {name: rows[int(name) - 1] for name in wanted}
 
+    with path.open("rb") as file:
+        count = sum(not line.isspace() for line in file)
     return Table([str(place) for place in range(1, count + 1)], load, notice=_NUMBERED)
 
 
