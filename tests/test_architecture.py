@@ -131,7 +131,7 @@ ONE_IMPORTER = {
         *("log.long_log", "project.first_project", "project.project", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
         *("export.mjcf", "export.urdf"),
-        "identification.repeated_identification",
+        "identification.identification",
     ),
     "one part of the page or window each": (
         *("report.figures", "report.html_experiment", "report.html_verdict"),
