@@ -44,10 +44,12 @@ from seaid.drives.symbols import (
     K_u,
     N,
     known_values,
+    q_0,
     r_L,
     r_M,
     symbol_of,
     tau_L,
+    theta_L,
     theta_M,
 )
 from seaid.drives.symbols import t as time_symbol
@@ -428,7 +430,10 @@ def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
 
 
 def friction_curve(joint: str, drive: Drive) -> SmoothColumns:
-    """Return the friction [N m] by motor speed and torque on the load, without extra terms."""
+    """Return the friction [N m] by motor speed and torque on the load, without extra terms.
+
+    Friction that depends on the position is that at the reference position of the drive.
+    """
     return _curve(joint, drive, *_friction(drive))
 
 
@@ -462,7 +467,8 @@ def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     lever = total_ratio(drive)
     stiff = StiffDrive(friction=drive.at_temperature().friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
-    friction = smooth_friction(stiff) + turning
+    # At the reference position, where what friction gains with the position is zero.
+    friction = (smooth_friction(stiff) + turning).subs(theta_L, q_0)
     return friction.subs(N, sp.Float(lever)), ("theta_M_dot", "tau_G")
 
 

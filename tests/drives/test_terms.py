@@ -24,6 +24,7 @@ from seaid.drives.equations import (
     motor_equation,
     spring_equation,
 )
+from seaid.drives.functions import friction_curve
 from seaid.drives.regressor import drive_regressor, non_linear
 from seaid.drives.symbols import PARAMETER_NAMES, SYMBOLS
 from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
@@ -350,3 +351,26 @@ def test_an_equation_in_one_parameter_is_not_divided_by_a_motion_that_may_be_zer
     )
     np.testing.assert_allclose(R[:, 0], [-0.2, 0.0, 0.0, 0.0, 0.0, 0.1], atol=1e-15)
     np.testing.assert_allclose(zeta, np.arange(6.0))
+
+
+def test_the_curve_of_friction_that_depends_on_the_position_is_that_at_the_reference() -> None:
+    """Reports and plans draw friction over the speed alone."""
+    plain = replace(
+        STIFF,
+        friction=("viscous", "coulomb"),
+        viscous_friction_Nms_per_rad=1e-3,
+        coulomb_friction_Nm=0.02,
+    )
+    further = {"coulomb_position_slope": 0.03, "coulomb_position_curvature": -0.02}
+    along = replace(
+        plain,
+        friction=(*plain.friction, "coulomb_position"),
+        nominal=further,
+        reference_position_rad=0.3,
+    )
+    speed = np.linspace(-5.0, 5.0, 11)
+    torques = [
+        friction_curve("knee", drive).torque(speed, np.zeros(11), sign_width=0.1)[0]
+        for drive in (plain, along)
+    ]
+    np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12)

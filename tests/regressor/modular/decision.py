@@ -192,8 +192,9 @@ def _balanced(
         return a
     # The torques are affine in a: unit steps of the drives' accelerations give the inertia.
     stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
-    repeated, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
-    torques = numbers.torques(repeated, tuple(turns), speeds, numbers.reduced(stepped), bodies)
+    repeated, cosines, sines, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
+    turns = cosines, sines
+    torques = numbers.torques(repeated, turns, speeds, numbers.reduced(stepped), bodies)
     # ((1 + e) T, n) -> (1 + e, T, e): without a step, then one step per elastic drive.
     loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
     inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
