@@ -191,7 +191,6 @@ def transforms(experiment: Experiment) -> Iterator[Transform]:
 def _trials(experiment: Experiment) -> list[_Trial]:
     """Return the transforms that the log demands, the best first."""
     tried, rows = [*transforms(experiment)], experiment.independent_rows
-    possible = [transform for transform in tried if not _is_contradicted(experiment, transform)]
     has_bodies = _has_bodies(experiment)
 
     def by_file(transform: Transform) -> float:
@@ -206,9 +205,12 @@ def _trials(experiment: Experiment) -> list[_Trial]:
     best = [
         transform
         for cost in (by_file, by_joint)
-        for transform in sorted(possible, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
+        for transform in sorted(tried, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
     ]
-    trials = [_trial(experiment, transform) for transform in dict.fromkeys(best)]
+    # Only then: in the place of one that the log contradicts another would be compared that its
+    # costs do not suggest.
+    possible = [x for x in dict.fromkeys(best) if not _is_contradicted(experiment, x)]
+    trials = [_trial(experiment, transform) for transform in possible]
     demanded = [trial for trial in trials if trial.is_demanded(len(tried))]
     return sorted(demanded, key=lambda trial: -trial.total)
 
