@@ -14,12 +14,14 @@ from seaid.identification.identification import identify
 from seaid.log.log import Log
 from seaid.robot.inertia import is_physical
 from seaid.robot.robot import Robot, load_robot
-from seaid.simulation.simulation import measure
+from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,
     LEG_SENSORS,
     MODELS,
     TEST_MASS,
+    arm,
+    arm_motion,
     leg,
     leg_motion,
     perfect_log,
@@ -187,3 +189,25 @@ def test_the_same_mass_in_both_logs_gives_no_constant() -> None:
         identify_conditions(
             {"one": (robot, log), "other": (robot, log)}, torque_joints=ELASTIC, cutoff_hz=6.0
         )
+
+
+def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() -> None:
+    """An equation without a known torque gets a larger weight the closer all of it is to zero."""
+    robot = arm().without_nominal()
+    drives = {
+        joint: replace(
+            drive,
+            motor_input="current",
+            motor_inertia_kg_m2=None if drive.is_elastic else drive.motor_inertia_kg_m2,
+        )
+        for joint, drive in robot.drives.items()
+    }
+    noise = Noise(motor_resolution_rad=1e-3, joint_resolution_rad=1e-4, torque_std_Nm=0.01)
+    log = measure(arm(), arm_motion(), noise, seed=0)
+    unknown = np.full_like(log.motor_torque, np.nan)
+    log = replace(log, motor_current=log.motor_torque / 0.05, motor_torque=unknown)
+    with pytest.raises(
+        IdentificationError,
+        match=r"torque constant of shoulder is unidentifiable: only the current",
+    ):
+        identify(robot.with_drives(drives), log)
