@@ -27,6 +27,7 @@ from seaid.regressor import (
     base_parameters,
     random_states,
     regressor_at_drives,
+    slopes_of_model,
     stance_rows,
 )
 from seaid.robot import Robot
@@ -222,12 +223,6 @@ States = tuple[Array, Array, Array]
 """Joint position, velocity and acceleration, each (T, n)."""
 
 
-def torque_derivatives(robot: Robot, states: States) -> Array:
-    """Return d tau_i / d (q, v, a)_j of the inverse dynamics, (3, T, n, n), payloads included."""
-    tables = _derivatives(robot.model, _in_model(robot, states))
-    return np.ascontiguousarray(robot.from_model(tables, 2))
-
-
 def _in_model(robot: Robot, states: States) -> States:
     q, v, a = (robot.to_model(state, order) for order, state in enumerate(states))
     return q, v, a
@@ -257,7 +252,7 @@ def regressor_gradient(
     for body in range(model.nv):
         model.inertias[body + 1] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
     positions = [position for _, position, _ in parts]
-    total = -_derivatives(model, ordered)[:, :, positions].sum(axis=2)
+    total = -slopes_of_model(model, ordered)[:, :, positions].sum(axis=2)
     for r, position, factor in parts:
         felt = [joint - 1 for joint in model.subtrees[position + 1]]
         subtree = factor * bodies[:, r, felt]
@@ -266,21 +261,6 @@ def regressor_gradient(
         total += _row_derivatives(model, ordered, position, subtree)
     gradient = robot.from_model(total)
     return gradient[0], gradient[1], gradient[2]
-
-
-def _derivatives(model: pin.Model, states: tuple[Array, ...]) -> Array:
-    """Return d tau / d (q, v, a), (3, T, n, n), in the order of the model."""
-    data, compute = model.createData(), pin.computeRNEADerivatives
-    q, v, a = (np.ascontiguousarray(state) for state in states)
-    compute(model, data, *np.zeros((3, model.nv)))
-    views, tables = (data.dtau_dq, data.dtau_dv, data.M), np.empty((len(q), 3, model.nv, model.nv))
-    for table, q_t, v_t, a_t in zip(tables, q, v, a, strict=True):
-        compute(model, data, q_t, v_t, a_t)
-        table[0], table[1], table[2] = views
-    by_state = np.ascontiguousarray(tables.swapaxes(0, 1))
-    # Pinocchio fills only the upper triangle of the mass matrix
-    by_state[2] = np.triu(by_state[2]) + np.triu(by_state[2], 1).swapaxes(1, 2)
-    return by_state
 
 
 def _row_derivatives(model: pin.Model, states: tuple[Array, ...], row: int, bodies: Array) -> Array:

@@ -25,8 +25,8 @@ from seaid.drives import (
     total_ratio,
 )
 from seaid.errors import ExcitationError
-from seaid.excitation.criteria import States, torque_derivatives
-from seaid.regressor import joint_torques
+from seaid.excitation.criteria import States
+from seaid.regressor import joint_torques, torque_slopes
 from seaid.robot import Robot, at_drives, group_of, torques_at_joints
 
 SIGN_WIDTH = 0.02
@@ -140,7 +140,7 @@ def load_torques(robot: Robot, parallel: ParallelElements, states: States) -> Ar
 
 def load_derivatives(robot: Robot, parallel: ParallelElements, states: States) -> Array:
     """Return d tau_i / d (q, v, a)_j of `load_torques`, (3, T, n, n)."""
-    tables = torque_derivatives(robot, states)
+    tables = torque_slopes(robot, *states)
     for index, curve, width in parallel:
         q, v = states[0][:, index], states[1][:, index]
         _, (by_q, by_v) = curve.torque(q, v, sign_width=width)

@@ -70,6 +70,8 @@ from .regression import with_changes as with_changes
 from .rigid_body import joint_torques as joint_torques
 from .rigid_body import regressor_at_drives as regressor_at_drives
 from .rigid_body import rigid_body_regressor as rigid_body_regressor
+from .rigid_body import slopes_of_model as slopes_of_model
+from .rigid_body import torque_slopes as torque_slopes
 from .structural_identifiability import Identifiability as Identifiability
 from .structural_identifiability import Sensor as Sensor
 from .structural_identifiability import identifiability as identifiability

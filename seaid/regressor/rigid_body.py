@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,12 +86,21 @@ def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 def torque_slopes(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the derivatives (3, T, n, n) of `joint_torques` by the states q, v and a."""
-    model, data = robot.model, robot.model.createData()
-    states = (robot.to_model(state, k) for k, state in enumerate((q, v, a)))
-    slopes, compute = np.empty((3, len(q), model.nv, model.nv)), pin.computeRNEADerivatives
-    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+    states = [robot.to_model(state, k) for k, state in enumerate((q, v, a))]
+    return np.ascontiguousarray(robot.from_model(slopes_of_model(robot.model, states), axes=2))
+
+
+def slopes_of_model(model: pin.Model, states: Sequence[Array]) -> Array:
+    """Return d tau / d (q, v, a), (3, T, N, N), at states (T, N) each in the order of a model."""
+    data, compute = model.createData(), pin.computeRNEADerivatives
+    q, v, a = (np.ascontiguousarray(state) for state in states)
+    compute(model, data, *np.zeros((3, model.nv)))
+    # Views of memory that Pinocchio overwrites at every instant.
+    views, tables = (data.dtau_dq, data.dtau_dv, data.M), np.empty((len(q), 3, model.nv, model.nv))
+    for table, q_t, v_t, a_t in zip(tables, q, v, a, strict=True):
         compute(model, data, q_t, v_t, a_t)
-        slopes[0, t], slopes[1, t], slopes[2, t] = data.dtau_dq, data.dtau_dv, data.M
+        table[0], table[1], table[2] = views
+    slopes = np.ascontiguousarray(tables.swapaxes(0, 1))
     # Pinocchio fills only the upper triangle of the mass matrix.
     slopes[2] = np.triu(slopes[2]) + np.triu(slopes[2], 1).swapaxes(1, 2)
-    return robot.from_model(slopes, axes=2)
+    return slopes

@@ -27,6 +27,7 @@ from seaid.drives import (
 )
 from seaid.errors import RobotError
 from seaid.log import Motion
+from seaid.regressor import torque_slopes
 from seaid.robot import Robot, coupled_groups, rows_at_drives, torques_at_drives
 
 _safely = partial(safely, what="the mass matrix", error=RobotError)
@@ -441,28 +442,12 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
     """
     bodies = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
     if np.all(bodies[:, 0] > 0):
-        return TorqueJacobians(*robot.from_model(_derivatives(robot, q, v, a), 2))
+        return TorqueJacobians(*torque_slopes(robot, q, v, a))
     added = np.zeros_like(bodies)
     added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
     heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
     alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
-    derivatives = _derivatives(heavier, q, v, a) - _derivatives(alone, q, v, a)
-    return TorqueJacobians(*robot.from_model(derivatives, 2))
-
-
-def _derivatives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return d tau / d (q, v, a) of the model's joints, (3, T, N, N)."""
-    model, data = robot.model, robot.model.createData()
-    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
-    derivatives = np.empty((3, len(q), model.nv, model.nv))
-    compute = pin.computeRNEADerivatives
-    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
-        compute(model, data, q_t, v_t, a_t)
-        derivatives[0, t], derivatives[1, t], derivatives[2, t] = data.dtau_dq, data.dtau_dv, data.M
-    # Pinocchio fills the upper triangle of M alone.
-    upper = np.triu(derivatives[2])
-    derivatives[2] = upper + np.swapaxes(np.triu(derivatives[2], 1), 1, 2)
-    return derivatives
+    return TorqueJacobians(*(torque_slopes(heavier, q, v, a) - torque_slopes(alone, q, v, a)))
 
 
 _RESOLVED = 1.0

@@ -14,7 +14,7 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.functions import SMOOTH_SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import FourierBasis
-from seaid.excitation.criteria import pivoted_base, regressor_gradient, torque_derivatives
+from seaid.excitation.criteria import pivoted_base, regressor_gradient
 from seaid.excitation.objective import (
     READINGS_HZ,
     Target,
@@ -24,7 +24,7 @@ from seaid.excitation.objective import (
     stacked_regressor,
 )
 from seaid.regressor.regression import motor_regressor
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 
@@ -186,7 +186,7 @@ def test_torque_derivatives_with_payload_and_order() -> None:
     for name in ("ur5", "panda_reordered"):
         robot = robots()[name]
         motion = states(robot, 20)
-        tables, rng = torque_derivatives(robot, motion), np.random.default_rng(3)
+        tables, rng = torque_slopes(robot, *motion), np.random.default_rng(3)
         for which in range(3):
             direction = rng.normal(size=motion[which].shape)
             torques = []

@@ -16,8 +16,8 @@ import seaid
 from scripts.example_robots import example_urdfs
 from seaid._arrays import Array
 from seaid.errors import RobotError, SeaidWarning
-from seaid.excitation.criteria import regressor_gradient, torque_derivatives
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.excitation.criteria import regressor_gradient
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, plant_of
 from tests.experiments import drive_errors, drive_scores, wiggle
@@ -193,7 +193,7 @@ def test_regressor_and_slopes_are_those_of_the_torques(gripper: Robot) -> None:
     torque = joint_torques(gripper, q, v, a)
     Y = rigid_body_regressor(gripper, q, v, a)
     np.testing.assert_allclose(Y @ gripper.parameters, torque, atol=1e-11)
-    slopes = torque_derivatives(gripper, (q, v, a))
+    slopes = torque_slopes(gripper, q, v, a)
     weights = np.random.default_rng(1).normal(size=(len(q), 2, 60))
     gradient = regressor_gradient(gripper, (q, v, a), (0, 2), weights)
 
