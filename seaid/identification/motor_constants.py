@@ -7,10 +7,9 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -58,9 +57,6 @@ _SPRING = (
     "and without a payload (identify_conditions), a torque sensor behind the gear (joint_torque), "
     "its rotor inertia, "
 )
-
-
-Found = TypeVar("Found")
 
 
 class UnknownScaleError(IdentificationError):
@@ -116,20 +112,6 @@ def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
         raise problem
     fixed = drive.with_values({"gain_scale": drive.scale_of_gains})
     return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
-
-
-def with_unit_scales(
-    robots: Mapping[str, Robot], identify: Callable[[Mapping[str, Robot]], Found]
-) -> tuple[Found, Mapping[str, Robot], list[str]]:
-    """Return identify(robots), the robots with each scale at fault as known, and their joints."""
-    joints: list[str] = []
-    # Each round makes one more scale known, which then has no column and cannot raise again.
-    while True:
-        try:
-            return identify(robots), robots, joints
-        except UnknownScaleError as problem:
-            robots = {name: with_unit_scale(robot, problem) for name, robot in robots.items()}
-            joints.append(problem.joint)
 
 
 def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:

@@ -360,10 +360,11 @@ def solved(
             later = {
                 name: with_estimated_delays(robot, problem.identified(name))
                 for name, robot in declared.items()
+                if rounds and robot.has_controllers
             }
-        if not rounds or all(later[name] is robot for name, robot in declared.items()):
+        if all(robot is declared[name] for name, robot in later.items()):
             return problem
-        declared, rounds = later, rounds - 1
+        declared, rounds = {**declared, **later}, rounds - 1
 
 
 def _setups(runs: Mapping[str, Run]) -> list[Finding]:
