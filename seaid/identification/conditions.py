@@ -25,19 +25,10 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import (
-    Source,
-    sources_of,
-)
+from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Options, concluded, solved
-from seaid.identification.result import (
-    Identification,
-)
-from seaid.identification.two_step import (
-    BODIES,
-    SpecificParameters,
-    TwoStepFits,
-)
+from seaid.identification.result import Identification
+from seaid.identification.two_step import BODIES, SpecificParameters, TwoStepFits
 from seaid.robot import Robot
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
@@ -118,7 +109,7 @@ def identify_conditions(
     first = next(iter(robots.values()))
     _check_joints(robots)
     _check_specific(first, condition_specific)
-    first.selected(torque_joints)
+    first.selected(torque_joints)  # refuses unknown joints before a log is read
     options = Options(
         torque_joints=torque_joints,
         method="two-step",

@@ -122,9 +122,7 @@ def test_what_differs_is_said_and_what_does_not_too() -> None:
 
 @pytest.mark.slow  # 0.5 s
 @pytest.mark.rounding
-def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Conditions have no torque offsets."""
-    monkeypatch.setattr("seaid.identification.two_step.identifiable_offsets", lambda *_: ())
+def test_all_shared_is_one_identification_of_both_logs() -> None:
     logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (1, 2)]
     robot = arm().without_nominal()
     both = identify(robot, logs, method="two-step")
