@@ -68,11 +68,11 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
     assert distance(warmed, "viscous_friction", (1 - WARM) * truth["viscous_friction"]) < 4
 
 
-@pytest.mark.slow  # 45 identifications of two logs
+@pytest.mark.slow  # 60 identifications of two logs
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     """1.13 is the standard deviation of Student's t with the degrees of freedom of so few rows."""
     drives, loads = [], []
-    for seed in range(1, 91, 2):
+    for seed in range(1, 121, 2):
         cold, warmed = together(seed=seed).identifications.values()
         shared = "stiffness", "coulomb_friction", "viscous_friction"
         own = [
