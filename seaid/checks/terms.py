@@ -204,26 +204,30 @@ class DriveRows:
         They are filtered as the rows are, and zero where friction in the equation is not known.
         """
         placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
-        drive = self.robot.drives[self.joint]
-        for index, run, chosen, samples in self._by_equation:
-            motion, part = self.motions[run], parts[run]
-            if drive.is_elastic:
-                regressor = self.regressor(self.robot, self.joint)
-                known = known_friction(self.robot, motion, self.joint, regressor)[:, None] * part
-            else:
-                known = motion.where_known(index, part)
-            placed[chosen] = self.factors[index] * in_band_at(motion, known, samples)
+        for factor, run, known, chosen, samples in self._by_equation:
+            part = known[:, None] * parts[run]
+            placed[chosen] = factor * in_band_at(self.motions[run], part, samples)
         return placed
 
     @cached_property
-    def _by_equation(self) -> list[tuple[int, int, IndexArray, IndexArray]]:
-        """Equation, motion, rows, and their samples, for each equation and motion."""
+    def _by_equation(self) -> list[tuple[float, int, Array, IndexArray, IndexArray]]:
+        """Factor, motion, where friction is known (T,), rows, and their samples, of each equation.
+
+        They are of each motion apart.
+        """
         places = []
-        for index, run in product(self.factors, range(len(self.motions))):
+        is_elastic = self.robot.drives[self.joint].is_elastic
+        for (index, factor), run in product(self.factors.items(), range(len(self.motions))):
+            motion = self.motions[run]
+            if is_elastic:
+                regressor = self.regressor(self.robot, self.joint)
+                known = known_friction(self.robot, motion, self.joint, regressor)
+            else:
+                known = motion.where_known(index, np.ones(len(motion.time)))
             chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
             # The times of rows are among those of the samples: this is their index.
-            samples = np.searchsorted(self.motions[run].time, self.rows.time[chosen])
-            places.append((index, run, chosen, samples))
+            samples = np.searchsorted(motion.time, self.rows.time[chosen])
+            places.append((factor, run, known, chosen, samples))
         return places
 
 
