@@ -95,7 +95,8 @@ def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     for joint in robot.elastic_joints:
         offset = rows.names.index(f"spring_offset of {joint}")
-        load = np.flatnonzero(rows.joint == robot.index(joint))
+        # the second (8), in which the same instants count for nothing as in (7)
+        load = np.flatnonzero(rows.joint == 2 * robot.n + robot.index(joint))
         motor = np.flatnonzero(rows.joint == robot.n + robot.index(joint))
         load = load[np.searchsorted(rows.time[load], rows.time[motor])]
         lever = -H[motor, offset] / H[load, offset]
@@ -103,6 +104,7 @@ def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
         y[motor] += lever * y[load]
         propagated[motor] += lever[:, None] * propagated[load]
     kept = ~np.isin(rows.joint, [robot.index(joint) for joint in robot.elastic_joints])
+    kept &= rows.joint < 2 * robot.n
     spring = ("stiffness", "spring_offset")
     columns = [index for index, name in enumerate(rows.names) if not name.startswith(spring)]
     return replace(

@@ -38,6 +38,7 @@ from .instrumental_variables import with_predicted_columns as with_predicted_col
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of
 from .least_squares import estimate_of_rows as estimate_of_rows
+from .least_squares import extrapolated as extrapolated
 from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve

@@ -11,7 +11,9 @@ full-information maximum likelihood in its instrumental form (Hausman 1975), ite
 (7) and (8) of one joint share the noise of d and of the joint's acceleration. Generalised least
 squares (Zellner 1962) adds that multiple of (8) to (7) by which their residuals are uncorrelated:
 r_M/(N r_L), in which the spring cancels, for noise in d alone, and zero for noise in the
-acceleration alone. The residuals determine the value between.
+acceleration alone. The residuals determine the value between. The spring cancels only if reversals
+count for nothing in both, so that there is a second (8) for this, which is not an equation of its
+own.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from seaid.estimation import (
     FittedRows,
     equal_weights,
     estimate_of_rows,
+    extrapolated,
     qr_factor_of,
     settled_weights,
     solve,
@@ -53,7 +56,9 @@ from seaid.regressor import (
     LoadModel,
     Regress,
     Regression,
+    actuator_equation,
     actuator_regression,
+    known_friction,
     load_regression,
     offset_sensitivity,
     spring_regressor,
@@ -70,7 +75,8 @@ _ROUNDING = 1e-11
 """Part of the torque below which a change is negligible too, for logs without noise."""
 
 _HARMLESS, _PATIENCE = 1e-7, 10
-"""The same after so many iterations: without noise standard errors are too small to converge to."""
+"""The same after so many iterations, from which steps are extrapolated too: without noise standard
+errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
 
@@ -90,26 +96,48 @@ def simultaneous_regression(
     constant error.
 
     `joint` is the index of the equation: i is (8) of joint i; n + i its motor equation (7), or (4b)
-    if only the spring's torque was measured. Motor equations exclude the instants near standstill.
-    The rows are solved by `settled`, since plain least squares is biased. Raises LogError if a
-    torque is missing.
+    if only the spring's torque was measured; 2 n + i is (8) where the friction in (7) is known,
+    which `whitened` subtracts. Motor equations exclude the instants near standstill. The rows are
+    solved by `settled`, since plain least squares is biased. Raises LogError if a torque is
+    missing.
     """
     zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
-    load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
     actuators |= {joint: _with_torque_offset(robot, actuators[joint], joint) for joint in offsets}
     names = [JointParameter(name, joint) for joint, x in actuators.items() for name in x.names]
-    load = replace(
-        load,
-        names=(*names, *load.names),
-        units=tuple(unit for rows in actuators.values() for unit in rows.units) + load.units,
-        H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
-        # The springs are parameters of these rows: no error of theirs is propagated.
-        propagated=np.empty((len(load.y), 0)),
-    )
+    units = tuple(unit for rows in actuators.values() for unit in rows.units)
+
+    def load_rows(motion: Motion) -> Regression:
+        load = load_regression(robot, motion, model, zero)
+        return replace(
+            load,
+            names=(*names, *load.names),
+            units=units + load.units,
+            H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
+            # The springs are parameters of these rows: no error of theirs is propagated.
+            propagated=np.empty((len(load.y), 0)),
+        )
+
+    load = load_rows(motion)
     motors = [_motor_rows(robot, rows, joint, load) for joint, rows in actuators.items()]
-    both = stacked([load, *motors])
+    concurrent = load_rows(_with_motor_friction(robot, motion, zero))
+    concurrent = concurrent.at(np.isin(concurrent.joint, [robot.index(joint) for joint in zero]))
+    concurrent = replace(concurrent, joint=2 * robot.n + concurrent.joint, excluded=0)
+    both = stacked([load, *motors, concurrent])
     return replace(both, run=np.zeros(len(both.y)))  # rows of one log
+
+
+def _with_motor_friction(robot: Robot, motion: Motion, joints: Iterable[str]) -> Motion:
+    """Return the motion in whose (8) friction is known only where it is in (7) too."""
+    known = np.full_like(motion.joint_position, np.nan)
+    if motion.friction_known is not None:
+        known[:] = motion.friction_known
+    for joint in joints:
+        index = robot.index(joint)
+        regressor, _ = actuator_equation(robot, motion, joint)
+        motor = known_friction(robot, motion, joint, regressor)
+        known[:, index] = motion.where_known(index, motor)
+    return replace(motion, friction_known=known)
 
 
 def _with_torque_offset(robot: Robot, actuator: Regression, joint: str) -> Regression:
@@ -151,15 +179,16 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
 
     In (8) the deflection is replaced by its prediction, in column and y alike, so that the residual
     at `theta` is unchanged; from the motor equation of the joint the part of its residual that is
-    correlated with that of (8) is removed.
+    correlated with that of (8) is removed. The second (8) of each joint is left out.
     """
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
     for stiffness, offset, load, motor, concurrent in _springs(robot, rows):
         # The column of k is -r_L d. With e = y - H theta it becomes -r_L d + e/k = -r_L d^, with
         # the deflection d^ that (8) predicts at theta; y + e keeps the residual at theta.
-        H[load, stiffness] += residual[load] / theta[stiffness]
-        y[load] += residual[load]
+        for equation in (load, concurrent):
+            H[equation, stiffness] += residual[equation] / theta[stiffness]
+            y[equation] += residual[equation]
         lever = -(rows.H[motor, offset] / rows.H[concurrent, offset])[:, None]  # r_M / (N r_L)
         shared = lever[:, 0] * residual[concurrent]
         power = float(shared @ shared)
@@ -171,7 +200,7 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
             # the part 1 - c of the spring's torque comes back with the predicted d^ of the new (8).
             spring_free = old[motor] + lever * old[concurrent]
             new[motor] = spring_free - (1 - in_deflection) * lever * new[concurrent]
-    return replace(rows, H=H, y=y, propagated=propagated)
+    return replace(rows, H=H, y=y, propagated=propagated).at(rows.joint < 2 * robot.n)
 
 
 def _springs(
@@ -179,7 +208,7 @@ def _springs(
 ) -> list[tuple[int, int, IndexArray, IndexArray, IndexArray]]:
     """Return for each spring in (8) the columns of its stiffness and offset, and sets of rows.
 
-    The rows of (8), those of the motor equation, and those of (8) at the instants of the latter.
+    The rows of (8), those of the motor equation, and those of the second (8) at their instants.
     """
     # One complex number per row: numpy sorts by the real part (log) first, then by time.
     springs, instant = [], rows.run + 1j * rows.time
@@ -192,9 +221,10 @@ def _springs(
         # A joint whose torque on the load was measured has no spring in (8): its column is zero.
         load = np.flatnonzero((rows.joint == index) & (rows.H[:, offset] != 0))
         motor = np.flatnonzero(rows.joint == robot.n + index)
+        again = np.flatnonzero(rows.joint == 2 * robot.n + index)
         if len(load):
-            motor = motor[np.isin(instant[motor], instant[load])]
-            concurrent = load[np.searchsorted(instant[load], instant[motor])]
+            motor = motor[np.isin(instant[motor], instant[again])]
+            concurrent = again[np.searchsorted(instant[again], instant[motor])]
             springs.append((stiffness, offset, load, motor, concurrent))
     return springs
 
@@ -226,10 +256,10 @@ def settled(
     """Solve rows of `simultaneous_regression` from a start (p,), such as the two-step estimate.
 
     `estimate` is that of `estimation`. Iterated until no parameter changes by more than a small
-    part of its standard error; also returns the number of iterations. Raises IdentificationError
-    if the iteration does not converge.
+    part of its standard error; also returns the number of iterations. A slow iteration, as of
+    weights that hardly matter, is extrapolated. Raises IdentificationError if it does not converge.
     """
-    theta = np.array(start, dtype=float)
+    theta, last = np.array(start, dtype=float), list[Array]()
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
         raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
@@ -245,6 +275,10 @@ def settled(
         before, theta = theta[stiffness], new.values.copy()
         # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
         theta[stiffness] = before / (2 - theta[stiffness] / before)
+        last = [*last[-2:], theta]
+        if iteration >= _PATIENCE and iteration % 3 == 0:
+            scale = np.where(new.standard_errors > 0, new.standard_errors, 1.0)
+            theta = extrapolated(np.array(last) / scale) * scale
     worst = int(np.argmax(moved / new.standard_errors))
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "

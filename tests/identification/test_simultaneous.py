@@ -194,7 +194,8 @@ def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None
     robot, model, rows, _ = case
     load = {robot.index(joint) for joint in model.torque_joints}
     motors = {robot.n + robot.index(joint) for joint in robot.elastic_joints}
-    assert set(rows.joint) == load | motors
+    springs = {robot.index(joint) for joint in robot.elastic_joints} & load
+    assert set(rows.joint) == load | motors | {2 * robot.n + index for index in springs}
     assert len(set(rows.names)) == len(rows.names) == len(rows.units)
     assert rows.names[-len(model.names) :] == model.names
     assert set(rows.run) == {0.0}
@@ -211,18 +212,33 @@ def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
         assert iterations <= 8
 
 
+def with_noise_of_deflection(
+    rows: Regression, robot: Robot, joint: str, noise: Array, levers: tuple[float, float]
+) -> Regression:
+    """Return rows whose deflection has noise (T,), in (8), (7) and the second (8).
+
+    `levers` are r_L and r_M/N.
+    """
+    H, column = rows.H.copy(), rows.names.index(f"stiffness of {joint}")
+    load, motor, again = (
+        rows.joint == offset * robot.n + robot.index(joint) for offset in range(3)
+    )
+    for part, lever in ((load, -levers[0]), (motor, levers[1]), (again, -levers[0])):
+        H[part, column] += lever * noise[np.searchsorted(rows.time[load], rows.time[part])]
+    return replace(rows, H=H)
+
+
 def test_noise_of_the_deflection_is_in_the_load_side_alone() -> None:
     """Its columns are clean then, and the motor equation has no spring."""
     model = model_of(LEG)
     rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
     truth, column = truth_of(LEG, model, rows.names), rows.names.index("stiffness of knee_pitch")
-    load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
+    load = rows.joint == LEG.index("knee_pitch")
     noise = np.random.default_rng(0).normal(0, 1e-4, len(leg_case(TEST_MASS).time))
-    H = rows.H.copy()
-    H[load, column] -= 0.036 * noise
-    H[motor, column] += 0.02 / 86 * noise[np.searchsorted(rows.time[load], rows.time[motor])]
-    noisy = replace(rows, H=H)
+    noisy = with_noise_of_deflection(rows, LEG, "knee_pitch", noise, (0.036, 0.02 / 86))
     found = whitened(LEG, noisy, truth)
+    rows, noisy = (x.at(x.joint < 2 * LEG.n) for x in (rows, noisy))
+    load, motor = (found.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
     assert np.max(np.abs(found.H[load] - rows.H[load])) < 1e-12
     assert found.y[load] - found.H[load] @ truth == pytest.approx(
         noisy.y[load] - noisy.H[load] @ truth, abs=1e-9
@@ -236,12 +252,20 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
     model = model_of(LEG)
     rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
     truth = truth_of(LEG, model, rows.names)
-    load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
+    load, motor, again = (
+        rows.joint == offset * LEG.n + LEG.index("knee_pitch") for offset in range(3)
+    )
     rng = np.random.default_rng(0)
-    noisy = replace(rows, y=rows.y + rng.normal(0, 0.1, len(rows.y)) * load)
-    noisy = replace(noisy, y=noisy.y + rng.normal(0, 1e-3, len(rows.y)) * motor)
+    of_load = rng.normal(0, 0.1, np.sum(load))
+    y = rows.y.copy()
+    y[load] += of_load
+    y[again] += of_load[np.searchsorted(rows.time[load], rows.time[again])]
+    y[motor] += rng.normal(0, 1e-3, np.sum(motor))
+    noisy = replace(rows, y=y)
     found = whitened(LEG, noisy, truth)
     residual = found.y - found.H @ truth
+    noisy = noisy.at(rows.joint < 2 * LEG.n)
+    load, motor = (found.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
     assert residual[motor] == pytest.approx((noisy.y - noisy.H @ truth)[motor], abs=2e-4)
     assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
 
@@ -288,15 +312,11 @@ def test_least_squares_on_the_measured_deflection_would_lose_the_spring() -> Non
     """(8) of an elastic joint is zero on the left: noise in the deflection then eats k."""
     rows, truth, *_ = free_foot()
     ankle = rows.names.index("stiffness of ankle_pitch")
-    load, motor = (
-        rows.joint == offset + IN_MOTION.index("ankle_pitch") for offset in (0, IN_MOTION.n)
-    )
+    load = rows.joint == IN_MOTION.index("ankle_pitch")
     noise = np.random.default_rng(0).normal(0, 3e-5, np.sum(load))
-    H = rows.H.copy()
-    H[load, ankle] -= 0.03 * noise
-    H[motor, ankle] += 0.02 / 86 * noise[np.searchsorted(rows.time[load], rows.time[motor])]
-    noisy = replace(rows, H=H)
-    assert weighted(noisy).values[ankle] < 0.5 * truth[ankle]
+    noisy = with_noise_of_deflection(rows, IN_MOTION, "ankle_pitch", noise, (0.03, 0.02 / 86))
+    plain = noisy.at(noisy.joint < 2 * IN_MOTION.n)
+    assert weighted(plain).values[ankle] < 0.5 * truth[ankle]
     found, _ = settled(IN_MOTION, noisy, truth, WLS)
     assert found.standard_errors[ankle] < 0.15 * truth[ankle]
     assert abs(found.values[ankle] - truth[ankle]) < 3 * found.standard_errors[ankle]
@@ -393,10 +413,10 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
     both = offset_sensitivity(arm(), motion, at_once, theta)
     of_load = partial(load_regression, arm(), model=model, springs=springs)
     load = offset_sensitivity(arm(), motion, of_load, theta[-len(model.names) :])
-    count = len(load.y)
+    count, motors = len(load.y), both.joint // arm().n == 1
     assert both.propagated[:count] == pytest.approx(load.propagated, abs=1e-5)
     assert np.max(np.abs(load.propagated)) > 1.0
-    assert np.max(np.abs(both.propagated[count:])) < 1e-9  # (7) does not know where the joint is
+    assert np.max(np.abs(both.propagated[motors])) < 1e-9  # (7) does not know where the joint is
 
 
 def test_errors_of_rows_that_cannot_be_made() -> None:
