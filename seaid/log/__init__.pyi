@@ -32,6 +32,7 @@ from .filtering import is_friction_known as is_friction_known
 from .filtering import joint_standstill as joint_standstill
 from .filtering import low_pass as low_pass
 from .filtering import moving as moving
+from .filtering import noise_density as noise_density
 from .filtering import pieces as pieces
 from .filtering import row_samples as row_samples
 from .filtering import select_cutoff as select_cutoff

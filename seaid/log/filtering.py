@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray
+from seaid._arrays import Array, BoolArray, IndexArray, white_noise
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
@@ -445,6 +445,11 @@ def _edge(frequency: Array, power: Array, share: float) -> float:
     """Return the frequency below which this share of the power lies."""
     total = np.cumsum(power)
     return float(frequency[np.argmax(total >= share * total[-1])])
+
+
+def noise_density(samples: Array, rate_hz: float) -> float:
+    """Return the density of the noise of an encoder (T,) at low frequencies [unit^2/Hz]."""
+    return _noise_of_steps(samples, rate_hz)[0] or 2 * white_noise(samples) ** 2 / rate_hz
 
 
 def _noise_of_steps(samples: Array, rate_hz: float) -> tuple[float, float]:

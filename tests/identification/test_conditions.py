@@ -109,8 +109,10 @@ def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
 def test_what_differs_is_said_and_what_does_not_too() -> None:
     differences = together().differences
     assert all(differences[f"viscous_friction of {joint}"].bic > 0 for joint in ELASTIC)
-    alike = together(("spring_offset", "coulomb_friction of knee_pitch")).differences
+    specific = ("viscous_friction", "spring_offset", "coulomb_friction of knee_pitch")
+    alike = together(specific).differences
     assert set(alike) == {
+        *(f"viscous_friction of {joint}" for joint in leg().joint_names),
         *(f"spring_offset of {joint}" for joint in ELASTIC),
         "coulomb_friction of knee_pitch",
     }
