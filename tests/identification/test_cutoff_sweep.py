@@ -14,9 +14,9 @@ from seaid.identification.identification import CutoffSensitivity, cutoff_sensit
 from seaid.identification.result import Identification
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.experiments import ARM_SENSORS, arm, arm_motion, with_named_friction
 
-KNOWN = arm().without_nominal()
+KNOWN = with_named_friction(arm().without_nominal())
 
 
 @cache
