@@ -358,7 +358,7 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     # explained if that is explained with it, or if nearly nothing is left with bodies of any mass
     before = side.unexplained(joint)
     # A share is one of squares, an unexplained part one of rms values.
-    after = before * float(np.sqrt(1 - share))
+    after = before * float(np.sqrt(max(1 - share, 0.0)))
     is_exact = 1 - share < POOR and not side.robot.known_bodies
     return (is_exact or before > MOST) and after < MOST
 

@@ -142,8 +142,8 @@ def encoder_slope(experiment: Experiment, j: int) -> float:
 def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if it is that of the gear."""
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    # springs and noise explain a slight difference
-    return None if abs(slope - 1) < tol.SLIGHT or not 1e-6 < slope < 1e6 else slope
+    # noise explains a few thousandths
+    return None if abs(slope - 1) < tol.FEW or not 1e-6 < slope < 1e6 else slope
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
