@@ -146,6 +146,11 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     return None if abs(slope - 1) < tol.FEW or not 1e-6 < slope < 1e6 else slope
 
 
+_LARGEST_RATIO = 1000.0
+"""Ratio above which a slope between two encoders is a unit, such as counts: the gears of robots are
+below, strain wave gears up to 320 and planetary gears in series up to some hundred."""
+
+
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
     for j in experiment.used:
@@ -159,6 +164,8 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
         for factor in factors:
+            if ratio * factor > _LARGEST_RATIO and not experiment.robot.is_prismatic[j]:
+                continue
             factor_of = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
             # the side without an encoder was computed from the motor's
             output = experiment.joint / (1.0 if experiment.both[j] else factor_of)
