@@ -325,10 +325,14 @@ _FEWEST_COUNTS = 256
 """Counts per turn of the coarsest encoder: a degree is further from a power of two."""
 
 
-def _units_by(slope: float) -> Mapping[str, float]:
-    """Return units of angles: with a slope between encoders, also counts of a power of two."""
-    if not slope:
-        return _ANGLES
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2}
+"""The same of the positions of sliding joints."""
+
+
+def _units_by(slope: float, is_length: bool) -> Mapping[str, float]:
+    """Return units of positions: with a slope between encoders, also counts of a power of two."""
+    if is_length or not slope:
+        return _LENGTHS if is_length else _ANGLES
     counts = 2 ** round(math.log2(2 * math.pi * max(slope, 1 / slope)))
     is_count = counts >= _FEWEST_COUNTS
     return _ANGLES | ({f"counts, {counts} per turn": 2 * math.pi / counts} if is_count else {})
@@ -337,12 +341,13 @@ def _units_by(slope: float) -> Mapping[str, float]:
 def _in_units(
     experiment: Experiment, joints: Sequence[int], channels: str, words: str, slope: float = 0.0
 ) -> Iterator[Transform]:
-    """Yield units of the angles of joints in which they can be, or which explain a slope.
+    """Yield units of the positions of joints in which they can be, or which explain a slope.
 
     A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
     would hardly move. Two turns are the range of a wrist.
     """
-    for unit, factor in _units_by(slope).items():
+    is_length = "q" in channels and experiment.robot.is_prismatic[joints[0]]
+    for unit, factor in _units_by(slope, is_length).items():
         moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
         if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
             continue
@@ -356,7 +361,7 @@ def _in_units(
 
 
 def _angles(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of the angles of a joint, at both sides or at the one that the slope suggests."""
+    """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
     for j in experiment.used:
         joint, slope = experiment.robot.joint_names[j], gears.other_slope(experiment, j)
         if not experiment.robot.is_prismatic[j]:
