@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 
 import seaid
-from scripts.benchmarks import identify_cost
 from scripts.claims import MARK
 from seaid import load_trajectory
-from seaid.identification import problem
 from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
@@ -152,11 +150,6 @@ def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
 
 
-def test_the_cost_of_identify_is_measured_by_functions_that_it_calls() -> None:
-    """A part that was renamed would end the script."""
-    assert [name for name in identify_cost.PARTS if not hasattr(problem, name)] == []
-
-
 @pytest.mark.slow  # 4.5 s
 def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
     done = run("scripts/gallery.py", "excitation", "--output", str(tmp_path))
@@ -276,6 +269,7 @@ SHORT_FORMS = {
     "benchmarks/excitation_peer.py": ("",),
     "benchmarks/excitation_value.py": ("--quick --draws 1",),
     "benchmarks/false_terms.py": ("--quick --logs 1 --motions 1",),
+    "benchmarks/fast.py": ("--quick",),
     "benchmarks/feasible.py": ("--quick", "--programs 5 --output OUT"),
     "benchmarks/frequency.py": ("--quick --draws 1 --leg 1",),
     "benchmarks/frequency_coverage.py": ("--quick --draws 1",),
@@ -288,8 +282,6 @@ SHORT_FORMS = {
         "--quick --draws 1 --motions 1",
         "--quick --draws 1 --motions 1 --selection",
     ),
-    "benchmarks/identifiability_time.py": ("3",),
-    "benchmarks/identify_cost.py": ("--robot stiff --runs 1",),
     "benchmarks/inferred_ratio.py": ("--quick --motions 1 --noises 1",),
     "benchmarks/interval_coverage.py": ("--quick --experiments 1 --duration 2",),
     "benchmarks/short_logs.py": ("--quick --experiments 1",),
@@ -306,10 +298,7 @@ SHORT_FORMS = {
     "benchmarks/peer_least_squares.py": ("",),
     "benchmarks/randomization_coverage.py": ("--robots 1",),
     "benchmarks/refined_terms.py": ("--quick 1 cubic",),
-    "benchmarks/regressor.py": ("--quick",),
     "benchmarks/sensitivity.py": ("--quick --draws 1",),
-    "benchmarks/simulation_time.py": ("--quick",),
-    "benchmarks/start_up.py": ("--quick",),
     "benchmarks/static_calibration.py": ("--draws 10",),
     "benchmarks/sympy_path.py": ("--quick",),
     "benchmarks/take_home.py": ("--quick",),

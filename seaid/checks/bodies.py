@@ -8,8 +8,7 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import least_squares
+import scipy
 
 from seaid._arrays import Array
 from seaid.checks import codes
@@ -261,7 +260,9 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
             slopes = np.column_stack([slopes, point(x)])
         return np.vstack([R[:, :10] @ slopes, near_body])
 
-    fits = [least_squares(residual, start, jacobian, method="lm") for start in starts]
+    fits = [
+        scipy.optimize.least_squares(residual, start, jacobian, method="lm") for start in starts
+    ]
     x = min(fits, key=lambda fit: float(fit.cost)).x
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
@@ -277,7 +278,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array] | None:
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
     if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
         return None
-    each = block_diag(*bodies)
+    each = scipy.linalg.block_diag(*bodies)
     effects = experiment.over_noise(experiment.regressor @ each.T)
     y = experiment.over_noise(experiment.target - experiment.regressor @ experiment.bodies)
     excess = y - effects @ scaled_svd(effects).solve(y, RANK_TOLERANCE)

@@ -22,8 +22,8 @@ from functools import cache
 from itertools import chain
 
 import numpy as np
-from scipy import optimize, sparse
-from scipy.special import stdtrit
+import scipy
+from scipy.special import stdtridf, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray
 
@@ -199,11 +199,11 @@ def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
     return np.asarray(_gather(factor, slot) @ H)
 
 
-def _gather(factor: Array, slot: IndexArray) -> sparse.csc_array:
+def _gather(factor: Array, slot: IndexArray) -> scipy.sparse.csc_array:
     """Return the matrix (T, R) that sums rows, times `factor` (R,), per slot."""
     # In column format, row r of H is column r, which has one entry: `arange` points to it.
     shape = (int(np.max(slot)) + 1, len(slot))
-    return sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
+    return scipy.sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
@@ -231,7 +231,7 @@ def fixed_b_freedom(b: float) -> float:
     quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
     if quantile < stdtrit(MOST_FREEDOM, 0.975):
         return MOST_FREEDOM
-    return float(optimize.brentq(lambda n: stdtrit(n, 0.975) - quantile, 1.0, MOST_FREEDOM))
+    return float(stdtridf(0.975, quantile))
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:

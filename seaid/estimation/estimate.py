@@ -10,9 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
+from scipy.special import chdtrc, fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
@@ -312,7 +310,7 @@ def term_test(
         terms=tuple(terms),
         growth=growth,
         F=F,
-        p_value=float(f_distribution.sf(F, q, rows - p)),
+        p_value=float(fdtrc(q, rows - p, max(F, 0.0))),
         # Schwarz 1978: BIC = n log(SSR / n) + p log n, without the terms minus with them.
         bic=float(rows * np.log(growth) - q * np.log(rows)),
         independent=rows,
@@ -339,7 +337,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
         by_joint[int(joint)] = Whiteness(
             first=float(r[0]),
             durbin_watson=changes / lagged[0] if lagged[0] > 0 else 2.0,
-            p_value=float(chi2.sf(Q, tested)) if tested else 1.0,
+            p_value=float(chdtrc(tested, Q)) if tested else 1.0,
         )
     return by_joint
 

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares, linear_sum_assignment, nnls
+import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
@@ -114,7 +113,7 @@ class LinearJoints:
         )
         modes = np.full(len(e), np.nan, dtype=complex)
         # One mode per joint, so that the sum of the energies in the joints' springs is largest.
-        rows, columns = linear_sum_assignment(-energy)
+        rows, columns = scipy.optimize.linear_sum_assignment(-energy)
         modes[rows] = values[upper[columns]]
         return modes
 
@@ -598,7 +597,7 @@ def _noise(error: Array, gain: Array) -> Array:
     least = _LEAST_NOISE * np.mean(error) / np.array([1.0, np.mean(gain)])
     noise = least
     for _ in range(_LEAST_ROUNDS * 2):
-        noise = np.maximum(nnls(columns / shape[:, None], error / shape)[0], least)
+        noise = np.maximum(scipy.optimize.nnls(columns / shape[:, None], error / shape)[0], least)
         shape = columns @ noise
     return np.asarray(noise)
 
@@ -674,7 +673,7 @@ class _Problem:
     def averaged(self, power: Array) -> Array:
         """Return a power (L, n) averaged over near lines."""
         width = 2 * max(NEAR, math.ceil(_AVERAGED / (2 * len(self.spectra.motor)))) + 1
-        return np.asarray(uniform_filter1d(power, width, axis=0))
+        return np.asarray(scipy.ndimage.uniform_filter1d(power, width, axis=0))
 
     @property
     def powers(self) -> tuple[int, ...]:
@@ -698,7 +697,7 @@ class _Problem:
     def solved(self, x: Array, rounds: int) -> tuple[Array, float]:
         """Return the parameters and the cost, the logarithm of the residual torques."""
         for _ in range(rounds):
-            solution = least_squares(
+            solution = scipy.optimize.least_squares(
                 self._real, x, args=(self.noise(x),), x_scale=self._scale(x), max_nfev=12
             )
             step = np.max(np.abs(solution.x - x) / self._scale(x))

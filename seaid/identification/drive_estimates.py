@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import polynomial
 from scipy import linalg
 
 from seaid._arrays import Array
@@ -152,17 +153,17 @@ def noise_ratio(robot: Robot, motions: Sequence[Motion], joint: str) -> float:
 
 
 def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
-    from scipy.signal import detrend, periodogram
-
     index = robot.index(joint)
     by_name = signals(robot, motion, index)
     by_name["tau_L"] = sensed_torque(robot, motion, index)
     regressor = spring_regressor(robot, joint)
     torque, columns = regressor.evaluate(by_name)
-    both = detrend(
-        np.column_stack([torque, columns[:, regressor.names.index("stiffness")]]), axis=0
-    )
-    frequency, power = periodogram(both, fs=motion.rate_hz, window="hann", axis=0)
+    both = np.column_stack([torque, columns[:, regressor.names.index("stiffness")]])
+    # Without the line through the samples, and with a Hann window: of a ratio the scale cancels.
+    phase = np.linspace(-1.0, 1.0, len(both), endpoint=False)
+    both -= polynomial.polyval(phase, polynomial.polyfit(phase, both, 1)).T
+    power = np.abs(np.fft.rfft(both * (1 + np.cos(np.pi * phase))[:, None], axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(both), 1 / motion.rate_hz)
     seen = (frequency > _BAND[0] * motion.cutoff_hz) & (frequency < _BAND[1] * motion.cutoff_hz)
     # The median over the lines, which the few peaks of vibration do not move.
     torque_noise, deflection_noise = np.median(power[seen], axis=0) if np.any(seen) else (0.0, 0.0)

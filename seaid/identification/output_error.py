@@ -15,7 +15,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid.checks import (
@@ -700,7 +700,7 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     still[1:] |= speed[1:] * speed[:-1] < 0
     # The low pass of the positions smears a reversal over about one of its periods.
     seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
-    return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
+    return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
 
 
 def _blocks(run: Run, columns: Array, unknown: BoolArray, free: int) -> Residuals:

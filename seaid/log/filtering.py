@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from seaid.log.motion import Motion
 
 
-_ORDER = 4
 _ROUNDING = 1e-6
 
 _UNFILTERED = 0.4
@@ -35,44 +34,39 @@ ROWS_PER_PERIOD = 4.0
 """Rows per period of the cutoff after decimation: twice the Nyquist rate of the filtered signal."""
 
 _FORGOTTEN = 6.0
-"""Periods of the cutoff after which the transient of the filter has decayed to 1e-11."""
+"""Periods of the cutoff f after which the filter has forgotten all but 1e-11.
+
+It decays with exp(-2 pi f t / sqrt 2), by 0.012 in each.
+"""
 
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
     if cutoff_hz >= _UNFILTERED * rate_hz:
         return signals
-    from scipy.signal import sosfilt
+    from scipy import fft
 
-    sections, start = _sections(float(rate_hz), float(cutoff_hz))
-    count, width = signals.shape
-    # The transient decays with exp(-2 pi f t / sqrt 2), by 0.012 per period of the cutoff f: three
-    # periods of padding reduce a wrong state at the start to 2e-6.
-    pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
-    whole = np.zeros((count, width + width % 2)) if width > 1 else np.empty((count, width))
-    whole[:, :width] = signals
-    # two columns are one complex signal, in less time; what is not finite would mix them
-    x = whole.view(complex) if width > 1 and np.all(np.isfinite(whole)) else whole
-    x = np.ascontiguousarray(x.T)
-    before, after = 2 * x[:, :1] - x[:, pad:0:-1], 2 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
-    x = np.concatenate([before, x, after], axis=1)  # odd: a line stays a line
-    # Order 2 in both directions has the gain 1 / (1 + (f' / f)^4) and no phase: one half at the
-    # cutoff, not 1 / sqrt 2. `start` is the state after a constant signal.
-    for _ in range(2):  # forward, then backward
-        x = sosfilt(sections, x, zi=start * x[:, :1])[0][:, ::-1]
-    return np.ascontiguousarray(x[:, pad : pad + count].T).view(float)[:, :width]
+    # Steps from sample to sample, whose rounding errors are hundreds of times smaller than those of
+    # the signals, which would be seen in a second derivative.
+    steps, period = np.diff(signals.T), rate_hz / cutoff_hz
+    count = steps.shape[1]
+    # The continuation is odd, so that a line stays a line, and then constant.
+    near, far = min(count, round(3 * period)), math.ceil(_FORGOTTEN * period)
+    before, after = steps[:, :near][:, ::-1], steps[:, count - near :][:, ::-1]
+    steps = np.concatenate([np.zeros((len(steps), far)), before, steps, after], axis=1)
+    length = fft.next_fast_len(steps.shape[1] + far, real=True)
+    # Order 2 in both directions has no phase, and the gain 1 / (1 + (f' / f)^4) of the frequencies
+    # that the bilinear transform warps: one half at the cutoff, not 1 / sqrt 2.
+    warped = np.tan(np.pi / length * np.arange(length // 2 + 1)) / _warped(rate_hz, cutoff_hz)
+    smooth = fft.irfft(fft.rfft(steps, length) / (1 + warped**4), length)
+    smooth[:, 0] += 2 * signals[0] - signals[near]
+    np.cumsum(smooth, axis=1, out=smooth)
+    return np.ascontiguousarray(smooth[:, near + far - 1 : near + far + count].T)
 
 
-@cache
-def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Return the low pass as second-order sections and their state (s, 1, 2) at a constant of 1.
-
-    They are cached, because a search filters hundreds of times.
-    """
-    from scipy.signal import butter, sosfilt_zi
-
-    sections = np.asarray(butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos"))
-    return sections, np.asarray(sosfilt_zi(sections))[:, None]
+def _warped(rate_hz: float, cutoff_hz: float) -> float:
+    """Return the frequency of the bilinear transform, s = (z - 1) / (z + 1), at the cutoff."""
+    return math.tan(math.pi * cutoff_hz / rate_hz)
 
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
@@ -575,18 +569,13 @@ def _weighted(weights: Array, signals: Array) -> Array:
 @cache
 def _kernel(rate_hz: float, cutoff_hz: float) -> tuple[float, complex, complex]:
     """Return phi_0, c and p of the kernel of the low pass in both directions."""
-    from scipy.signal import butter, sosfilt
-
-    _, poles, _ = butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="zpk")
-    p = complex(poles[np.argmax(poles.imag)])
-    # The response to an impulse, until nothing but rounding is left of it: |p|^T = eps.
-    count = math.ceil(math.log(np.finfo(float).eps) / math.log(abs(p)))
-    impulse = sosfilt(_sections(rate_hz, cutoff_hz)[0], np.eye(1, count)[0])
-    # Both directions together have its autocorrelation.
-    centre, first, second = (float(impulse[lag:] @ impulse[: count - lag]) for lag in range(3))
-    # c p = phi_1 + i w, and phi_2 = Re(c p^2) = phi_1 Re p - w Im p.
-    w = (first * p.real - second) / p.imag
-    return centre, complex(first, w) / p, p
+    K = _warped(rate_hz, cutoff_hz)
+    # K^4 / (K^4 + s^4) is the gain with s of `_warped`. Its residue at the pole s, s^4 = -K^4, is
+    # -s / 4, with dz/ds = 2 / (1 - s)^2 and z = p = (1 + s) / (1 - s); twice it, for the conjugate
+    # pole, is c p / 2 dz/ds. At z = 0 there is a residue for lag zero.
+    s = K * complex(-1, 1) / math.sqrt(2)
+    c = s / (s**2 - 1)
+    return c.real + K**4 / (1 + K**4), c, (1 + s) / (1 - s)
 
 
 def row_samples(motion: Motion) -> IndexArray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull
+import scipy
 
 from seaid._arrays import Array, safely
 from seaid.report.formats import rendered, svg_path
@@ -249,7 +249,7 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array) -> dict[str
     near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
     both = np.concatenate([near, far])
     axle = view.places((center + 0.75 * size * axis)[None])[0]
-    return {"side": both[ConvexHull(both).vertices], "face": near, "axle": axle}
+    return {"side": both[scipy.spatial.ConvexHull(both).vertices], "face": near, "axle": axle}
 
 
 def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import COMMANDS, IDEAL_DRIVE
@@ -204,8 +204,8 @@ def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
     centred = np.nan_to_num(trace - np.nanmean(trace))
     # Padded to twice the length: a shorter transform would add the correlation of the wrapped ends.
-    spectrum = np.abs(fft.rfft(centred, fft.next_fast_len(2 * len(centred)))) ** 2
-    correlation = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
+    spectrum = np.abs(scipy.fft.rfft(centred, scipy.fft.next_fast_len(2 * len(centred)))) ** 2
+    correlation = scipy.fft.irfft(spectrum)[lags]  # Wiener and Khinchin
     return np.asarray(correlation / max(float(centred @ centred), 1e-300))
 
 

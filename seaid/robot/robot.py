@@ -147,7 +147,7 @@ class Robot(Display):
         """Whether the controller of any drive gives its torque from logged commands."""
         return any(drive.controller is not None for drive in self.drives.values())
 
-    @property
+    @cached_property
     def transmission(self) -> Array:
         """C (n, n) of phi = C q, the identity if each drive moves its own joint only.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from seaid._arrays import Array
 from seaid.drives import COMMANDS, DEAD_ZONES, Controller, key_of, spring_curve, stretch_of, unit_of
@@ -156,7 +156,9 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
         pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
         load[:, index] += [drive.joint_torque(*pair) for pair in pairs]
         # the standard deviation of the Gaussian is in ticks
-        direction = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
+        direction = scipy.ndimage.gaussian_filter1d(
+            np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest"
+        )
         load[:, index] += drive.joint_level * direction
     if plant.rotors is not None:
         load = load + a @ plant.rotors
@@ -172,7 +174,7 @@ def _nonlinear_stretch(
     curve = spring_curve(drive)
     stretch = stretch_of(curve, force)
     if {*DEAD_ZONES} & {*drive.spring}:
-        stretch = gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
+        stretch = scipy.ndimage.gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
     return stretch, max(float(np.median(curve.slope(stretch))), 0.0)
 
 

@@ -1,0 +1,336 @@
+"""Processor time of what users wait for, beside the figure to reach: the median of five runs.
+
+    python scripts/benchmarks/fast.py
+    python scripts/benchmarks/fast.py --only regressor --only simulation --against ../main
+
+Work within a process is measured after one run that fills caches; where it has a peer, such as the
+bare calls of Pinocchio, both alternate and the figure is their ratio. Commands are measured as
+whole processes. With `--against TREE` the runs of this code and of another checkout alternate, and
+the last column is the time here over the time there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[2]))  # after the code that is measured
+
+from scripts.short_form import OPTION, add_quick, is_quick, sized
+
+ROOT = Path(__file__).resolve().parents[2]
+MODELS = ROOT / "models"
+LEG = (f"{MODELS}/tulip_leg.urdf", "--drives", f"{MODELS}/tulip_leg.toml")
+HEBI = (
+    *(f"{MODELS}/hebi_arm_2.urdf", f"{MODELS}/logs/hebi_arms/virtual_spring.npz"),
+    *("--drives", f"{MODELS}/hebi_arm_2.toml"),
+    *("--description", f"{MODELS}/logs/hebi_csv_2.toml", "--force"),
+)
+RUNS = sized(5, 1)
+
+Work = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Row:
+    """Work to measure: a command, or a function that returns the work and its peer."""
+
+    title: str
+    target: float
+    how: str
+    command: Callable[[Path], tuple[str, ...]] | None = None
+    prepare: Callable[[], tuple[Work, Work | None]] | None = None
+    units: float = 1.0
+    needs: str | None = None
+
+
+def regressor() -> tuple[Work, Work]:
+    """Return the stacked regressor of an arm, and the calls of Pinocchio alone."""
+    import pinocchio as pin
+
+    import seaid
+    from scripts.example_robots import example_urdf
+    from seaid.regressor.rigid_body import rigid_body_regressor
+
+    robot = seaid.load_robot(example_urdf("xarm7.urdf"))
+    data = robot.model.createData()
+    q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, sized(10_000, 500), robot.n))
+
+    def bare() -> None:
+        for t in range(len(q)):
+            pin.computeJointTorqueRegressor(robot.model, data, q[t], v[t], a[t])
+
+    return lambda: rigid_body_regressor(robot, q, v, a), bare
+
+
+def least_squares() -> tuple[Work, Work]:
+    """Return the estimate with covariance from 60,000 rows, and that of figaroh without."""
+    from scripts.benchmarks.peer_least_squares import ours, peers
+
+    return ours, peers
+
+
+def estimate() -> tuple[Work, None]:
+    """Return an estimate with covariance from rows of six joints and 51 parameters."""
+    from seaid.estimation.least_squares import ordinary
+    from seaid.regressor.regression import Regression
+
+    count, rng = sized(10_000, 200), np.random.default_rng(0)
+    H = rng.normal(size=(6 * count, 51))
+    rows = Regression(
+        H=H,
+        y=H @ rng.normal(size=51) + rng.normal(size=6 * count),
+        joint=np.tile(np.arange(6), count),
+        time=np.repeat(np.arange(count) / 100.0, 6),
+        names=tuple(f"p{k}" for k in range(51)),
+        units=("",) * 51,
+        run=np.zeros(6 * count),
+        excluded=0,
+        propagated=np.zeros((6 * count, 0)),
+    )
+    return lambda: ordinary(rows), None
+
+
+MOTION_S = sized(2.0, 0.05)
+
+
+class _Beginning:
+    """The first seconds of a plan."""
+
+    def __init__(self, plan: object) -> None:
+        self.joint_names, self.duration = plan.joint_names, MOTION_S  # type: ignore[attr-defined]
+        self.sample = plan.sample  # type: ignore[attr-defined]
+
+
+def simulation() -> tuple[Work, None]:
+    """Return a simulation of the leg, of `MOTION_S` after one second at rest."""
+    import seaid
+    from seaid.simulation.simulation import simulate_motion
+
+    robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+    plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
+    return lambda: simulate_motion(robot, _Beginning(plan)), None  # type: ignore[arg-type]
+
+
+def identification() -> tuple[Work, None]:
+    """Return the identification of the leg from the experiment of the paper."""
+    import seaid
+    from scripts import identify_tulip_leg as tulip
+    from scripts.short_form import leg_plan
+
+    known = tulip.load_leg((tulip.TEST_MASS,)).without_nominal()
+    log = tulip.experiment((tulip.TEST_MASS,), leg_plan(), tulip.sensors(0), 0)
+    return lambda: seaid.identify(known, log), None
+
+
+def exact_base() -> tuple[Work, None]:
+    """Return the exact base parameters of a humanoid."""
+    import seaid
+    from scripts.example_robots import example_urdf
+
+    name = sized("romeo.urdf", "ur5_robot.urdf")
+    robot = seaid.load_robot(example_urdf(name))
+    return lambda: seaid.symbolic.base_parameters(robot), None
+
+
+def identifiability() -> tuple[Work, None]:
+    """Return the identifiability of a chain of which all joints have springs."""
+    import seaid
+
+    with tempfile.TemporaryDirectory() as folder:
+        urdf, drives = chain(sized(60, 3), Path(folder))
+        robot = seaid.load_robot(urdf, drives)
+    return lambda: seaid.identifiability(robot), None
+
+
+JOINT = """<link name="l{i}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0"
+ixz="0" iyz="0"/></inertial></link><joint name="j{i}" type="continuous"><parent link="l{before}"/>
+<child link="l{i}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/></joint>"""
+DRIVE = """[j{i}]
+type = "series_elastic"
+friction = ["viscous", "coulomb"]
+gear_ratio = 100.0
+motor_inertia_kg_m2 = 1e-5
+stiffness_Nm_per_rad = 200.0
+"""
+
+
+def chain(joints: int, folder: Path) -> tuple[Path, Path]:
+    """Write a chain with random axes and offsets, every third link tilted by 0.3 rad."""
+    rng = np.random.default_rng(0)
+    text = '<robot name="chain"><link name="l0"/>'
+    for i in range(1, joints + 1):
+        axis = ("1 0 0", "0 1 0", "0 0 1")[rng.integers(3)]
+        xyz = " ".join(f"{x:.3f}" for x in rng.uniform(-0.3, 0.3, 3))
+        rpy = ("0 0 0", "1.5707963267948966 0 0", "0 0.3 0")[rng.integers(3)]
+        text += JOINT.format(i=i, before=i - 1, xyz=xyz, rpy=rpy, axis=axis)
+    urdf, drives = folder / f"chain{joints}.urdf", folder / f"chain{joints}.toml"
+    urdf.write_text(text + "</robot>")
+    drives.write_text("".join(DRIVE.format(i=i) for i in range(1, joints + 1)))
+    return urdf, drives
+
+
+def inspected(joints: int) -> Callable[[Path], tuple[str, ...]]:
+    """Return the command that inspects a chain, which is written into the folder."""
+
+    def command(folder: Path) -> tuple[str, ...]:
+        urdf, drives = chain(sized(joints, 3), folder)
+        return "inspect", str(urdf), "--drives", str(drives)
+
+    return command
+
+
+PROCESS, INSIDE = "whole process, s", "within a process, s"
+ROWS = {
+    "regressor": Row("stacked regressor, xArm7", 1.08, "over bare calls", prepare=regressor),
+    "peer": Row(
+        *("OLS of 60,000 x 36 with covariance", 0.2, "over figaroh without"),
+        prepare=least_squares,
+        needs="figaroh",
+    ),
+    "estimate": Row("estimate and covariance, 60,000 x 51", 0.05, INSIDE, prepare=estimate),
+    "help": Row("seaid --help", 0.1, PROCESS, lambda _: ("--help",)),
+    "identify_help": Row("seaid identify --help", 0.15, PROCESS, lambda _: ("identify", "--help")),
+    "inspect": Row("seaid inspect, leg", 0.7, PROCESS, lambda _: ("inspect", *LEG)),
+    "hebi": Row("seaid identify, HEBI log of 25 s", 2.0, PROCESS, lambda _: ("identify", *HEBI)),
+    "identify": Row("identify, leg", 0.4, INSIDE, prepare=identification),
+    "simulation": Row(
+        *("simulation of the leg", 0.08, "within a process, s per s of motion"),
+        prepare=simulation,
+        units=MOTION_S + 1.0,
+    ),
+    "identifiability": Row("identifiability, 60 springs", 3.0, INSIDE, prepare=identifiability),
+    "exact_base": Row("exact base parameters, romeo", 0.3, INSIDE, prepare=exact_base),
+    "chain40": Row("seaid inspect, 40 springs", 1.0, PROCESS, inspected(40)),
+    "chain80": Row("seaid inspect, 80 springs", 2.0, PROCESS, inspected(80)),
+    "chain300": Row("seaid inspect, 300 springs", 10.0, PROCESS, inspected(300)),
+}
+
+
+SHORT = [name for name in ROWS if name not in {"identify_help", "hebi", "chain80", "chain300"}]
+"""The rows of the short form; the others are made in the same way as one of these."""
+
+
+def seconds(work: Work) -> float:
+    """Return the processor time of a call."""
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+
+
+def serve() -> None:
+    """Print the processor times of the work and the peer of each row that a line names."""
+    warnings.simplefilter("ignore")
+    ready: dict[str, tuple[Work, Work | None]] = {}
+    for line in sys.stdin:
+        name = line.strip()
+        row = ROWS[name]
+        assert row.prepare is not None
+        if name not in ready:
+            ready[name] = row.prepare()
+            ready[name][0]()
+        work, peer = ready[name]
+        print(seconds(work) / row.units, 1.0 if peer is None else seconds(peer), flush=True)
+
+
+class Tree:
+    """A checkout whose code is measured, with a process of its own for work within a process."""
+
+    def __init__(self, code: Path) -> None:
+        self._environment = {**os.environ, "PYTHONPATH": str(code), "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, __file__, "--serve", *([OPTION] if is_quick() else [])]
+        self._server = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=self._environment,
+        )
+
+    def close(self) -> None:
+        """End the process."""
+        self._server.communicate()
+
+    def measure(self, name: str, folder: Path) -> tuple[float, float]:
+        """Return the processor time of a row and of its peer, one if it has none."""
+        row = ROWS[name]
+        if row.command is not None:
+            return self._process(row.command(folder), folder), 1.0
+        assert self._server.stdin is not None
+        assert self._server.stdout is not None
+        print(name, file=self._server.stdin, flush=True)
+        work, peer = self._server.stdout.readline().split()
+        return float(work), float(peer)
+
+    def _process(self, arguments: tuple[str, ...], folder: Path) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(
+            [sys.executable, "-m", "seaid", *arguments],
+            cwd=folder,  # Python imports from there first
+            env=self._environment,
+            check=True,
+            capture_output=True,
+        )
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def measured(names: list[str], trees: list[Tree]) -> Iterator[str]:
+    """Yield a line of the table per row."""
+    for name in names:
+        row = ROWS[name]
+        if row.needs is not None and find_spec(row.needs) is None:
+            yield f"{name:16} {row.title:38} {'-':>8} {row.target:8g}   {row.needs} is missing"
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            rounds = [
+                [tree.measure(name, Path(folder)) for tree in trees]
+                for _ in range(sized(RUNS + 1, 1))
+            ]
+        # the first run of a command may compile what it imports
+        rounds = rounds[-RUNS:]
+        figure = statistics.median(here[0] / here[1] for here, *_ in rounds)
+        line = f"{name:16} {row.title:38} {figure:8.3g} {row.target:8g}   {row.how}"
+        if len(trees) > 1:
+            ratio = statistics.median(here[0] / there[0] for here, there in rounds)
+            line += f"; here / there {ratio:.2f}"
+        yield line
+
+
+def main(names: list[str], against: Path | None) -> None:
+    """Print the table."""
+    places = [ROOT] if against is None else [ROOT, against.resolve()]
+    trees = [Tree(place) for place in places]
+    print(f"{'row':16} {'work':38} {'today':>8} {'to reach':>8}   measured, median of {RUNS}")
+    try:
+        for line in measured(names, trees):
+            print(line, flush=True)
+    finally:
+        for tree in trees:
+            tree.close()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", action="append", choices=list(ROWS), help="may be repeated")
+    parser.add_argument("--against", type=Path, metavar="TREE", help="another checkout")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    add_quick(parser)
+    arguments = parser.parse_args()
+    if arguments.serve:
+        serve()
+    else:
+        main(arguments.only or sized(list(ROWS), SHORT), arguments.against)
