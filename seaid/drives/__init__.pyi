@@ -69,13 +69,13 @@ from .terms import LEVEL_OF as LEVEL_OF
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import WARM_UP as WARM_UP
-from .terms import ConditionParameter as ConditionParameter
 from .terms import FrictionTerm as FrictionTerm
-from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
+from .terms import ParameterName as ParameterName
 from .terms import SpringTerm as SpringTerm
 from .terms import between_encoders as between_encoders
 from .terms import is_harmonic as is_harmonic
+from .terms import joint_of as joint_of
 from .terms import key_of as key_of
 from .terms import of_spring as of_spring
 from .terms import parameter_named as parameter_named

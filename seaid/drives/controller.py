@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seaid.drives.terms import ParameterName
 from seaid.errors import RobotError, shown, unknown_name
 
 if TYPE_CHECKING:
@@ -191,15 +192,13 @@ def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "")
 
     `joint` owns names without one. A condition has delays of its own if they are specific to it.
     """
-    places: dict[tuple[float, str], list[int]] = {}
-    stds: dict[tuple[float, str], float] = {}
-    for place, name in enumerate(names):
-        text, _, condition = str(name).partition(" [")
-        parameter, _, owner = text.partition(" of ")
-        if parameter != DELAY_PARAMETER:
+    places: dict[tuple[float, str | None], list[int]] = {}
+    stds: dict[tuple[float, str | None], float] = {}
+    for place, name in enumerate(map(ParameterName.of, names)):
+        if name.quantity != DELAY_PARAMETER:
             continue
-        drive = drives[owner or joint]
-        key = (drive.command_delay_s or 0.0, condition)
+        drive = drives[name.owner or joint]
+        key = (drive.command_delay_s or 0.0, name.condition)
         places.setdefault(key, []).append(place)
         stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
     return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]

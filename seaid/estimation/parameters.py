@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import ConditionParameter, JointParameter, without_condition
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 
 
@@ -81,17 +81,13 @@ class Parameter:
     @classmethod
     def of_column(cls, name: str, unit: str = "") -> Parameter:
         """Return the parameter of a column: of a joint or a condition if the name has one."""
-        condition = name.condition if isinstance(name, ConditionParameter) else None
-        plain = without_condition(name)
-        if isinstance(plain, JointParameter):
-            return cls(plain.parameter, plain.joint, condition, unit)
-        return cls(plain, condition=condition, unit=unit)
+        parts = ParameterName.of(name)
+        return cls(parts.quantity, parts.owner, parts.condition, unit)
 
     @property
-    def name(self) -> str:
-        """The text for tables and messages, "stiffness of knee [warm]"."""
-        name = JointParameter(self.quantity, self.owner) if self.owner else self.quantity
-        return name if self.condition is None else ConditionParameter(name, self.condition)
+    def name(self) -> ParameterName:
+        """The name of its column, in text "stiffness of knee [warm]"."""
+        return ParameterName(self.quantity, self.owner, self.condition)
 
 
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import PARAMETERS, ConditionParameter, JointParameter
+from seaid.drives import PARAMETERS, ParameterName
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     FittedRows,
@@ -130,9 +130,9 @@ def identify_conditions(
 def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
     """Return {specific parameter: test of whether the conditions differ in it}."""
     groups: dict[str, list[int]] = {}
-    for place, name in enumerate(fit.estimate.names):
-        if isinstance(name, ConditionParameter):
-            groups.setdefault(name.name, []).append(place)
+    for place, name in enumerate(map(ParameterName.of, fit.estimate.names)):
+        if name.condition is not None:
+            groups.setdefault(name.within(None), []).append(place)
     assert fit.rows is not None
     names, change = fit.rows.names, np.eye(len(fit.rows.names))
     for places in groups.values():
@@ -153,7 +153,7 @@ def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
 def _differences(fits: TwoStepFits) -> dict[str, TermTest]:
     """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
     return {
-        JointParameter(name, joint): test
+        ParameterName(name, joint): test
         for joint, fit in fits.actuators.items()
         for name, test in _differences_of(fit).items()
     } | _differences_of(fits.load)
@@ -184,15 +184,14 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
 
 def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
     allowed = [BODIES, *PARAMETERS]
-    for name in specific:
-        parameter, _, joint = name.partition(" of ")
-        if parameter not in allowed:
+    for name in map(ParameterName.read, specific):
+        if name.quantity not in allowed:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("parameter", parameter, allowed),
+                "condition_specific=: " + unknown_name("parameter", name.quantity, allowed),
                 "condition_specific=",
             )
-        if joint and joint not in robot.joint_names:
+        if name.owner and name.owner not in robot.joint_names:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names),
+                "condition_specific=: " + unknown_name("joint", name.owner, robot.joint_names),
                 "condition_specific=",
             )

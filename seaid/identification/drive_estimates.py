@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import Drive, JointParameter, parameter_named, parameter_of
+from seaid.drives import Drive, ParameterName, parameter_named, parameter_of
 from seaid.errors import Finding
 from seaid.estimation import Estimate, FittedRows, ModelChecks, QRFactor, triangle
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
@@ -66,9 +66,9 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
 
 
-def sensed_spring(joint: str) -> JointParameter:
+def sensed_spring(joint: str) -> ParameterName:
     """Return the key of (4b) of a joint among equations named by joint."""
-    return JointParameter("spring", joint)
+    return ParameterName("spring", joint)
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
@@ -210,7 +210,7 @@ def with_torque_columns(
     )
     return replace(
         rows,
-        names=(*rows.names, *(JointParameter(TORQUE_OFFSET, joint) for joint in joints)),
+        names=(*rows.names, *(ParameterName(TORQUE_OFFSET, joint) for joint in joints)),
         units=(*rows.units, *len(joints) * ("N m",)),
         H=np.hstack([rows.H, columns]),
     )
@@ -244,7 +244,7 @@ def with_torque_offsets(
     """
     split, start = dict(drives), 0
     for joint, spring in springs.items():
-        name = f"{TORQUE_OFFSET} of {joint}"
+        name = ParameterName(TORQUE_OFFSET, joint)
         if name in load.estimate.names:
             place = load.estimate.names.index(name)
             slopes = load.sensitivity[place, start : start + len(spring.names)]

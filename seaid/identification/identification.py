@@ -19,6 +19,7 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
 from seaid.checks import explained, log_findings
+from seaid.drives import ParameterName
 from seaid.errors import ExcitationError, IdentificationError, LogError, SeaidError, checked
 from seaid.estimation import EstimatorName
 from seaid.identification.datasets import Source, sources_of
@@ -458,7 +459,7 @@ def cutoff_sensitivity(
 
 def _names(result: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
     drives = result.drives.items()
-    names = [f"{name} of {joint}" for joint, estimate in drives for name in estimate.names]
+    names = [ParameterName(name, joint) for joint, estimate in drives for name in estimate.names]
     units = [unit for _, estimate in drives for unit in estimate.units]
     return (*names, *result.load.names), (*units, *result.load.units)
 

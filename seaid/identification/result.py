@@ -30,6 +30,7 @@ from seaid.checks import (
     unused_findings,
     verdict_of,
 )
+from seaid.drives import ParameterName
 from seaid.errors import (
     Finding,
     by_severity,
@@ -319,7 +320,7 @@ def _elastic_drives(
     for joint in robot.elastic_joints:
         drive = drives[joint]
         names = enumerate(drive.names)
-        kept = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
+        kept = [i for i, name in names if ParameterName(name, joint) not in load_side.names]
         kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
         part = drive.part(kept, [drive.names[i] for i in kept])
         elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]

@@ -28,7 +28,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
+from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive, ParameterName
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -498,7 +498,7 @@ def _widened(
     `slopes` {name: (k,)} are derivatives by these, with standard deviations `stds` (k,). The
     estimate is that of a `joint`, or has these `names` in the slopes, by default its own.
     """
-    keys = names or [f"{name} of {joint}" if joint else name for name in estimate.names]
+    keys = names or [ParameterName(name, joint) if joint else name for name in estimate.names]
     change = np.array([slopes[key] for key in keys]).reshape(len(keys), len(stds)) * stds
     return replace(estimate, covariance=estimate.covariance + change @ change.T)
 
@@ -597,9 +597,11 @@ def _two_step_slopes(
         own[joint][name] = scale * relative
     load = of_load(sides.fit)
     for joint in sides.springs:
-        if f"{TORQUE_OFFSET} of {joint}" in load:
+        if ParameterName(TORQUE_OFFSET, joint) in load:
             _separate(robot, sides, joint, own[joint], load, constants)
-    merged = {f"{name} of {joint}": own[joint][name] for joint in own for name in own[joint]}
+    merged: dict[str, Array] = {
+        ParameterName(name, joint): own[joint][name] for joint in own for name in own[joint]
+    }
     return {**merged, **load}
 
 
@@ -628,8 +630,8 @@ def _scale_slopes(
 ) -> Array:
     """Return the relative derivatives (k,) of a motor's constant, which bodies or a sensor give."""
     fit, (name, scale) = sides.scaling[joint], _motor_constant(sides, joint)
-    if f"{name} of {joint}" in fit.estimate.names:
-        return of_load(fit)[f"{name} of {joint}"] / scale
+    if ParameterName(name, joint) in fit.estimate.names:
+        return of_load(fit)[ParameterName(name, joint)] / scale
     # K = k / k_1 with the stiffness k by the sensor and k_1 by (7), for a constant of 1.
     place = fit.estimate.names.index(STIFFNESS)
     by_sensor = fit.slopes(rows[sensed_spring(joint)])[place] / fit.estimate.values[place]
@@ -646,7 +648,7 @@ def _separate(
     constants: Sequence[Constant],
 ) -> None:
     """Give a drive the derivatives of f_0 = s - b_0 N/r_M and of b_0, from those of s and (8)."""
-    lever, key = offset_lever(robot, joint), f"{TORQUE_OFFSET} of {joint}"
+    lever, key = offset_lever(robot, joint), ParameterName(TORQUE_OFFSET, joint)
     changes = [offset_lever(constant.robot, joint) / lever - 1 for constant in constants]
     offset = sides.fit.estimate.value(key)
     own["spring_offset"] = own["spring_offset"] - lever * load[key]

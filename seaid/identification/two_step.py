@@ -17,7 +17,8 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives import (
-    JointParameter,
+    ParameterName,
+    joint_of,
     parameter_of,
     places_of,
 )
@@ -119,13 +120,14 @@ class SpecificParameters:
 
     def of_drive(self, joint: str, name: str) -> bool:
         """Whether a parameter of a joint's drive is specific."""
-        return name in self.names or JointParameter(name, joint) in self.names
+        return name in self.names or ParameterName(name, joint) in self.names
 
     def of_load(self, name: str) -> bool:
         """Whether the parameter of a column of the load side, or one that it propagates, is."""
-        if isinstance(name, JointParameter):
+        if joint := joint_of(name):
             # Encoders are zeroed anew when a robot is switched on.
-            return name.parameter == _ENCODER_OFFSET or self.of_drive(name.joint, name.parameter)
+            quantity = parameter_of(name)
+            return quantity == _ENCODER_OFFSET or self.of_drive(joint, quantity)
         return BODIES in self.names
 
 
@@ -239,7 +241,7 @@ def estimate_two_step(
                 }
                 for name, x in conditions.items()
             }
-            offsets = [JointParameter(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
+            offsets = [ParameterName(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
             count = len(offsets) * len(conditions)
             errors = [encoder_offset_std**2 * np.eye(count), *known_errors]
             with read(shifted, [*_propagated(robot, joints), *offsets]) as (again, _):
@@ -252,7 +254,7 @@ def estimate_two_step(
 def _propagated(robot: Robot, springs: Sequence[str]) -> list[str]:
     """Return the names of the parameters of springs, whose errors the load side propagates."""
     return [
-        JointParameter(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
+        ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
     ]
 
 
@@ -288,8 +290,8 @@ def _rows(
         if key == LOAD:
             joined[key] = joined_rows(rows_of_all, specific.of_load, propagated)
         else:
-            joint = key.joint if isinstance(key, JointParameter) else key
-            joined[key] = joined_rows(rows_of_all, partial(specific.of_drive, joint))
+            drive = partial(specific.of_drive, joint_of(key) or key)
+            joined[key] = joined_rows(rows_of_all, drive)
     yield joined, {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import (
     COMMANDS,
-    ConditionParameter,
+    ParameterName,
     drive_regressor,
     is_dry,
     joint_equation,
@@ -417,7 +417,7 @@ def names_of_all(
     """Return the names of all columns of conditions that have columns `names` each."""
     return tuple(
         chain.from_iterable(
-            [ConditionParameter(name, condition) for condition in conditions]
+            [ParameterName.of(name).within(condition) for condition in conditions]
             if is_specific(name)
             else [name]
             for name in names

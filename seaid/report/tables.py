@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName
 from seaid.identification import whole_body
 from seaid.report import formats
 from seaid.report.formats import (
@@ -256,7 +256,7 @@ def place_name(side: str) -> str:
 
 def term_name(side: str, name: str) -> str:
     """Return the name of a tested term with its joint."""
-    return name if side in ("load", "both") else JointParameter(name, side)
+    return name if side in ("load", "both") else ParameterName(name, side)
 
 
 def term_table(identification: Identification) -> Table:

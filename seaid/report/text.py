@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._progress import counted, field_texts
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName, joint_of, parameter_of
 from seaid.errors import listed
 from seaid.log import has_holes
 from seaid.report import formats, tables
@@ -607,7 +607,7 @@ def conditions_table(together: Conditions) -> Text:
         )
         for name, test in together.differences.items()
     ]
-    every = [JointParameter(x, joint) for joint, drive in first.drives.items() for x in drive.names]
+    every = [ParameterName(x, joint) for joint, drive in first.drives.items() for x in drive.names]
     shared = [
         (name, _condition_value(first, name))
         for name in (*every, *first.load.names)
@@ -626,8 +626,8 @@ def conditions_table(together: Conditions) -> Text:
 
 def _condition_value(identification: Identification, name: str) -> Measured:
     estimate, key = identification.load_side, name
-    if name not in estimate.names and isinstance(name, JointParameter):
-        estimate, key = identification.drives[name.joint], name.parameter
+    if name not in estimate.names and (joint := joint_of(name)):
+        estimate, key = identification.drives[joint], parameter_of(name)
     return Measured(estimate.value(key), estimate.standard_error(key))
 
 
