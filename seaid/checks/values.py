@@ -7,7 +7,7 @@ between the encoders.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +39,7 @@ from seaid.estimation import (
     ModelChecks,
     Program,
     QRFactor,
+    SharedParameter,
     first_term,
     nearest,
     triangle,
@@ -433,6 +434,25 @@ def fixed_findings(
             "posture in which gravity pulls the other way, or faster reversals; or remove the dead "
             "zone from the drive",
             certainty="certain",
+        )
+
+
+def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
+    """Yield the shared parameters in which the drives of a group differ beyond chance."""
+    for shared in parameters:
+        if shared.difference.p_value > math.erfc(tol.SIGNIFICANT / math.sqrt(2)):
+            continue
+        spread = float(np.ptp(shared.values) / np.max(np.abs(shared.values)))
+        values = dict(zip(shared.joints, shared.values, strict=True))
+        alone = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
+        quantity = shared.name.quantity.replace("_", " ")
+        yield codes.DRIVES_DIFFER.finding(
+            f"the drives of '{shared.name.owner}' share the {quantity} and differ in it by "
+            f"{spread:.0%}: alone it is {alone}",
+            severity="doubtful" if spread > tol.POOR else "note",
+            evidence=values,
+            remedy="give the drive that differs a group of its own (shared = ..., share=), or none",
+            joints=shared.joints,
         )
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid.drives.terms import ParameterName
 from seaid.errors import RobotError, shown, unknown_name
 
 if TYPE_CHECKING:
@@ -176,32 +175,6 @@ def delay_std_s(drive: Drive) -> float:
 def is_stated(std_s: float, stated_s: float) -> bool:
     """Return whether a delay with a standard error is as stated, and not estimated."""
     return bool(np.isclose(std_s, stated_s, rtol=1e-6))
-
-
-@dataclass(frozen=True)
-class Bus:
-    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
-
-    places: tuple[int, ...]
-    nominal_s: float
-    std_s: float
-
-
-def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
-    """Return the groups of columns; drives with one nominal delay are on one bus.
-
-    `joint` owns names without one. A condition has delays of its own if they are specific to it.
-    """
-    places: dict[tuple[float, str | None], list[int]] = {}
-    stds: dict[tuple[float, str | None], float] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
-        if name.quantity != DELAY_PARAMETER:
-            continue
-        drive = drives[name.owner or joint]
-        key = (drive.command_delay_s or 0.0, name.condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
 
 
 def delay_sums(joint: str, drives: Sequence[Drive]) -> str:

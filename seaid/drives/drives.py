@@ -8,7 +8,7 @@ serve only simulation, planning and as initial values of an identification.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from itertools import chain
@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
-from seaid.drives.controller import Controller, controller_of
+from seaid.drives.controller import DELAY_PARAMETER, Controller, controller_of, delay_std_s
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COMMANDS,
@@ -33,6 +33,7 @@ from seaid.drives.terms import (
     JointFrictionTerm,
     MotorInput,
     ParallelSpringTerm,
+    ParameterName,
     SpringTerm,
     between_encoders,
     harmonics_of,
@@ -100,11 +101,16 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
 _TABLES = ("nominal", "transmission", "std")
-_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, "controller", "known", "extra_terms")
+_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, "controller", "known", "extra_terms", "shared")
 
 
 def _check_numbers(drive: Drive) -> None:
-    """Check the fields that are numbers. Raises RobotError."""
+    """Check the fields that are numbers, and the name of a group. Raises RobotError."""
+    if not isinstance(drive.shared, str):
+        raise RobotError(
+            "shared must be the name of a group of drives, such as 'calf_motor', found "
+            f"{shown(drive.shared)}"
+        )
     for field in fields(drive):
         value = getattr(drive, field.name)
         if value is None or field.name in _NO_NUMBERS:
@@ -335,6 +341,7 @@ class _Parameters(Display):
     reference_position_rad: float = 0.0
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     std: Mapping[str, float] = _NOTHING
+    shared: str = ""
     is_elastic: ClassVar[bool] = False
 
     @property
@@ -543,6 +550,8 @@ class StiffDrive(_Parameters):
         {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].
     std : mapping {constant: standard deviation}
         Of the constants above, in their units, and of "torque_scale" (relative), for `identify`.
+    shared : str
+        Group of drives with one motor type, whose parameters are estimated as the same ones.
 
     Raises
     ------
@@ -707,3 +716,137 @@ def total_ratio(drive: Drive) -> float:
 
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 """The drive of a joint without a drive in the description: its torque is known at the joint."""
+
+
+# A motor, its gear and its spring have parameters by their type, which drives of a group share; a
+# joint has its own by its mounting: zeros of encoders, offsets of torques, levels over positions.
+_OF_TYPE = chain(
+    *(PARAMETERS_OF[field].values() for field in ("friction", "spring", "motor_input")),
+    [("motor_inertia",)],
+)
+_OF_JOINT = ("friction_offset", "coulomb_position_slope", "coulomb_position_curvature")
+_OF_LOG = ("spring_offset", "command_delay")
+
+SHARED = frozenset(chain(*_OF_TYPE)) - {*_OF_JOINT, *_OF_LOG}
+"""Parameters that the drives of a group share; drives of one bus have one delay anyway."""
+
+
+def shared_columns(
+    drives: Mapping[str, Drive], names: Sequence[str], joint: str = ""
+) -> dict[ParameterName, list[int]]:
+    """Return {shared parameter, with its group as owner: the places of its columns, two or more}.
+
+    `joint` owns names without one. A condition has parameters of its own if they are specific.
+    """
+    places: dict[ParameterName, list[int]] = {}
+    for place, name in enumerate(map(ParameterName.of, names)):
+        drive = drives.get(name.owner or joint)
+        if drive is not None and drive.shared and name.quantity in SHARED:
+            places.setdefault(name.at(drive.shared), []).append(place)
+    return {name: columns for name, columns in places.items() if len(columns) > 1}
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
+
+    places: tuple[int, ...]
+    nominal_s: float
+    std_s: float
+
+
+def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
+    """Return the groups of columns; drives with one nominal delay are on one bus.
+
+    `joint` owns names without one. A condition has delays of its own if they are specific to it.
+    """
+    places: dict[tuple[float, str | None], list[int]] = {}
+    stds: dict[tuple[float, str | None], float] = {}
+    for place, name in enumerate(map(ParameterName.of, names)):
+        if name.quantity != DELAY_PARAMETER:
+            continue
+        drive = drives[name.owner or joint]
+        key = (drive.command_delay_s or 0.0, name.condition)
+        places.setdefault(key, []).append(place)
+        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
+    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
+
+
+def groups_of(drives: Mapping[str, Drive]) -> dict[str, list[str]]:
+    """Return {group: its joints} of drives."""
+    groups: dict[str, list[str]] = {}
+    for joint, drive in drives.items():
+        if drive.shared:
+            groups.setdefault(drive.shared, []).append(joint)
+    return groups
+
+
+def with_groups(
+    drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
+) -> dict[str, Drive]:
+    """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
+    changed = dict(drives)
+    for group, joints in share.items():
+        if not isinstance(joints, list | tuple):
+            raise RobotError(f"share=: '{group}' needs a list of joints, found {shown(joints)}")
+        for joint in joints:
+            if joint not in drives:
+                raise RobotError("share=: " + unknown_name("joint", joint, drives))
+            if changed[joint].shared not in ("", group):
+                raise RobotError(
+                    f"share=: '{joint}' is in the groups '{changed[joint].shared}' and '{group}': "
+                    "a drive has one type, leave it in one of them"
+                )
+            changed[joint] = replace(changed[joint], shared=group)
+    check_groups(changed, "share=")
+    return changed
+
+
+def check_groups(drives: Mapping[str, Drive], where: str) -> None:
+    """Raise RobotError for groups whose drives cannot share their parameters."""
+    for group, (first, *others) in groups_of(drives).items():
+        if not others:
+            raise RobotError(
+                f"{where}: [{first}] is alone in the group shared = '{group}': name the group at "
+                "the other joints with this motor too, or remove it"
+            )
+        searched = [name for name in _searched(drives[first]) if name in SHARED]
+        if searched:
+            raise RobotError(
+                f"{where}: the drives of '{group}' ([{first}]) have the unknown {searched[0]}, in "
+                "which their equations are nonlinear, and only linear parameters are shared: give "
+                f"its value (known = ['{searched[0]}']), or remove its term or the group"
+            )
+        expected = _type_of(drives[first])
+        for other in others:
+            for what, value in _type_of(drives[other]).items():
+                if value != expected[what]:
+                    raise RobotError(
+                        f"{where}: [{first}] and [{other}] share '{group}', and their {what} "
+                        f"differs: {shown(expected[what])} and {shown(value)}; correct one of "
+                        "them, or give them groups of their own"
+                    )
+
+
+def _searched(drive: Drive) -> list[str]:
+    """Return the unknown parameters in which the equations of a drive are nonlinear."""
+    plain = [name for name in drive.parameter_names if name in PARAMETERS]
+    return [name for name in plain if PARAMETERS[name].starts and name not in drive.known]
+
+
+def _type_of(drive: Drive) -> dict[str, Any]:
+    """Return what drives of one type have in common, in words."""
+    kind = {
+        "type": "series_elastic" if drive.is_elastic else "stiff",
+        "motor_input": drive.motor_input,
+        "unit of the spring": " per ".join(drive.spring_units) if drive.is_elastic else "none",
+        "friction": list(drive.friction),
+        "spring": list(getattr(drive, "spring", ())),
+    }
+    known = {*drive.known, "motor_inertia"}
+    values = {
+        f"known {name}": drive.own_values.get(name, "unknown") if name in known else "unknown"
+        for name in PARAMETERS
+        if name in SHARED
+    }
+    return {**kind, **values}

@@ -288,6 +288,10 @@ class ParameterName(str):
         quantity, _, owner = text.partition(" of ")
         return cls(quantity, owner)
 
+    def at(self, owner: str) -> ParameterName:
+        """Return the name of the same quantity of another owner."""
+        return ParameterName(self.quantity, owner, self.condition)
+
     def within(self, condition: str | None) -> ParameterName:
         """Return the name of the column that a condition has alone; None: that all share."""
         return ParameterName(self.quantity, self.owner, condition)

@@ -16,7 +16,7 @@ from scipy.stats import f as f_distribution
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import places_of, without_condition
+from seaid.drives import ParameterName, places_of, without_condition
 from seaid.errors import (
     IdentificationError,
     SeaidError,
@@ -230,6 +230,20 @@ class TermTest:
     p_value: float
     bic: float
     independent: float
+
+
+@dataclass(frozen=True, eq=False)
+class SharedParameter:
+    """A parameter that the drives of a group share.
+
+    `name` is that of the group, "stiffness of calf_motor"; `values` are those that the `joints`
+    would have alone, and `difference` tests whether they differ.
+    """
+
+    name: ParameterName
+    joints: tuple[str, ...]
+    values: tuple[float, ...]
+    difference: TermTest
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,19 +2,25 @@
 
 A problem has a tuple of these, one per column of its residual blocks. Two blocks share a parameter
 by naming the same quantity, owner and condition: all else is not compared.
+
+Equations that were fitted apart share parameters by `Constraints` of their estimates: for the
+covariance of least squares, the constrained values are those of the fit in which the columns of
+equal parameters are their sum.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
-from seaid._arrays import Array
-from seaid.drives import ParameterName
+from seaid._arrays import Array, safely
+from seaid.drives import ParameterName, joint_of
 from seaid.errors import IdentificationError
+from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
 
 @dataclass(frozen=True)
@@ -103,3 +109,117 @@ def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
     expected = [(prior or none).value for prior in priors]
     stds = [math.inf if prior is None else prior.std for prior in priors]
     return np.array(expected, dtype=float), np.array(stds, dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Constraints A x = b of parameters (p,), with standard deviations `stds` (c,) of the b.
+
+    x of least squares with a covariance W (p, p) becomes P x + G b, with G = W A^T (A W A^T)^+ and
+    P = 1 - G A.
+    """
+
+    A: Array
+    b: Array
+    stds: Array
+
+    @classmethod
+    def of(
+        cls,
+        p: int,
+        equal: Iterable[Sequence[int]],
+        stated: Sequence[tuple[int, float, float]] = (),
+    ) -> Constraints:
+        """Return one value for the places of each group, and (place, value, std) of the stated."""
+        unit = np.eye(p)
+        rows = [unit[first] - unit[other] for first, *others in equal for other in others]
+        b, stds = np.zeros((2, len(rows) + len(stated)))
+        b[len(rows) :] = [value for _, value, _ in stated]
+        stds[len(rows) :] = [std for _, _, std in stated]
+        rows += [unit[place] for place, _, _ in stated]
+        return cls(np.reshape(rows, (-1, p)), b, stds)
+
+    def solution(self, white: Array) -> tuple[Array, Array]:
+        """Return P (p, p) and G (p, c) for a covariance (p, p)."""
+        A = self.A
+        variance = A @ white @ A.T
+        # Stiffness and rotor inertia differ by many powers of ten: the rank is that of scaled rows.
+        scale = np.sqrt(np.maximum(np.diag(variance), np.finfo(float).tiny))
+        scaled = variance / np.outer(scale, scale)
+        inverse = safely(np.linalg.pinv, scaled, what="the shared parameters", hermitian=True)
+        G = white @ A.T @ (inverse / np.outer(scale, scale))
+        return np.eye(len(white)) - G @ A, G
+
+    def applied(self, estimate: Estimate, white: Array) -> Estimate:
+        """Return an estimate under the constraints."""
+        P, G = self.solution(white)
+        of_data, spread = P @ estimate.covariance @ P.T, G * self.stds
+        covariance = of_data + spread @ spread.T
+        freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
+        if freedom is not None:
+            # Welch and Satterthwaite: the stated part of the variance has no degrees of freedom.
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+                freedom = freedom * (np.diag(covariance) / np.diag(of_data)) ** 2
+            freedom = np.where(np.isfinite(freedom), freedom, np.inf)
+        if errors is not None:
+            ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
+            errors = errors * np.sqrt(np.maximum(ratio, 0.0))
+        return replace(
+            estimate,
+            values=P @ estimate.values + G @ self.b,
+            covariance=covariance,
+            degrees_of_freedom=freedom,
+            white_standard_errors=errors,
+        )
+
+
+def with_one_value(estimate: Estimate, groups: Mapping[ParameterName, Sequence[int]]) -> Estimate:
+    """Return an estimate whose shared parameters are the same, and not only but for rounding."""
+    values, freedom = estimate.values.copy(), estimate.degrees_of_freedom
+    freedom = None if freedom is None else freedom.copy()
+    for places in map(list, groups.values()):
+        values[places] = values[places[0]]
+        if freedom is not None:
+            # The mean of several estimates has at least the freedom of the best one.
+            freedom[places] = np.max(freedom[places])
+    return replace(estimate, values=values, degrees_of_freedom=freedom)
+
+
+def shared_parameters(
+    estimate: Estimate, groups: Mapping[ParameterName, Sequence[int]], independent: float
+) -> tuple[SharedParameter, ...]:
+    """Return what {shared parameter: its places} of an estimate without constraints show.
+
+    `independent` is the number of independent rows of the estimate.
+    """
+    return tuple(
+        SharedParameter(
+            name,
+            tuple(joint_of(estimate.names[place]) for place in places),
+            tuple(estimate.values[list(places)].tolist()),
+            _difference(estimate, name, places, independent),
+        )
+        for name, places in groups.items()
+    )
+
+
+def _difference(
+    estimate: Estimate, name: ParameterName, places: Sequence[int], independent: float
+) -> TermTest:
+    """Return the test of Wald of whether the parameters at some places are equal."""
+    p, q = len(estimate.names), len(places) - 1
+    rows = max(independent, p + 1.0)
+    A = Constraints.of(p, [places]).A
+    change = A @ estimate.values
+    inverse = safely(np.linalg.pinv, A @ estimate.covariance @ A.T, what=name, hermitian=True)
+    F = float(change @ inverse @ change) / q
+    # The growth of the squared residual that has this F: F = (growth - 1) (rows - p) / q.
+    growth = 1.0 + q * F / (rows - p)
+    return TermTest(
+        terms=(name,),
+        growth=growth,
+        F=F,
+        p_value=float(f_distribution.sf(F, q, rows - p)),
+        bic=float(rows * np.log(growth) - q * np.log(rows)),
+        independent=rows,
+    )

@@ -3,6 +3,9 @@
 (7) has the sum of a constant error of the motor torque b_0 and the spring offset f_0 as one column,
 s = f_0 + b_0 N/r_M. (4b) with s instead of f_0 would put r_L N/r_M b_0 on the load. So (8) gets a
 column for b_0 per spring: r_L (k d + s) = Y beta + r_L N/r_M b_0, and f_0 is the difference.
+
+The motor equations are fitted by joint; what drives of a group share is then one value for all of
+them, with the covariance between joints that this makes.
 """
 
 from __future__ import annotations
@@ -15,9 +18,27 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import Drive, ParameterName, parameter_named, parameter_of
-from seaid.errors import Finding
-from seaid.estimation import Estimate, FittedRows, ModelChecks, QRFactor, triangle
+from seaid.drives import (
+    Drive,
+    ParameterName,
+    groups_of,
+    parameter_named,
+    parameter_of,
+    shared_columns,
+)
+from seaid.errors import Finding, IdentificationError, listed
+from seaid.estimation import (
+    Constraints,
+    Estimate,
+    FittedRows,
+    ModelChecks,
+    QRFactor,
+    SharedParameter,
+    independent_rows,
+    shared_parameters,
+    triangle,
+    with_one_value,
+)
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
@@ -43,7 +64,7 @@ class RobotEstimate:
     motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
     motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
     the way to the estimates, and `not_shared` is why the data do not support an estimate of both
-    sides at once, whose rows `regress` returns.
+    sides at once, whose rows `regress` returns; `shared` are the parameters that drives share.
     """
 
     drives: Mapping[str, Estimate]
@@ -58,6 +79,7 @@ class RobotEstimate:
     scaling: Mapping[str, FittedRows] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    shared: tuple[SharedParameter, ...] = ()
     regress: Callable[[Robot, Motion], Regression] | None = None
 
 
@@ -110,13 +132,14 @@ def _merged(drive: Estimate, load: Estimate) -> Estimate:
         values=np.concatenate([drive.values, load.values]),
         covariance=linalg.block_diag(drive.covariance, load.covariance),
         units=drive.units + load.units,
-        white_standard_errors=_joined(drive.white_standard_errors, load.white_standard_errors),
-        degrees_of_freedom=_joined(drive.degrees_of_freedom, load.degrees_of_freedom),
+        white_standard_errors=_joined([drive.white_standard_errors, load.white_standard_errors]),
+        degrees_of_freedom=_joined([drive.degrees_of_freedom, load.degrees_of_freedom]),
     )
 
 
-def _joined(first: Array | None, second: Array | None) -> Array | None:
-    return None if first is None or second is None else np.concatenate([first, second])
+def _joined(parts: Sequence[Array | None]) -> Array | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -236,36 +259,55 @@ def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[st
 
 
 def with_torque_offsets(
-    robot: Robot, load: FittedRows, drives: Mapping[str, Estimate], springs: Mapping[str, Estimate]
+    robot: Robot,
+    load: FittedRows,
+    drives: Mapping[str, Estimate],
+    springs: Mapping[str, Estimate],
+    whole: Estimate | None,
 ) -> dict[str, Estimate]:
     """Return the drives {joint: Estimate} with the spring offset and the torque offset separated.
 
-    The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it.
+    The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it. `whole` is
+    the estimate of all drives as one.
     """
-    split, start = dict(drives), 0
-    for joint, spring in springs.items():
+    split = dict(drives)
+    if whole is None:
+        return split
+    of_springs = places_in(whole, springs)
+    for joint in springs:
         name = ParameterName(TORQUE_OFFSET, joint)
         if name in load.estimate.names:
             place = load.estimate.names.index(name)
-            slopes = load.sensitivity[place, start : start + len(spring.names)]
-            split[joint] = _separated(robot, load, joint, drives[joint], (spring, place, slopes))
-        start += len(spring.names)
+            # b_0 = slopes^T x + noise of (8), with the values x of the springs: the covariance
+            # with b_0 is C slopes.
+            slopes = load.sensitivity[place, : len(of_springs)]
+            of_drive = places_in(whole, {joint: drives[joint]})
+            common = whole.covariance[np.ix_(of_drive, of_springs)] @ slopes
+            split[joint] = _separated(robot, load, joint, drives[joint], place, common)
     return split
 
 
+def places_in(whole: Estimate, drives: Mapping[str, Estimate]) -> list[int]:
+    """Return the places of the parameters of drives {joint: Estimate} in that of all drives."""
+    return [
+        whole.names.index(ParameterName.of(name).at(joint))
+        for joint, drive in drives.items()
+        for name in drive.names
+    ]
+
+
 def _separated(
-    robot: Robot, load: FittedRows, joint: str, drive: Estimate, offset: tuple[Estimate, int, Array]
+    robot: Robot, load: FittedRows, joint: str, drive: Estimate, place: int, common: Array
 ) -> Estimate:
-    """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`."""
-    spring, place, slopes = offset
+    """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`.
+
+    `common` (q,) is the covariance of the drive's parameters with b_0.
+    """
     side, q = load.estimate, len(drive.names)
-    columns = [drive.names.index(name) for name in spring.names]
-    # b_0 = slopes^T x + noise of (8), with the values x of the spring: cov(x, b_0) = C slopes.
-    shared = drive.covariance[:, columns] @ slopes
     joined = np.vstack(
         [
-            np.column_stack([drive.covariance, shared]),
-            np.append(shared, side.covariance[place, place]),
+            np.column_stack([drive.covariance, common]),
+            np.append(common, side.covariance[place, place]),
         ]
     )
     # (x, b_0) -> (x with f_0 = s - b_0 N/r_M, b_0).
@@ -288,3 +330,88 @@ def _separated(
         white_standard_errors=white,
         degrees_of_freedom=freedom,
     )
+
+
+def check_unshared(robot: Robot, method: str) -> None:
+    """Raise IdentificationError if drives share parameters, which a method cannot estimate."""
+    if groups := groups_of(robot.drives):
+        texts = [f"'{name}' of {listed(joints)}" for name, joints in groups.items()]
+        raise IdentificationError(
+            f"{method} estimates each drive alone, and drives share parameters ({listed(texts)}): "
+            'use method="two-step", which shares them, or remove the groups (shared = ... in the '
+            "drives file, share=)",
+            method,
+        )
+
+
+def stacked_estimates(estimates: Mapping[str, Estimate]) -> Estimate:
+    """Return the estimates {joint: Estimate} as one, without correlation between them."""
+    first, parts = next(iter(estimates.values())), list(estimates.values())
+    whites = [part.white_standard_errors for part in parts]
+    freedoms = [part.degrees_of_freedom for part in parts]
+    return replace(
+        first,
+        names=tuple(
+            ParameterName.of(name).at(joint) for joint, x in estimates.items() for name in x.names
+        ),
+        values=np.concatenate([part.values for part in parts]),
+        covariance=linalg.block_diag(*(part.covariance for part in parts)),
+        units=sum((part.units for part in parts), ()),
+        white_standard_errors=_joined(whites),
+        degrees_of_freedom=_joined(freedoms),
+    )
+
+
+def with_shared_drives(
+    robot: Robot, actuators: Mapping[str, FittedRows], estimates: Mapping[str, Estimate]
+) -> tuple[dict[str, FittedRows], dict[str, Estimate], Estimate | None]:
+    """Return fits and estimates of drives with shared parameters, and all estimates as one."""
+    fits, changed = dict(actuators), dict(estimates)
+    if not estimates:
+        return fits, changed, None
+    whole = stacked_estimates(estimates)
+    groups = shared_columns(robot.drives, whole.names)
+    if not groups:
+        return fits, changed, whole
+    joints = [joint for joint in estimates if robot.drives[joint].shared]
+    independent = sum(independent_rows(fits[x].qr_factor, fits[x].estimate) for x in joints)
+    tested = shared_parameters(whole, groups, independent)
+    white = linalg.block_diag(
+        # Without a constraint any covariance leaves an estimate as it is.
+        *(fits[x].white_covariance if x in joints else estimates[x].covariance for x in estimates)
+    )
+    whole = with_one_value(
+        Constraints.of(len(whole.names), groups.values()).applied(whole, white), groups
+    )
+    start = 0
+    for joint, estimate in estimates.items():
+        part = whole.part(range(start, start + len(estimate.names)), estimate.names)
+        start += len(estimate.names)
+        if joint in joints:
+            changed[joint] = replace(
+                estimate,
+                values=part.values,
+                covariance=part.covariance,
+                white_standard_errors=part.white_standard_errors,
+                degrees_of_freedom=part.degrees_of_freedom,
+            )
+            own = tuple(shared for shared in tested if joint in shared.joints)
+            fits[joint] = replace(fits[joint], estimate=changed[joint], shared=own)
+    return fits, changed, whole
+
+
+def shared_slopes(
+    robot: Robot, actuators: Mapping[str, FittedRows], own: dict[str, dict[str, Array]]
+) -> dict[str, dict[str, Array]]:
+    """Return the derivatives {joint: {parameter: (k,)}} of drives fitted alone as shared ones."""
+    keys = [(joint, name) for joint, slopes in own.items() for name in slopes]
+    groups = shared_columns(robot.drives, [ParameterName.of(x).at(joint) for joint, x in keys])
+    if not groups:
+        return own
+    white = linalg.block_diag(*(actuators[joint].white_covariance for joint in own))
+    P, _ = Constraints.of(len(keys), groups.values()).solution(white)
+    changed = P @ np.array([own[joint][name] for joint, name in keys])
+    slopes: dict[str, dict[str, Array]] = {joint: {} for joint in own}
+    for (joint, name), derivative in zip(keys, changed, strict=True):
+        slopes[joint][name] = derivative
+    return slopes

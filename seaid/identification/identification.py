@@ -19,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
 from seaid.checks import explained, log_findings
-from seaid.drives import ParameterName
+from seaid.drives import ParameterName, with_groups
 from seaid.errors import ExcitationError, IdentificationError, LogError, SeaidError, checked
 from seaid.estimation import EstimatorName
 from seaid.identification.datasets import Source, sources_of
@@ -52,6 +52,7 @@ def identify(
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
+    share: Mapping[str, Sequence[str]] = MappingProxyType({}),
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
@@ -97,6 +98,9 @@ def identify(
         (mass), "bodies" (each known body, by a scale of its own), "motor_inertia_kg_m2",
         "gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m"; propagated to all estimates.
         A drive's own `std` takes precedence.
+    share : mapping {group: joints}
+        Drives of one type, whose friction, spring, rotor inertia and constants are the same ones,
+        besides those that the drives file names (`shared`); `Identification.shared` tests it.
     executor : concurrent.futures.Executor, optional
         Processes the logs, one per task.
     progress : bool
@@ -119,6 +123,7 @@ def identify(
     >>> print(result.summary())
     """
     robot.selected(torque_joints)  # refuses unknown joints before a log is read
+    robot = robot.with_drives(with_groups(robot.drives, share)) if share else robot
     options = Options(
         torque_joints=torque_joints,
         method=method,

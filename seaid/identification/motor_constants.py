@@ -101,6 +101,18 @@ def check_scale(qr_factor: QRFactor) -> None:
             raise problem
 
 
+def check_scale_of_shared(robot: Robot, joint: str, problem: UnknownScaleError) -> None:
+    """Raise IdentificationError if only the load or a sensor scales a drive of a group."""
+    if group := robot.drives[joint].shared:
+        raise IdentificationError(
+            f"{joint} shares '{group}', and its motor equation leaves the "
+            f"{problem.parameter.replace('_', ' ')} open, which the load would give each joint for "
+            f"itself: give it (known = ['{problem.parameter}']) or the rotor inertia, or remove "
+            "the group",
+            "share=",
+        )
+
+
 def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
     """Return the robot with the nominal scale of the gains at fault as known, 1 without one.
 

@@ -42,6 +42,7 @@ from seaid.checks import (
     scale_of_bodies,
     selections,
     sensor_errors,
+    shared_findings,
     standstill_findings,
     unknown_scales,
     with_torques_of,
@@ -74,7 +75,7 @@ from seaid.identification.datasets import (
     datasets_by_log,
     first_motion,
 )
-from seaid.identification.drive_estimates import LOAD, RobotEstimate
+from seaid.identification.drive_estimates import LOAD, RobotEstimate, check_unshared
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
@@ -169,6 +170,12 @@ class Options:
             )
         check_offset_std(self.encoder_offset_std)
         check_known_std(self.known_std)
+
+    def check_shared(self, robot: Robot) -> None:
+        """Raise IdentificationError for options by which drives of a robot share nothing."""
+        refused = 'estimator="iv"' if self.estimator == "iv" else 'method="simultaneous"'
+        if self.estimator == "iv" or self.method == "simultaneous":
+            check_unshared(robot, refused)
 
     @property
     def linear_estimator(self) -> Estimator:
@@ -340,6 +347,8 @@ def solved(
     The column of a delay is a derivative at the delay of the drive, and gains in units of the drive
     have the scale 1 where nothing determines it: fits are repeated about each new robot.
     """
+    for robot in robots.values():
+        options.check_shared(robot)
     unscaled: tuple[str, ...] = ()
     nominals: Mapping[str, Robot] = {}
     declared, rounds = dict(robots), MOST_DELAY_ROUNDS
@@ -544,7 +553,7 @@ def concluded(problem: Problem, name: str) -> Identification:
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None
     result = identification_of(robot, model, estimate, datasets, consistent, case.declared)
-    values += [*estimate.findings, *result.findings]
+    values += [*shared_findings(estimate.shared), *estimate.findings, *result.findings]
     result = with_value_findings(_with_fit(problem, name, result, weak, findings), values)
     result = consistent_bodies(result) if options.feasible and not only else result
     unclear = (

@@ -39,6 +39,7 @@ from seaid.estimation import (
     Estimate,
     ModelChecks,
     QRFactor,
+    SharedParameter,
     estimator_named,
 )
 from seaid.identification.command_delays import (
@@ -118,6 +119,8 @@ class Identification(Result):
     not_shared : str
         Why the data do not support an estimate of both sides at once; "" where they do, or where
         the method was chosen.
+    shared : tuple of SharedParameter
+        The parameters that the drives of a group share, with tests of whether they differ.
     """
 
     table_name = "identification_table"
@@ -145,6 +148,7 @@ class Identification(Result):
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
     not_shared: str = ""
+    shared: tuple[SharedParameter, ...] = ()
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -297,6 +301,7 @@ def identification_of(
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
         findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
         not_shared=sides.not_shared,
+        shared=sides.shared,
     )
 
 

@@ -43,7 +43,7 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.command_delays import with_merged_delays
+from seaid.identification.command_delays import with_merged_columns
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     LOAD,
@@ -52,6 +52,7 @@ from seaid.identification.drive_estimates import (
     has_only_spring_torque,
     offset_lever,
     sensed_spring,
+    shared_slopes,
     without_torque,
 )
 from seaid.identification.motor_constants import (
@@ -206,17 +207,17 @@ def sensitivity_findings(
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        load = _with_shared_delays(robot, sides.fit)
+        load = _with_merged(robot, sides.fit)
         findings += _estimator_findings(robot, load, ordinary, cutoff_hz)
         findings += _cutoff_findings(robot, datasets, model, sides, load, ordinary)
     return findings
 
 
-def _with_shared_delays(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
+def _with_merged(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
     """Return a fit whose rows and factor have one column for the delay of a bus, as its values."""
     if fit.rows is None:
         return fit
-    rows = with_merged_delays(robot.drives, fit.rows, fit.estimate, joint)
+    rows = with_merged_columns(robot.drives, fit.rows, fit.estimate, joint)
     return fit if rows is fit.rows else replace(fit, rows=rows, qr_factor=qr_factor_of(rows))
 
 
@@ -257,7 +258,7 @@ def _cutoff_findings(
     # of long logs, the rows of the fit are those of more than the first pieces
     in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
     for joint, (regress, fit) in equations.items():
-        shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=joint)
+        shared = partial(with_merged_columns, robot.drives, estimate=fit.estimate, joint=joint)
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
         rows = shared(stacked(list(map(regress, wider))))
         wide = fit_of(rows, weights)
@@ -282,7 +283,7 @@ def _compared_equations(
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
             regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
-            equations[joint] = regress, _with_shared_delays(robot, fit, joint)
+            equations[joint] = regress, _with_merged(robot, fit, joint)
     equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
     return equations
 
@@ -576,6 +577,7 @@ def _two_step_slopes(
 ) -> dict[str, Array]:
     """Return {parameter: its derivatives (k,) by the constants} of both sides."""
     own = {joint: _motor_slopes(sides, joint, fit, rows) for joint, fit in sides.actuators.items()}
+    own = shared_slopes(robot, sides.actuators, own)
     springs = [(joint, x) for joint in sides.springs for x in spring_regressor(robot, joint).names]
 
     def of_load(fit: FittedRows) -> dict[str, Array]:

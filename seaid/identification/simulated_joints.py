@@ -449,6 +449,8 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
 
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
+    if drive.shared:
+        return f"which shares parameters with others ('{drive.shared}'): it moves those of each"
     if drive.controller is not None:
         alone = all(x.controller is not None for x in robot.drives.values())
         if drive.is_elastic or not alone:

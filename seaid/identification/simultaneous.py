@@ -27,7 +27,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.checks import SURE, noise_findings
-from seaid.drives import ParameterName, joint_of, parameter_of, readable
+from seaid.drives import ParameterName, groups_of, joint_of, parameter_of, readable
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import (
     Estimate,
@@ -345,6 +345,8 @@ def _obstacle(
     """Return why both sides at once are not even tried, "" if they are."""
     if robot.floating_base is not None:
         return "the base floats"
+    if groups := groups_of(robot.drives):
+        return f"drives share parameters ({listed(groups)})"
     if not all(isinstance(dataset, Motion) for dataset in datasets):
         return "a log is read in pieces"
     if lacking:

@@ -261,6 +261,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
         *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
+        *_shared_table(identification),
         *(_whole_body_table(identification) if drives else []),
         load_table("Base parameters", identification),
         checks_table(identification),
@@ -273,6 +274,12 @@ def _whole_body_table(identification: Identification) -> list[Text]:
     made = tables.whole_body_table(identification)
     title = "Whole robot, in the frame of its base at the mean posture"
     return [table_text(made, title)] if made.rows else []
+
+
+def _shared_table(identification: Identification) -> list[Text]:
+    """Return the table of the parameters that drives share, if there are any."""
+    made = tables.shared_table(identification)
+    return [table_text(made, "Shared parameters (value +- standard error)")] if made.rows else []
 
 
 def _sources_text(identification: Identification) -> str:
