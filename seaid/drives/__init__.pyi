@@ -87,7 +87,6 @@ from .terms import parameter_of as parameter_of
 from .terms import places_of as places_of
 from .terms import readable as readable
 from .terms import spring_slopes as spring_slopes
-from .terms import without_condition as without_condition
 from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
 from .toml import read_drives as read_drives

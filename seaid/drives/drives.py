@@ -11,7 +11,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
-from itertools import chain
+from itertools import chain, product
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
@@ -720,14 +720,11 @@ IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 
 # A motor, its gear and its spring have parameters by their type, which drives of a group share; a
 # joint has its own by its mounting: zeros of encoders, offsets of torques, levels over positions.
-_OF_TYPE = chain(
-    *(PARAMETERS_OF[field].values() for field in ("friction", "spring", "motor_input")),
-    [("motor_inertia",)],
-)
-_OF_JOINT = ("friction_offset", "coulomb_position_slope", "coulomb_position_curvature")
-_OF_LOG = ("spring_offset", "command_delay")
-
-SHARED = frozenset(chain(*_OF_TYPE)) - {*_OF_JOINT, *_OF_LOG}
+SHARED = frozenset(PARAMETERS) - {
+    *("friction_offset", "coulomb_position_slope", "coulomb_position_curvature"),
+    *("spring_offset", "deflection_zero", DELAY_PARAMETER),
+    *("parallel_stiffness", "parallel_preload", "joint_viscous_friction", "joint_coulomb_friction"),
+}
 """Parameters that the drives of a group share; drives of one bus have one delay anyway."""
 
 
@@ -774,79 +771,59 @@ def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "")
 
 def groups_of(drives: Mapping[str, Drive]) -> dict[str, list[str]]:
     """Return {group: its joints} of drives."""
-    groups: dict[str, list[str]] = {}
-    for joint, drive in drives.items():
-        if drive.shared:
-            groups.setdefault(drive.shared, []).append(joint)
-    return groups
+    names = dict.fromkeys(drive.shared for drive in drives.values() if drive.shared)
+    return {name: [joint for joint, x in drives.items() if x.shared == name] for name in names}
 
 
 def with_groups(
     drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
 ) -> dict[str, Drive]:
     """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
-    changed = dict(drives)
-    for group, joints in share.items():
-        if not isinstance(joints, list | tuple):
-            raise RobotError(f"share=: '{group}' needs a list of joints, found {shown(joints)}")
-        for joint in joints:
-            if joint not in drives:
-                raise RobotError("share=: " + unknown_name("joint", joint, drives))
-            if changed[joint].shared not in ("", group):
-                raise RobotError(
-                    f"share=: '{joint}' is in the groups '{changed[joint].shared}' and '{group}': "
-                    "a drive has one type, leave it in one of them"
-                )
-            changed[joint] = replace(changed[joint], shared=group)
+    group_of = {joint: group for group, joints in share.items() for joint in joints}
+    for joint in group_of:
+        if joint not in drives:
+            raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
+    changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
     check_groups(changed, "share=")
     return changed
 
 
-def check_groups(drives: Mapping[str, Drive], where: str) -> None:
-    """Raise RobotError for groups whose drives cannot share their parameters."""
-    for group, (first, *others) in groups_of(drives).items():
-        if not others:
+def check_groups(drives: Mapping[str, Drive], where: str, is_whole: bool = True) -> None:
+    """Raise RobotError for groups whose drives cannot share their parameters.
+
+    Where the drives are not the whole robot, a group may be that of one of them.
+    """
+    for group, joints in groups_of(drives).items():
+        if is_whole and len(joints) == 1:
             raise RobotError(
-                f"{where}: [{first}] is alone in the group shared = '{group}': name the group at "
-                "the other joints with this motor too, or remove it"
+                f"{where}: [{joints[0]}] is alone in the group '{group}': write shared = '{group}' "
+                "at the other joints with this motor too, or remove it"
             )
-        searched = [name for name in _searched(drives[first]) if name in SHARED]
-        if searched:
+        first, *others = ((joint, _kind(drives[joint])) for joint in joints)
+        for searched in first[1]["searched parameters"]:
             raise RobotError(
-                f"{where}: the drives of '{group}' ([{first}]) have the unknown {searched[0]}, in "
-                "which their equations are nonlinear, and only linear parameters are shared: give "
-                f"its value (known = ['{searched[0]}']), or remove its term or the group"
+                f"{where}: [{joints[0]}] shares '{group}', and its equation is nonlinear in the "
+                f"unknown {searched}, where only linear parameters are shared: give its value "
+                f"(known = ['{searched}']), or remove its term or the group"
             )
-        expected = _type_of(drives[first])
-        for other in others:
-            for what, value in _type_of(drives[other]).items():
-                if value != expected[what]:
-                    raise RobotError(
-                        f"{where}: [{first}] and [{other}] share '{group}', and their {what} "
-                        f"differs: {shown(expected[what])} and {shown(value)}; correct one of "
-                        "them, or give them groups of their own"
-                    )
+        for (joint, kind), what in product(others, first[1]):
+            if kind[what] != first[1][what]:
+                raise RobotError(
+                    f"{where}: [{joints[0]}] and [{joint}] share '{group}' and differ in {what}, "
+                    f"{shown(first[1][what])} and {shown(kind[what])}: correct one of them, or "
+                    "give them groups of their own"
+                )
 
 
-def _searched(drive: Drive) -> list[str]:
-    """Return the unknown parameters in which the equations of a drive are nonlinear."""
-    plain = [name for name in drive.parameter_names if name in PARAMETERS]
-    return [name for name in plain if PARAMETERS[name].starts and name not in drive.known]
-
-
-def _type_of(drive: Drive) -> dict[str, Any]:
-    """Return what drives of one type have in common, in words."""
-    kind = {
+def _kind(drive: Drive) -> dict[str, Any]:
+    """Return in what the drives of a group are alike."""
+    known = {name: drive.own_values[name] for name in drive.known if name in SHARED}
+    names = [name for name in drive.parameter_names if name in SHARED and name not in known]
+    return {
         "type": "series_elastic" if drive.is_elastic else "stiff",
+        "unit of the spring": drive.spring_units[0] if drive.is_elastic else "",
         "motor_input": drive.motor_input,
-        "unit of the spring": " per ".join(drive.spring_units) if drive.is_elastic else "none",
-        "friction": list(drive.friction),
-        "spring": list(getattr(drive, "spring", ())),
+        "known parameters": known | {"motor_inertia": drive.motor_inertia_kg_m2},
+        "unknown parameters": names,
+        "searched parameters": [name for name in names if PARAMETERS[name].starts],
     }
-    known = {*drive.known, "motor_inertia"}
-    values = {
-        f"known {name}": drive.own_values.get(name, "unknown") if name in known else "unknown"
-        for name in PARAMETERS
-        if name in SHARED
-    }
-    return {**kind, **values}

@@ -297,11 +297,6 @@ class ParameterName(str):
         return ParameterName(self.quantity, self.owner, condition)
 
 
-def without_condition(name: str) -> str:
-    """Return what the name of a column is within its condition."""
-    return ParameterName.of(name).within(None)
-
-
 def places_of(names: Sequence[str], condition: str) -> list[int]:
     """Return the places of the columns that a condition has, in the order of its own names."""
     parameters = enumerate(map(ParameterName.of, names))

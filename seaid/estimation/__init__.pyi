@@ -61,7 +61,6 @@ from .parameters import Parameter as Parameter
 from .parameters import Prior as Prior
 from .parameters import bounds_of as bounds_of
 from .parameters import shared_parameters as shared_parameters
-from .parameters import with_one_value as with_one_value
 from .qr_factor import RANK_TOLERANCE as RANK_TOLERANCE
 from .qr_factor import ROUNDING as ROUNDING
 from .qr_factor import QRFactor as QRFactor

@@ -15,7 +15,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from seaid._arrays import Array, safely
 from seaid.drives import ParameterName, joint_of
@@ -116,9 +115,10 @@ class Constraints:
     """Constraints A x = b of parameters (p,), with standard deviations `stds` (c,) of the b.
 
     x of least squares with a covariance W (p, p) becomes P x + G b, with G = W A^T (A W A^T)^+ and
-    P = 1 - G A.
+    P = 1 - G A. The places of each group in `equal` have one value.
     """
 
+    equal: tuple[list[int], ...]
     A: Array
     b: Array
     stds: Array
@@ -131,13 +131,13 @@ class Constraints:
         stated: Sequence[tuple[int, float, float]] = (),
     ) -> Constraints:
         """Return one value for the places of each group, and (place, value, std) of the stated."""
-        unit = np.eye(p)
-        rows = [unit[first] - unit[other] for first, *others in equal for other in others]
+        unit, groups = np.eye(p), tuple(map(list, equal))
+        rows = [unit[first] - unit[other] for first, *others in groups for other in others]
         b, stds = np.zeros((2, len(rows) + len(stated)))
         b[len(rows) :] = [value for _, value, _ in stated]
         stds[len(rows) :] = [std for _, _, std in stated]
         rows += [unit[place] for place, _, _ in stated]
-        return cls(np.reshape(rows, (-1, p)), b, stds)
+        return cls(groups, np.reshape(rows, (-1, p)), b, stds)
 
     def solution(self, white: Array) -> tuple[Array, Array]:
         """Return P (p, p) and G (p, c) for a covariance (p, p)."""
@@ -164,25 +164,18 @@ class Constraints:
         if errors is not None:
             ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
             errors = errors * np.sqrt(np.maximum(ratio, 0.0))
+        values = P @ estimate.values + G @ self.b
+        for places in self.equal:  # the same, and not only but for rounding
+            values[places] = values[places[0]]
+            if freedom is not None:  # the mean of several has at least that of the best one
+                freedom[places] = np.max(freedom[places])
         return replace(
             estimate,
-            values=P @ estimate.values + G @ self.b,
+            values=values,
             covariance=covariance,
             degrees_of_freedom=freedom,
             white_standard_errors=errors,
         )
-
-
-def with_one_value(estimate: Estimate, groups: Mapping[ParameterName, Sequence[int]]) -> Estimate:
-    """Return an estimate whose shared parameters are the same, and not only but for rounding."""
-    values, freedom = estimate.values.copy(), estimate.degrees_of_freedom
-    freedom = None if freedom is None else freedom.copy()
-    for places in map(list, groups.values()):
-        values[places] = values[places[0]]
-        if freedom is not None:
-            # The mean of several estimates has at least the freedom of the best one.
-            freedom[places] = np.max(freedom[places])
-    return replace(estimate, values=values, degrees_of_freedom=freedom)
 
 
 def shared_parameters(
@@ -192,34 +185,13 @@ def shared_parameters(
 
     `independent` is the number of independent rows of the estimate.
     """
-    return tuple(
-        SharedParameter(
-            name,
-            tuple(joint_of(estimate.names[place]) for place in places),
-            tuple(estimate.values[list(places)].tolist()),
-            _difference(estimate, name, places, independent),
-        )
-        for name, places in groups.items()
-    )
-
-
-def _difference(
-    estimate: Estimate, name: ParameterName, places: Sequence[int], independent: float
-) -> TermTest:
-    """Return the test of Wald of whether the parameters at some places are equal."""
-    p, q = len(estimate.names), len(places) - 1
-    rows = max(independent, p + 1.0)
-    A = Constraints.of(p, [places]).A
-    change = A @ estimate.values
-    inverse = safely(np.linalg.pinv, A @ estimate.covariance @ A.T, what=name, hermitian=True)
-    F = float(change @ inverse @ change) / q
-    # The growth of the squared residual that has this F: F = (growth - 1) (rows - p) / q.
-    growth = 1.0 + q * F / (rows - p)
-    return TermTest(
-        terms=(name,),
-        growth=growth,
-        F=F,
-        p_value=float(f_distribution.sf(F, q, rows - p)),
-        bic=float(rows * np.log(growth) - q * np.log(rows)),
-        independent=rows,
-    )
+    shared, p = [], len(estimate.names)
+    for name, places in groups.items():
+        A = Constraints.of(p, [places]).A
+        change, variance = A @ estimate.values, A @ estimate.covariance @ A.T
+        # The test of Wald of whether the parameters are equal.
+        F = float(change @ safely(np.linalg.pinv, variance, what=name) @ change) / len(A)
+        test = TermTest.of_statistic((name,), F, len(A), p, max(independent, p + 1.0))
+        joints = tuple(joint_of(estimate.names[place]) for place in places)
+        shared.append(SharedParameter(name, joints, tuple(estimate.values[places].tolist()), test))
+    return tuple(shared)

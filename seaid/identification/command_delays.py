@@ -31,7 +31,6 @@ from seaid.estimation import (
     FittedRows,
     independent_rows,
     shared_parameters,
-    with_one_value,
 )
 from seaid.regressor import Regression
 from seaid.robot import Robot
@@ -75,15 +74,12 @@ def with_shared_parameters(
     if stated:
         constraints = Constraints.of(p, equal, list(map(_statement, stated)))
         estimate = constraints.applied(free, white)
-    values = estimate.values.copy()
-    for bus in buses:  # the same but for rounding
-        values[list(bus.places)] = bus.nominal_s if bus in stated else values[bus.places[0]]
-    independent = independent_rows(fitted.qr_factor, free)
+    rows = independent_rows(fitted.qr_factor, free)
     return replace(
         fitted,
-        estimate=with_one_value(replace(estimate, values=values), groups),
+        estimate=estimate,
         constraint=constraints.solution(white)[0],
-        shared=shared_parameters(free, groups, independent),
+        shared=shared_parameters(free, groups, rows),
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,12 +22,11 @@ from seaid._arrays import Array
 from seaid.drives import (
     Drive,
     ParameterName,
-    groups_of,
     parameter_named,
     parameter_of,
     shared_columns,
 )
-from seaid.errors import Finding, IdentificationError, listed
+from seaid.errors import Finding
 from seaid.estimation import (
     Constraints,
     Estimate,
@@ -37,7 +37,6 @@ from seaid.estimation import (
     independent_rows,
     shared_parameters,
     triangle,
-    with_one_value,
 )
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
@@ -132,14 +131,13 @@ def _merged(drive: Estimate, load: Estimate) -> Estimate:
         values=np.concatenate([drive.values, load.values]),
         covariance=linalg.block_diag(drive.covariance, load.covariance),
         units=drive.units + load.units,
-        white_standard_errors=_joined([drive.white_standard_errors, load.white_standard_errors]),
-        degrees_of_freedom=_joined([drive.degrees_of_freedom, load.degrees_of_freedom]),
+        white_standard_errors=_joined(drive.white_standard_errors, load.white_standard_errors),
+        degrees_of_freedom=_joined(drive.degrees_of_freedom, load.degrees_of_freedom),
     )
 
 
-def _joined(parts: Sequence[Array | None]) -> Array | None:
-    known = [part for part in parts if part is not None]
-    return np.concatenate(known) if len(known) == len(parts) else None
+def _joined(first: Array | None, second: Array | None) -> Array | None:
+    return None if first is None or second is None else np.concatenate([first, second])
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -332,86 +330,47 @@ def _separated(
     )
 
 
-def check_unshared(robot: Robot, method: str) -> None:
-    """Raise IdentificationError if drives share parameters, which a method cannot estimate."""
-    if groups := groups_of(robot.drives):
-        texts = [f"'{name}' of {listed(joints)}" for name, joints in groups.items()]
-        raise IdentificationError(
-            f"{method} estimates each drive alone, and drives share parameters ({listed(texts)}): "
-            'use method="two-step", which shares them, or remove the groups (shared = ... in the '
-            "drives file, share=)",
-            method,
-        )
-
-
-def stacked_estimates(estimates: Mapping[str, Estimate]) -> Estimate:
-    """Return the estimates {joint: Estimate} as one, without correlation between them."""
-    first, parts = next(iter(estimates.values())), list(estimates.values())
-    whites = [part.white_standard_errors for part in parts]
-    freedoms = [part.degrees_of_freedom for part in parts]
-    return replace(
-        first,
-        names=tuple(
-            ParameterName.of(name).at(joint) for joint, x in estimates.items() for name in x.names
-        ),
-        values=np.concatenate([part.values for part in parts]),
-        covariance=linalg.block_diag(*(part.covariance for part in parts)),
-        units=sum((part.units for part in parts), ()),
-        white_standard_errors=_joined(whites),
-        degrees_of_freedom=_joined(freedoms),
-    )
-
-
 def with_shared_drives(
-    robot: Robot, actuators: Mapping[str, FittedRows], estimates: Mapping[str, Estimate]
+    robot: Robot, actuators: dict[str, FittedRows], estimates: dict[str, Estimate]
 ) -> tuple[dict[str, FittedRows], dict[str, Estimate], Estimate | None]:
     """Return fits and estimates of drives with shared parameters, and all estimates as one."""
-    fits, changed = dict(actuators), dict(estimates)
     if not estimates:
-        return fits, changed, None
-    whole = stacked_estimates(estimates)
+        return actuators, estimates, None
+    whole = reduce(_merged, (_named(estimate, joint) for joint, estimate in estimates.items()))
     groups = shared_columns(robot.drives, whole.names)
     if not groups:
-        return fits, changed, whole
-    joints = [joint for joint in estimates if robot.drives[joint].shared]
-    independent = sum(independent_rows(fits[x].qr_factor, fits[x].estimate) for x in joints)
-    tested = shared_parameters(whole, groups, independent)
-    white = linalg.block_diag(
-        # Without a constraint any covariance leaves an estimate as it is.
-        *(fits[x].white_covariance if x in joints else estimates[x].covariance for x in estimates)
-    )
-    whole = with_one_value(
-        Constraints.of(len(whole.names), groups.values()).applied(whole, white), groups
-    )
-    start = 0
+        return actuators, estimates, whole
+    fits = actuators.values()
+    rows = sum(independent_rows(fit.qr_factor, fit.estimate) for fit in fits)
+    tested = shared_parameters(whole, groups, rows)
+    white = linalg.block_diag(*(fit.white_covariance for fit in fits))
+    whole = Constraints.of(len(whole.names), groups.values()).applied(whole, white)
+    changed = {}
     for joint, estimate in estimates.items():
-        part = whole.part(range(start, start + len(estimate.names)), estimate.names)
-        start += len(estimate.names)
-        if joint in joints:
-            changed[joint] = replace(
-                estimate,
-                values=part.values,
-                covariance=part.covariance,
-                white_standard_errors=part.white_standard_errors,
-                degrees_of_freedom=part.degrees_of_freedom,
-            )
-            own = tuple(shared for shared in tested if joint in shared.joints)
-            fits[joint] = replace(fits[joint], estimate=changed[joint], shared=own)
-    return fits, changed, whole
+        part = whole.part(places_in(whole, {joint: estimate}), estimate.names)
+        own = ("residual_std", "condition_number", "diagnostics")
+        changed[joint] = replace(part, **{name: getattr(estimate, name) for name in own})
+    shared = {
+        joint: replace(fit, estimate=changed[joint], shared=tested)
+        for joint, fit in actuators.items()
+    }
+    return shared, changed, whole
+
+
+def _named(estimate: Estimate, joint: str) -> Estimate:
+    """Return the estimate of a drive with its joint in the names."""
+    return replace(estimate, names=tuple(ParameterName.of(x).at(joint) for x in estimate.names))
 
 
 def shared_slopes(
     robot: Robot, actuators: Mapping[str, FittedRows], own: dict[str, dict[str, Array]]
-) -> dict[str, dict[str, Array]]:
-    """Return the derivatives {joint: {parameter: (k,)}} of drives fitted alone as shared ones."""
+) -> None:
+    """Make derivatives {joint: {parameter: (k,)}} of drives fitted alone those of shared ones."""
     keys = [(joint, name) for joint, slopes in own.items() for name in slopes]
     groups = shared_columns(robot.drives, [ParameterName.of(x).at(joint) for joint, x in keys])
-    if not groups:
-        return own
-    white = linalg.block_diag(*(actuators[joint].white_covariance for joint in own))
-    P, _ = Constraints.of(len(keys), groups.values()).solution(white)
-    changed = P @ np.array([own[joint][name] for joint, name in keys])
-    slopes: dict[str, dict[str, Array]] = {joint: {} for joint in own}
-    for (joint, name), derivative in zip(keys, changed, strict=True):
-        slopes[joint][name] = derivative
-    return slopes
+    if groups:
+        white = linalg.block_diag(*(actuators[joint].white_covariance for joint in own))
+        P, _ = Constraints.of(len(keys), groups.values()).solution(white)
+        changed = P @ np.array([own[joint][name] for joint, name in keys])
+        for (joint, name), slopes in zip(keys, changed, strict=True):
+            own[joint][name] = slopes

@@ -17,10 +17,11 @@ from seaid._arrays import Array, BoolArray
 from seaid.drives import (
     DELAY_PARAMETER,
     ParameterName,
+    groups_of,
     parameter_of,
     unit_of,
 )
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
@@ -101,14 +102,14 @@ def check_scale(qr_factor: QRFactor) -> None:
             raise problem
 
 
-def check_scale_of_shared(robot: Robot, joint: str, problem: UnknownScaleError) -> None:
-    """Raise IdentificationError if only the load or a sensor scales a drive of a group."""
-    if group := robot.drives[joint].shared:
+def check_scale_of_shared(robot: Robot, problem: UnknownScaleError) -> None:
+    """Raise IdentificationError for drives that share, if the load has to scale one of any."""
+    if groups := groups_of(robot.drives):
+        name = problem.parameter
         raise IdentificationError(
-            f"{joint} shares '{group}', and its motor equation leaves the "
-            f"{problem.parameter.replace('_', ' ')} open, which the load would give each joint for "
-            f"itself: give it (known = ['{problem.parameter}']) or the rotor inertia, or remove "
-            "the group",
+            f"the {name.replace('_', ' ')} of {problem.joint} would be that of its load, and "
+            f"drives share parameters ({listed(groups)}): give the constant (known = ['{name}']) "
+            "or the rotor inertia, or remove the groups",
             "share=",
         )
 

@@ -49,7 +49,7 @@ from seaid.checks import (
     without_echoes,
     without_setup_echoes,
 )
-from seaid.drives import Drive, places_of, without_condition
+from seaid.drives import Drive, ParameterName, check_groups, groups_of, places_of
 from seaid.errors import Finding, IdentificationError, listed, unknown_name
 from seaid.estimation import (
     Estimator,
@@ -75,7 +75,7 @@ from seaid.identification.datasets import (
     datasets_by_log,
     first_motion,
 )
-from seaid.identification.drive_estimates import LOAD, RobotEstimate, check_unshared
+from seaid.identification.drive_estimates import LOAD, RobotEstimate
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
@@ -171,11 +171,24 @@ class Options:
         check_offset_std(self.encoder_offset_std)
         check_known_std(self.known_std)
 
+    @property
+    def beyond_two_steps(self) -> str:
+        """The option that asks for more than linear two steps, "" without one."""
+        if self.estimator == "iv":
+            return 'estimator="iv"'
+        return 'method="simultaneous"' if self.method == "simultaneous" else ""
+
     def check_shared(self, robot: Robot) -> None:
-        """Raise IdentificationError for options by which drives of a robot share nothing."""
-        refused = 'estimator="iv"' if self.estimator == "iv" else 'method="simultaneous"'
-        if self.estimator == "iv" or self.method == "simultaneous":
-            check_unshared(robot, refused)
+        """Raise an error for drives that cannot share, or do not by a method that was chosen."""
+        check_groups(robot.drives, robot.name, is_whole=False)
+        groups, refused = groups_of(robot.drives), self.beyond_two_steps
+        if groups and refused:
+            raise IdentificationError(
+                f"{refused} estimates each drive alone, and drives share parameters "
+                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
+                "the groups (shared = ... in the drives file, share=)",
+                refused,
+            )
 
     @property
     def linear_estimator(self) -> Estimator:
@@ -184,9 +197,7 @@ class Options:
 
     def check_without_encoders(self, joints: Sequence[str]) -> None:
         """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
-        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
-        refused = 'estimator="iv"' if self.estimator == "iv" else refused
-        if refused:
+        if refused := self.beyond_two_steps:
             raise IdentificationError(
                 f"{refused} needs the joint position of each spring, and the logs have none of "
                 f"{listed(joints)}: these springs are found by a refinement that simulates the "
@@ -605,7 +616,7 @@ def motor_factors(fits: TwoStepFits, condition: str) -> dict[str, QRFactor]:
         assert fit.rows is not None
         rows = fit.rows.at(fits.shares[joint][condition].rows)
         places = places_of(rows.names, condition)
-        names = tuple(without_condition(rows.names[place]) for place in places)
+        names = tuple(ParameterName.of(rows.names[place]).within(None) for place in places)
         units = tuple(rows.units[place] for place in places)
         factors[joint] = qr_factor_of(replace(rows, names=names, units=units, H=rows.H[:, places]))
     return factors

@@ -577,7 +577,7 @@ def _two_step_slopes(
 ) -> dict[str, Array]:
     """Return {parameter: its derivatives (k,) by the constants} of both sides."""
     own = {joint: _motor_slopes(sides, joint, fit, rows) for joint, fit in sides.actuators.items()}
-    own = shared_slopes(robot, sides.actuators, own)
+    shared_slopes(robot, sides.actuators, own)
     springs = [(joint, x) for joint in sides.springs for x in spring_regressor(robot, joint).names]
 
     def of_load(fit: FittedRows) -> dict[str, Array]:

@@ -357,7 +357,7 @@ class _Motors:
             except UnknownScaleError as problem:
                 if joint not in (*self.joints, *self.sensed):
                     raise
-                check_scale_of_shared(robot, joint, problem)
+                check_scale_of_shared(robot, problem)
                 # With a constant of 1 the input is in y, where its noise does not attenuate
                 # anything: the fit needs no correction for a noisy column.
                 unscaled[joint], part = problem, rows[joint]

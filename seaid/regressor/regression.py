@@ -25,7 +25,6 @@ from seaid.drives import (
     places_of,
     spring_equation,
     total_ratio,
-    without_condition,
 )
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
@@ -449,7 +448,7 @@ def joined_rows(
         replace(
             part,
             names=columns,
-            units=tuple(unit_of[without_condition(name)] for name in columns),
+            units=tuple(unit_of[ParameterName.of(name).within(None)] for name in columns),
             H=_placed(part.H, columns, condition),
             propagated=_placed(part.propagated, further, condition),
         )

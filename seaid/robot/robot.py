@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
-from seaid.drives import IDEAL_DRIVE, Drive, check_groups, drives_from_mapping, read_drives
+from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidError, checked, shown, unknown_name
 from seaid.robot.floating_base import BaseKind, Contact, FloatingBase, floating_base
 from seaid.robot.inertia import parameter_names, to_pinocchio
@@ -525,7 +525,6 @@ def _drives(
         declared = read_drives(drives)
     else:
         declared = drives_from_mapping(drives)
-        check_groups(declared, "drives")
     file = f" of '{drives}'" if isinstance(drives, str | Path) else ""
     where = f"drives{file} for '{tree.name}'"
     for name in declared:
