@@ -4,6 +4,7 @@ from . import drives as drives
 from . import estimation as estimation
 from . import excitation as excitation
 from . import export as export
+from . import frequency as frequency
 from . import identification as identification
 from . import log as log
 from . import project as project
@@ -46,11 +47,12 @@ from .export import write_mjcf as write_mjcf
 from .export import write_model as write_model
 from .export import write_randomization as write_randomization
 from .export import write_urdf as write_urdf
+from .frequency import FrequencyResponse as FrequencyResponse
+from .frequency import frequency_response as frequency_response
 from .identification import Conditions as Conditions
 from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import Delay as Delay
 from .identification import FeasibleParameters as FeasibleParameters
-from .identification import FrequencyResponse as FrequencyResponse
 from .identification import GearRatio as GearRatio
 from .identification import Identification as Identification
 from .identification import SetupCheck as SetupCheck
@@ -66,7 +68,6 @@ from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
 from .identification import find_contacts as find_contacts
-from .identification import frequency_response as frequency_response
 from .identification import gear_ratio as gear_ratio
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions

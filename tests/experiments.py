@@ -16,9 +16,8 @@ from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.identification.validation import Validation
 from seaid.log.motion import Motion
 from seaid.log.reading import Log

@@ -247,9 +247,9 @@ def extrapolated(last: Sequence[Array] | Array) -> Array:
     Scheme S3 of squared extrapolation (Varadhan and Roland 2008).
     """
     first, second, third = last
-    step, bend = second - first, third - 2 * second + first
-    length = -np.linalg.norm(step) / max(float(np.linalg.norm(bend)), 1e-300)
-    return np.asarray(first - 2 * length * step + length**2 * bend)
+    step, curvature = second - first, third - 2 * second + first
+    length = -np.linalg.norm(step) / max(float(np.linalg.norm(curvature)), 1e-300)
+    return np.asarray(first - 2 * length * step + length**2 * curvature)
 
 
 def solve(qr_factor: QRFactor, weights: Array) -> Solution:

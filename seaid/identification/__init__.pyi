@@ -11,14 +11,13 @@ from .datasets import Source as Source
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
-from .frequency import FrequencyResponse as FrequencyResponse
-from .frequency import frequency_response as frequency_response
 from .gear import GearRatio as GearRatio
 from .gear import gear_ratio as gear_ratio
 from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import identify as identify
+from .identification import validate as validate
 from .inferred_contacts import FoundContacts as FoundContacts
 from .inferred_contacts import find_contacts as find_contacts
 from .inferred_contacts import with_leg_order as with_leg_order
@@ -32,7 +31,6 @@ from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics
 from .static_calibration import held_poses as held_poses
 from .static_calibration import read_statics as read_statics
-from .unseen_motion import validate as validate
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared

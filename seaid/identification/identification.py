@@ -1,13 +1,13 @@
-"""`identify`: the actuator side first, then the load side with its springs, or both at once.
+"""`identify` a robot from its logs, `validate` on another, and both over parts and cutoffs.
 
 Without a sensor behind some springs their motors alone determine them, by simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,10 +18,25 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import explained, log_findings
+from seaid.checks import (
+    MOST,
+    explained,
+    force_findings,
+    log_findings,
+    not_measured,
+    unseen_motion,
+)
 from seaid.drives import ParameterName, with_groups
-from seaid.errors import ExcitationError, IdentificationError, LogError, SeaidError, checked
+from seaid.errors import (
+    ExcitationError,
+    Finding,
+    IdentificationError,
+    LogError,
+    SeaidError,
+    checked,
+)
 from seaid.estimation import EstimatorName
+from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.model_selection import with_closed_terms
 from seaid.identification.motor_side import (
@@ -30,13 +45,18 @@ from seaid.identification.motor_side import (
     starts_by_regression,
     without_joint_encoder,
 )
-from seaid.identification.output_error import FirstEstimate, first_estimate, refined_with_logs
+from seaid.identification.output_error import (
+    FirstEstimate,
+    first_estimate,
+    refined_with_logs,
+    simulated_from_motors,
+)
 from seaid.identification.problem import Method, Options, concluded, solved
 from seaid.identification.result import Identification, consistent_bodies
 from seaid.identification.simulated_joints import check_refinable
-from seaid.identification.unseen_motion import validate
-from seaid.identification.validation import Validation
-from seaid.log import Log
+from seaid.identification.validation import Fit, Validation, compared
+from seaid.log import Log, reconstruct_motions
+from seaid.regressor import row_scale
 from seaid.robot import Robot
 
 
@@ -254,6 +274,109 @@ def _refined_from_motors(
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
     findings = (*refined.findings, *shown_springs(refined, joints, rate_hz))
     return replace(refined, findings=findings)
+
+
+@checked(IdentificationError)
+def validate(identification: Identification, log: Log) -> Validation:
+    """Predict the torques of another log and compare them with the measured ones.
+
+    Of a robot with a floating base the contact forces are predicted, too.
+
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    log : Log
+        A log that was not used in the identification. All its instants count but those of the
+        filter transients at its ends and around gaps in time, and those at which a motor with dry
+        friction stands.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    LogError
+        If the log does not fit the robot.
+
+    Examples
+    --------
+    >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
+    """
+    unseen = without_joint_encoder(identification.known, [log])
+    log = simulated_from_motors(identification, log)
+    motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
+    result = compared(identification, *motions)
+    places = [identification.known.index(joint) for joint in unseen]
+    result = replace(result, load=_without_joints(result.load, places))
+    contacts = contact_forces(identification, *motions)
+    findings = [*_contradictions(identification, result, places), *not_measured(unseen)]
+    findings += list(_base_contradictions(identification, result))
+    findings += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
+    return replace(result, warnings=tuple(findings), contacts=contacts)
+
+
+def _without_joints(fit: Fit, joints: Sequence[int]) -> Fit:
+    """Return a fit without the values of some joints."""
+    values = {field.name: getattr(fit, field.name).copy() for field in fields(fit)}
+    for value in values.values():
+        value[..., joints] = False if value.dtype == bool else np.nan
+    return Fit(**values)
+
+
+def _contradictions(
+    identification: Identification, result: Validation, unseen: Sequence[int]
+) -> Iterator[Finding]:
+    """Yield the joints whose torque on the load is not predicted, worse than in the own logs.
+
+    It is the motor torque of joints whose load side was not measured.
+    """
+    is_unseen = np.isin(np.arange(len(result.joints)), unseen)
+
+    def of(v: Validation, name: str) -> Array:
+        return np.asarray(np.where(is_unseen, getattr(v.actuator, name), getattr(v.load, name)))
+
+    errors = np.sqrt(np.maximum(1 - of(result, "r_squared"), 0))  # over that of a constant torque
+    suspects = [place for place, error in enumerate(errors) if error > MOST]
+    if not suspects or not identification.motions:
+        return
+    fits = [of(compared(identification, motion), "rms_error") for motion in identification.motions]
+    where = {False: "on the load", True: "of the motor"}
+    for place in suspects:
+        joint, error = result.joints[place], errors[place]
+        known = [float(each[place]) for each in fits if np.isfinite(each[place])]
+        ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
+        torque = f"the torque {where[is_unseen[place]]} of {joint}"
+        yield from unseen_motion(torque, joint, float(error), ratio)
+
+
+_LEAST_OF_WEIGHT = 0.05
+"""Part of the weight, or of its moment at the lever of the contacts, that counts as the force on
+the base where the ground acts less: in flight it does not act at all."""
+
+
+def _base_contradictions(identification: Identification, result: Validation) -> Iterator[Finding]:
+    """Yield that the force or moment on a floating base is not predicted, worse than in own logs.
+
+    The error is that of the vector of the three forces, or moments, over its deviation from the
+    mean.
+    """
+    if result.base is None:
+        return
+    robot = identification.robot
+    weight = float(np.linalg.norm(robot.model.gravity.linear) * robot.parameters[::10].sum())
+    lever = float(row_scale(robot, 6)[0, 0])
+    fits = [compared(identification, motion).base for motion in identification.motions]
+    for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
+        measured = result.base.measured[:, rows]
+        # Without the mean, which is the weight: it would hide any error.
+        size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
+        rms = float(np.linalg.norm(result.base.rms_error[rows]))
+        error = rms / max(size, _LEAST_OF_WEIGHT * least)
+        known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
+        ratio = rms / max(known) if known else np.inf
+        yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
 
 @checked(IdentificationError)

@@ -179,7 +179,7 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
 
     In (8) the deflection is replaced by its prediction, in column and y alike, so that the residual
     at `theta` is unchanged; from the motor equation of the joint the part of its residual that is
-    correlated with that of (8) is removed. The second (8) of each joint is left out.
+    correlated with that of (8) is removed. The second (8) of each joint is not among them.
     """
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta

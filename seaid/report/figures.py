@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from seaid.identification import CutoffSensitivity, FrequencyResponse, Identification
+    from seaid.frequency import FrequencyResponse
+    from seaid.identification import CutoffSensitivity, Identification
     from seaid.robot import Robot
 
 _MOST_SAMPLES, _ROOM = 420, 40_000

@@ -14,8 +14,8 @@ import numpy as np
 from seaid._files import plain, write_whole
 from seaid._progress import counted
 from seaid.errors import SeaidError, checked
+from seaid.frequency import FrequencyResponse
 from seaid.identification import (
-    FrequencyResponse,
     Identification,
     StaticCalibration,
     Validation,

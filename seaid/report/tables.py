@@ -36,10 +36,10 @@ from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
+    from seaid.frequency import FrequencyResponse
     from seaid.identification import (
         ContactForces,
         Fit,
-        FrequencyResponse,
         Identification,
         StaticCalibration,
     )

@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from seaid.errors import Finding
     from seaid.estimation import Estimate
     from seaid.excitation import Excitation, ExcitationMeasures
+    from seaid.frequency import FrequencyResponse
     from seaid.identification import (
         Conditions,
         CutoffSensitivity,
         FeasibleParameters,
-        FrequencyResponse,
         Identification,
         SetupCheck,
         StaticCalibration,

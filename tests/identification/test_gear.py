@@ -12,10 +12,9 @@ import pytest
 from seaid.drives import SeriesElasticDrive, drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.plant import plant_of

@@ -16,9 +16,8 @@ from seaid.errors import ExcitationError, IdentificationError, LogError, RobotEr
 from seaid.estimation.least_squares import Orthonormal, orthonormal
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.checking import standing_joints, without_standing
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques

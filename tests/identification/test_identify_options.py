@@ -16,9 +16,8 @@ import pytest
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Method
-from seaid.identification.identification import cross_validate, identify
+from seaid.identification.identification import cross_validate, identify, validate
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.robot.inertia import is_physical

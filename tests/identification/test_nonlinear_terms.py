@@ -16,10 +16,9 @@ from seaid.drives.drives import Drive
 from seaid.drives.terms import PARAMETERS
 from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
 from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log

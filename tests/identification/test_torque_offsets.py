@@ -10,9 +10,8 @@ import pytest
 
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.drive_estimates import TORQUE_OFFSET, identifiable_offsets
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.log.log import Log
 from seaid.regressor.regression import Regression
 from seaid.simulation.simulation import measure

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
-from seaid.identification.unseen_motion import validate
 from seaid.identification.validation import Validation, verdict_with
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion

@@ -9,8 +9,7 @@ import pytest
 
 from seaid.errors import LogError
 from seaid.excitation.trajectory import load_trajectory
-from seaid.identification.identification import identify
-from seaid.identification.unseen_motion import validate
+from seaid.identification.identification import identify, validate
 from seaid.identification.validation import compared
 from seaid.log.filtering import low_pass, row_samples
 from seaid.regressor.regression import known_friction, motor_regressor

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seaid.identification.identification import identify
-from seaid.identification.unseen_motion import validate
+from seaid.identification.identification import identify, validate
 from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
 from seaid.report.text import (

@@ -36,12 +36,11 @@ from seaid.errors import (
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation.objective import load_target
 from seaid.identification import Method
-from seaid.identification.identification import identify
+from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
-from seaid.identification.unseen_motion import validate
 from seaid.identification.validation import _actuator
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log

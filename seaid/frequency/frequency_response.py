@@ -21,7 +21,7 @@ from seaid.drives import total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory
-from seaid.identification.linear_joints import (
+from seaid.frequency.linear_joints import (
     FITS,
     Fit,
     LinearJoints,
@@ -31,8 +31,7 @@ from seaid.identification.linear_joints import (
     sticking_sign,
     with_free_rotors,
 )
-from seaid.identification.result import Identification
-from seaid.identification.spectra import (
+from seaid.frequency.spectra import (
     Record,
     Spectra,
     approximation_of,
@@ -40,6 +39,7 @@ from seaid.identification.spectra import (
     record_of,
     spectra_of,
 )
+from seaid.identification import Identification
 from seaid.log import Log
 from seaid.robot import Robot, at_joints
 

@@ -16,9 +16,9 @@ from scipy.signal import cont2discrete, savgol_filter
 
 import seaid
 from seaid._arrays import Array
-from seaid.identification.frequency import FrequencyResponse, frequency_response
-from seaid.identification.linear_joints import linearised
-from seaid.identification.spectra import _friction_sign
+from seaid.frequency.frequency_response import FrequencyResponse, frequency_response
+from seaid.frequency.linear_joints import linearised
+from seaid.frequency.spectra import _friction_sign
 from seaid.log.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
 from tests.representatives import quick_first

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, linear_sum_assignment, nnls
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
 from seaid.estimation import Estimate, scaled_svd
-from seaid.identification.spectra import NEAR, STICKS, Record, Spectra, motor_rates
+from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
 from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 

@@ -1,0 +1,2 @@
+from .frequency_response import FrequencyResponse as FrequencyResponse
+from .frequency_response import frequency_response as frequency_response
