@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.drives import ParameterName, joint_of
+from seaid.drives import Bus, ParameterName, joint_of
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
@@ -128,15 +128,15 @@ class Constraints:
         cls,
         p: int,
         equal: Iterable[Sequence[int]],
-        stated: Sequence[tuple[int, float, float]] = (),
+        stated: Sequence[Bus] = (),
     ) -> Constraints:
-        """Return one value for the places of each group, and (place, value, std) of the stated."""
+        """Return one value for the places of each group, and that of buses of `stated` delay."""
         unit, groups = np.eye(p), tuple(map(list, equal))
         rows = [unit[first] - unit[other] for first, *others in groups for other in others]
         b, stds = np.zeros((2, len(rows) + len(stated)))
-        b[len(rows) :] = [value for _, value, _ in stated]
-        stds[len(rows) :] = [std for _, _, std in stated]
-        rows += [unit[place] for place, _, _ in stated]
+        b[len(rows) :] = [bus.nominal_s for bus in stated]
+        stds[len(rows) :] = [bus.std_s for bus in stated]
+        rows += [unit[bus.places[0]] for bus in stated]
         return cls(groups, np.reshape(rows, (-1, p)), b, stds)
 
     def solution(self, white: Array) -> tuple[Array, Array]:
@@ -164,7 +164,8 @@ class Constraints:
         if errors is not None:
             ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
             errors = errors * np.sqrt(np.maximum(ratio, 0.0))
-        values = P @ estimate.values + G @ self.b
+        values, stated = P @ estimate.values + G @ self.b, np.count_nonzero(self.A, axis=1) == 1
+        values[np.argmax(self.A[stated], axis=1)] = self.b[stated]
         for places in self.equal:  # the same, and not only but for rounding
             values[places] = values[places[0]]
             if freedom is not None:  # the mean of several has at least that of the best one

@@ -72,7 +72,7 @@ def with_shared_parameters(
     P, _ = constraints.solution(white)
     stated = _undetermined(buses, estimate, P @ white @ P.T, fitted.qr_factor.count)
     if stated:
-        constraints = Constraints.of(p, equal, list(map(_statement, stated)))
+        constraints = Constraints.of(p, equal, stated)
         estimate = constraints.applied(free, white)
     rows = independent_rows(fitted.qr_factor, free)
     return replace(
@@ -88,11 +88,6 @@ def _equal(
 ) -> list[Sequence[int]]:
     """Return the places of the columns of each parameter that several drives have."""
     return [*(bus.places for bus in buses), *groups.values()]
-
-
-def _statement(bus: Bus) -> tuple[int, float, float]:
-    """Return place, value and standard deviation of a stated delay."""
-    return bus.places[0], bus.nominal_s, bus.std_s
 
 
 def _undetermined(buses: Sequence[Bus], estimate: Estimate, white: Array, count: int) -> list[Bus]:
@@ -125,8 +120,7 @@ def with_fixed_delays(
     buses = buses_of(drives, estimate.names, joint)
     groups = shared_columns(drives, estimate.names, joint)
     exact = [bus for bus in buses if is_stated(estimate.standard_errors[bus.places[0]], bus.std_s)]
-    statements = list(map(_statement, exact))
-    constraints = Constraints.of(len(white), _equal(buses, groups), statements)
+    constraints = Constraints.of(len(white), _equal(buses, groups), exact)
     if not len(constraints.A):
         return estimate, white
     P, _ = constraints.solution(white)

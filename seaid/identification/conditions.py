@@ -8,9 +8,7 @@ them known, identify what one condition cannot, such as the torque constant of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
@@ -21,9 +19,7 @@ from seaid.estimation import (
     LinearEstimator,
     TermTest,
     independent_rows,
-    qr_factor_of,
-    settled_weights,
-    term_test,
+    shared_parameters,
 )
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Options, concluded, solved
@@ -129,25 +125,12 @@ def identify_conditions(
 
 def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
     """Return {specific parameter: test of whether the conditions differ in it}."""
-    groups: dict[str, list[int]] = {}
+    groups: dict[ParameterName, list[int]] = {}
     for place, name in enumerate(map(ParameterName.of, fit.estimate.names)):
         if name.condition is not None:
             groups.setdefault(name.within(None), []).append(place)
-    assert fit.rows is not None
-    names, change = fit.rows.names, np.eye(len(fit.rows.names))
-    for places in groups.values():
-        # theta_c = theta_1 + delta_c, so that H theta = (H change) (theta_1, delta_2, ...).
-        change[places, places[0]] = 1.0
-    independent = independent_rows(fit.qr_factor, fit.estimate)
-    # Each F test needs degrees of freedom of the residual.
-    if not groups or independent <= len(names):
-        return {}
-    qr_factor = qr_factor_of(replace(fit.rows, H=fit.rows.H @ change))
-    weights = settled_weights(qr_factor)
-    return {
-        name: term_test(qr_factor, weights, [names[place] for place in places[1:]], independent)
-        for name, places in groups.items()
-    }
+    tested = shared_parameters(fit.estimate, groups, independent_rows(fit.qr_factor, fit.estimate))
+    return {parameter.name: parameter.difference for parameter in tested}
 
 
 def _differences(fits: TwoStepFits) -> dict[str, TermTest]:

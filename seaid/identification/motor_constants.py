@@ -17,11 +17,10 @@ from seaid._arrays import Array, BoolArray
 from seaid.drives import (
     DELAY_PARAMETER,
     ParameterName,
-    groups_of,
     parameter_of,
     unit_of,
 )
-from seaid.errors import IdentificationError, listed
+from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
@@ -100,18 +99,6 @@ def check_scale(qr_factor: QRFactor) -> None:
             )
             problem.joint, problem.parameter = joint, name
             raise problem
-
-
-def check_scale_of_shared(robot: Robot, problem: UnknownScaleError) -> None:
-    """Raise IdentificationError for drives that share, if the load has to scale one of any."""
-    if groups := groups_of(robot.drives):
-        name = problem.parameter
-        raise IdentificationError(
-            f"the {name.replace('_', ' ')} of {problem.joint} would be that of its load, and "
-            f"drives share parameters ({listed(groups)}): give the constant (known = ['{name}']) "
-            "or the rotor inertia, or remove the groups",
-            "share=",
-        )
 
 
 def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:

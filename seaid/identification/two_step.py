@@ -18,6 +18,7 @@ from scipy import linalg
 from seaid._arrays import Array
 from seaid.drives import (
     ParameterName,
+    groups_of,
     joint_of,
     parameter_of,
     places_of,
@@ -69,7 +70,6 @@ from seaid.identification.motor_constants import (
     STIFFNESS,
     UnknownScaleError,
     check_scale,
-    check_scale_of_shared,
     scaled_by_load,
     scaled_by_sensor,
     with_unit_constant,
@@ -355,9 +355,9 @@ class _Motors:
             try:
                 actuators[joint] = fit_actuator(robot, motions, joint, rows[joint], estimator)
             except UnknownScaleError as problem:
-                if joint not in (*self.joints, *self.sensed):
+                # The load would scale each drive of a group for itself.
+                if joint not in (*self.joints, *self.sensed) or groups_of(robot.drives):
                     raise
-                check_scale_of_shared(robot, problem)
                 # With a constant of 1 the input is in y, where its noise does not attenuate
                 # anything: the fit needs no correction for a noisy column.
                 unscaled[joint], part = problem, rows[joint]
