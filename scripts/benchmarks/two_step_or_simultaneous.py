@@ -19,7 +19,7 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.drives import FrictionTerm, JointParameter
+from seaid.drives import FrictionTerm, ParameterName
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.fitting import estimator_named
 from seaid.estimation.least_squares import weighted
@@ -57,9 +57,9 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     # `identify` may have added terms that the log supports, such as an offset of a torque
     columns = regress(motion).names[: -len(first.model.names)]
     drives = [
-        first.drives[column.joint].value(column.parameter)
+        first.drives[column.owner].value(column.quantity)
         for column in columns
-        if isinstance(column, JointParameter)
+        if isinstance(column, ParameterName) and column.owner
     ]
     start = np.append(drives, first.load_side.values)
     rows = offset_sensitivity(known, motion, regress, start)

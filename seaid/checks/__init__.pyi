@@ -97,6 +97,7 @@ from .values import regression_notes as regression_notes
 from .values import revalued as revalued
 from .values import rigid_gear as rigid_gear
 from .values import scale_of_bodies as scale_of_bodies
+from .values import shared_findings as shared_findings
 from .values import shared_scale as shared_scale
 from .values import smoothed_instruments as smoothed_instruments
 from .values import unknown_scales as unknown_scales

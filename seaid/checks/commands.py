@@ -35,9 +35,10 @@ from seaid.drives import (
     Bus,
     Controller,
     Drive,
-    JointParameter,
+    ParameterName,
     buses_of,
     is_stated,
+    joint_of,
     parameter_of,
     stated_delay_s,
 )
@@ -435,7 +436,7 @@ def _free_delays(robot: Robot) -> dict[str, Drive]:
 
 def _joints_of(bus: Bus, names: Sequence[str]) -> list[str]:
     """Return the joints of the delays of a bus."""
-    return [names[place].split(" of ")[1] for place in bus.places]
+    return [joint_of(names[place]) for place in bus.places]
 
 
 def _residual_std(rows: Regression) -> Array:
@@ -459,7 +460,7 @@ def _separation(
     sums: list[str] = []
     evidence = {"effect of the delay that nothing else has, over the residual": effect}
     for joint, (name, parameter) in product(joints, _SUMS.items()):
-        slope = slopes.get(JointParameter(parameter, joint))
+        slope = slopes.get(ParameterName(parameter, joint))
         if slope is not None:
             # From the motor to the joint.
             slope *= robot.drives[joint].ratio ** 2
@@ -492,7 +493,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
         if is_sure and not -tol.LEAST_DELAY_S < delay < tol.LATE_S:
             yield _unusual_delay(delay, joints)
         for joint in joints if is_stated(std, bus.std_s) else ():
-            if JointParameter("motor_inertia", joint) in load_side.names:
+            if ParameterName("motor_inertia", joint) in load_side.names:
                 scale = robot.drives[joint].ratio ** 2
                 slope, value, error = (scale * x for x in _sum_with_delay(load_side, joint))
                 sums.append(f"{joint} {value:.3g} +- {NORMAL_95 * error:.2g}")
@@ -511,7 +512,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
 
 def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:
     """Return K_d + F_v, the rotor inertia plus that times the delay, and its standard error."""
-    names = (JointParameter(name, joint) for name in ("motor_inertia", DELAY_PARAMETER))
+    names = (ParameterName(name, joint) for name in ("motor_inertia", DELAY_PARAMETER))
     places = [load_side.names.index(name) for name in names]
     (variance, shared), (_, of_delay) = load_side.covariance[np.ix_(places, places)]
     inertia, delay = load_side.values[places]

@@ -7,7 +7,7 @@ between the encoders.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,8 +24,10 @@ from seaid.drives import (
     PARAMETERS,
     PARAMETERS_OF,
     Drive,
-    JointParameter,
+    ParameterName,
     is_harmonic,
+    joint_of,
+    parameter_of,
     readable,
     total_ratio,
     unit_of,
@@ -37,6 +39,7 @@ from seaid.estimation import (
     ModelChecks,
     Program,
     QRFactor,
+    SharedParameter,
     first_term,
     nearest,
     triangle,
@@ -193,7 +196,7 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
         yield codes.POORLY_DETERMINED.note(f"{place}: {text}")
     for term in checks.terms:
         if term.bic <= 0:
-            name = readable(JointParameter(term.terms[0], joint) if joint else term.terms[0])
+            name = readable(ParameterName(term.terms[0], joint) if joint else term.terms[0])
             yield codes.NEEDLESS_TERM.note(
                 f"{name}: not supported by the data (BIC {term.bic:.3g}); remove the term"
             )
@@ -258,7 +261,7 @@ def _values(joint: str, estimate: Estimate) -> Iterator[_Value]:
     rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
     for name, value, error in rows:
         if not (name in _ZEROS or is_harmonic(name)):
-            text = readable(JointParameter(name, joint))
+            text = readable(ParameterName(name, joint))
             yield _Value(name, text, float(value), float(error))
 
 
@@ -319,7 +322,7 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
             reasons = [share or "value zero"]
         if term.name == "stiffness" and weak:
             if _scattering(estimate):
-                constant = readable(JointParameter(_scattering(estimate), joint))
+                constant = readable(ParameterName(_scattering(estimate), joint))
                 subject = f"{constant}, and with it friction and rotor inertia,"
             message = f"{subject} is poorly identified: {'; '.join([*reasons, *weak])}"
             yield codes.WEAK_SPRING.finding(message, joint, evidence=term.evidence)
@@ -415,7 +418,7 @@ def fixed_findings(
         where, source = "in the simulated motion", ", the value of identify"
     for name in names:
         fixed = f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}"
-        what = f"{readable(JointParameter(name, joint))} is not identifiable {where}"
+        what = f"{readable(ParameterName(name, joint))} is not identifiable {where}"
         if by_simulation or name not in _ONE_SIDED or not has_zone:
             message = f"{what}: {fixed}{source}; remove its term, or excite it"
             yield codes.UNIDENTIFIABLE.finding(message, joint, "note")
@@ -434,24 +437,43 @@ def fixed_findings(
         )
 
 
+def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
+    """Yield the shared parameters in which the drives of a group differ beyond chance."""
+    for shared in parameters:
+        if shared.difference.p_value > math.erfc(tol.SIGNIFICANT / math.sqrt(2)):
+            continue
+        spread = float(np.ptp(shared.values) / np.max(np.abs(shared.values)))
+        values = dict(zip(shared.joints, shared.values, strict=True))
+        alone = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
+        quantity = shared.name.quantity.replace("_", " ")
+        yield codes.DRIVES_DIFFER.finding(
+            f"the drives of '{shared.name.owner}' share the {quantity} and differ in it by "
+            f"{spread:.0%}: alone it is {alone}",
+            severity="doubtful" if spread > tol.POOR else "note",
+            evidence=values,
+            remedy="give the drive that differs a group of its own (shared = ..., share=), or none",
+            joints=shared.joints,
+        )
+
+
 def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     """Yield the constant errors of motor torques on springs that the load side has as columns."""
     estimate, qr_factor = load.estimate, load.qr_factor
     sizes = np.linalg.norm(qr_factor.factors[:, :, -1], axis=1) / np.sqrt(qr_factor.counts)
     for place, name in enumerate(estimate.names):
-        if not isinstance(name, JointParameter) or name.parameter != "torque_offset":
+        if parameter_of(name) != "torque_offset":
             continue
         value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
         lower, upper = estimate.interval(tol.NO_CHANCE)[place]
         # The rms torque on the load, divided by N r_L / r_M: that at the motor.
-        size = sizes[qr_factor.equations.index(robot.index(name.joint))]
-        torque = float(size / total_ratio(robot.drives[name.joint]))
+        size = sizes[qr_factor.equations.index(robot.index(joint_of(name)))]
+        torque = float(size / total_ratio(robot.drives[joint_of(name)]))
         if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
             yield codes.TORQUE_OFFSET.finding(
-                f"the motor torque of {name.joint} has a constant error of {value:.2g} N m "
+                f"the motor torque of {joint_of(name)} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
-                name.joint,
+                joint_of(name),
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
                 codes.TORQUE_OFFSET.advice,
@@ -506,11 +528,11 @@ def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
     """Return the parameters of a joint over the best known one, which have no unknown scale."""
     without_scale = ("command_delay", "gain_scale", *_CONSTANTS)
     errors = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
-    names = [x for x in load_side.names if isinstance(x, JointParameter) and x.joint == joint]
-    names = [name for name in names if name.parameter not in without_scale]
+    names = [x for x in map(ParameterName.of, load_side.names) if x.owner == joint]
+    names = [name for name in names if name.quantity not in without_scale]
     names.sort(key=errors.__getitem__)
     return {
-        f"{name.parameter} over {names[0].parameter} of {joint}": load_side.value(name)
+        f"{name.quantity} over {names[0].quantity} of {joint}": load_side.value(name)
         / load_side.value(names[0])
         for name in names[1:]
     }

@@ -177,34 +177,6 @@ def is_stated(std_s: float, stated_s: float) -> bool:
     return bool(np.isclose(std_s, stated_s, rtol=1e-6))
 
 
-@dataclass(frozen=True)
-class Bus:
-    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
-
-    places: tuple[int, ...]
-    nominal_s: float
-    std_s: float
-
-
-def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
-    """Return the groups of columns; drives with one nominal delay are on one bus.
-
-    `joint` owns names without one. A condition has delays of its own if they are specific to it.
-    """
-    places: dict[tuple[float, str], list[int]] = {}
-    stds: dict[tuple[float, str], float] = {}
-    for place, name in enumerate(names):
-        text, _, condition = str(name).partition(" [")
-        parameter, _, owner = text.partition(" of ")
-        if parameter != DELAY_PARAMETER:
-            continue
-        drive = drives[owner or joint]
-        key = (drive.command_delay_s or 0.0, condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
-
-
 def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
     """Return what logs with the gain sets of some drives of a joint determine of its delay T.
 

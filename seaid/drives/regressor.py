@@ -17,6 +17,7 @@ from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
 from seaid.drives.equations import DriveEquation
 from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, Dahl, known_values, symbol_of, t
+from seaid.drives.terms import parameter_named
 from seaid.errors import RobotError
 from seaid.symbolic import separate
 
@@ -261,7 +262,7 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
     if symbol in PARAMETER_NAMES:
         return unit_of(drive, PARAMETER_NAMES[symbol])
     if str(symbol) in drive.parameter_names:  # k times an error of the deflection, or a torque
-        is_force = str(symbol).startswith("transmission_error")
+        is_force = parameter_named(str(symbol)).unit == "L"
         return drive.spring_units[0] if is_force else "N m"
     return f"N m/({flat_names(column)})"
 

@@ -256,68 +256,68 @@ NONLINEAR_SPRING = ("cubic", "fifth", *DEAD_ZONES)
 """Spring terms whose force depends on where the deflection is zero."""
 
 
-class JointParameter(str):
-    """The name of a column that is the parameter of a joint: "stiffness of knee"."""
+class ParameterName(str):
+    """The name of a column as data: "stiffness of knee [warm]" is a quantity of a joint.
 
-    parameter: str
-    joint: str
-
-    def __new__(cls, parameter: str, joint: str) -> JointParameter:
-        """Return the name with its two parts."""
-        name = super().__new__(cls, f"{parameter} of {joint}")
-        name.parameter, name.joint = parameter, joint
-        return name
-
-    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
-        return self.parameter, self.joint
-
-
-class ConditionParameter(str):
-    """The name of a column that one condition has alone: "spring_offset of knee [warm]".
-
-    `name` is what the column is called within its condition.
+    `owner` is the joint, "" for what no joint has alone (base parameters, or the columns of the
+    equation of one joint); `condition` is the one that has the column alone, None for all.
     """
 
-    name: str
-    condition: str
+    quantity: str
+    owner: str
+    condition: str | None
 
-    def __new__(cls, name: str, condition: str) -> ConditionParameter:
-        """Return the name with its two parts."""
-        text = super().__new__(cls, f"{name} [{condition}]")
-        text.name, text.condition = name, condition
-        return text
+    def __new__(cls, quantity: str, owner: str = "", condition: str | None = None) -> ParameterName:
+        """Return the name with its parts."""
+        text = f"{quantity} of {owner}" if owner else quantity
+        name = super().__new__(cls, text if condition is None else f"{text} [{condition}]")
+        name.quantity, name.owner, name.condition = quantity, owner, condition
+        return name
 
-    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
-        return self.name, self.condition
+    def __getnewargs__(self) -> tuple[str, str, str | None]:  # type: ignore[override]
+        return self.quantity, self.owner, self.condition
 
+    @classmethod
+    def of(cls, name: str) -> ParameterName:
+        """Return a name as data: a plain text is a quantity without a joint or a condition."""
+        return name if isinstance(name, ParameterName) else cls(name)
 
-def without_condition(name: str) -> str:
-    """Return what the name of a column is within its condition."""
-    return name.name if isinstance(name, ConditionParameter) else name
+    @classmethod
+    def read(cls, text: str) -> ParameterName:
+        """Return the name that a user writes, "stiffness" of all joints or "stiffness of knee"."""
+        quantity, _, owner = text.partition(" of ")
+        return cls(quantity, owner)
+
+    def at(self, owner: str) -> ParameterName:
+        """Return the name of the same quantity of another owner."""
+        return ParameterName(self.quantity, owner, self.condition)
+
+    def within(self, condition: str | None) -> ParameterName:
+        """Return the name of the column that a condition has alone; None: that all share."""
+        return ParameterName(self.quantity, self.owner, condition)
 
 
 def places_of(names: Sequence[str], condition: str) -> list[int]:
     """Return the places of the columns that a condition has, in the order of its own names."""
-    return [
-        place
-        for place, name in enumerate(names)
-        if not isinstance(name, ConditionParameter) or name.condition == condition
-    ]
+    parameters = enumerate(map(ParameterName.of, names))
+    return [place for place, name in parameters if name.condition in (None, condition)]
 
 
 def parameter_of(name: str) -> str:
     """Return the parameter that a name of a column begins with: of any joint, or of no joint."""
-    plain = without_condition(name)
-    return plain.parameter if isinstance(plain, JointParameter) else plain
+    return ParameterName.of(name).quantity
+
+
+def joint_of(name: str) -> str:
+    """Return the joint whose parameter a column is, "" for a base parameter."""
+    return ParameterName.of(name).owner
 
 
 def readable(name: str) -> str:
     """Return the name of a column for text: "viscous friction of knee", bodies unchanged."""
-    if isinstance(name, ConditionParameter):
-        return f"{readable(name.name)} [{name.condition}]"
-    if not isinstance(name, JointParameter):
-        return name
-    return f"{name.parameter.replace('_', ' ')} of {name.joint}"
+    parts = ParameterName.of(name)
+    quantity = parts.quantity.replace("_", " ") if parts.owner else parts.quantity
+    return str(ParameterName(quantity, parts.owner, parts.condition))
 
 
 _SERIES_POWERS = {

@@ -19,6 +19,7 @@ from seaid.drives.drives import (
     Drive,
     SeriesElasticDrive,
     StiffDrive,
+    check_groups,
     term_fields,
     unit_of,
 )
@@ -44,9 +45,11 @@ def read_drives(path: str | Path) -> dict[str, Drive]:
                     "table for each joint, and the URDF is the first argument"
                 )
     tables = read_toml(path, "drives", RobotError)
-    return {
+    drives = {
         joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
     }
+    check_groups(drives, str(path))
+    return drives
 
 
 _OLD_KEYS = {"deflection_offset_N": "spring_offset_N", "deflection_offset_Nm": "spring_offset_Nm"}

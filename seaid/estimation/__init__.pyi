@@ -9,6 +9,7 @@ from .estimate import Diagnostics as Diagnostics
 from .estimate import Drift as Drift
 from .estimate import Estimate as Estimate
 from .estimate import ModelChecks as ModelChecks
+from .estimate import SharedParameter as SharedParameter
 from .estimate import TermTest as TermTest
 from .estimate import Whiteness as Whiteness
 from .estimate import independent_rows as independent_rows
@@ -55,9 +56,11 @@ from .nonlinear_least_squares import nuisance_draw as nuisance_draw
 from .nonlinear_least_squares import search as search
 from .nonlinear_least_squares import separable_least_squares as separable_least_squares
 from .nonlinear_least_squares import without_information as without_information
+from .parameters import Constraints as Constraints
 from .parameters import Parameter as Parameter
 from .parameters import Prior as Prior
 from .parameters import bounds_of as bounds_of
+from .parameters import shared_parameters as shared_parameters
 from .qr_factor import RANK_TOLERANCE as RANK_TOLERANCE
 from .qr_factor import ROUNDING as ROUNDING
 from .qr_factor import QRFactor as QRFactor

@@ -14,7 +14,7 @@ from scipy.special import chdtrc, fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import places_of, without_condition
+from seaid.drives import ParameterName, places_of
 from seaid.errors import (
     IdentificationError,
     SeaidError,
@@ -190,7 +190,7 @@ class Estimate(Result):
     def of_condition(self, condition: str) -> Estimate:
         """Return what a condition has of the estimate, under the names of its own columns."""
         places = places_of(self.names, condition)
-        return self.part(places, [without_condition(self.names[place]) for place in places])
+        return self.part(places, [ParameterName.of(self.names[x]).within(None) for x in places])
 
     def value(self, name: str) -> float:
         """Return the value of one parameter. Raises SeaidError for an unknown name."""
@@ -228,6 +228,37 @@ class TermTest:
     p_value: float
     bic: float
     independent: float
+
+    @classmethod
+    def of_statistic(
+        cls, terms: Sequence[str], F: float, q: int, p: int, independent: float
+    ) -> TermTest:
+        """Return the test with a statistic F of q constraints on p parameters."""
+        # F = ((SSR_0 - SSR) / q) / (SSR / (n - p)), with n the number of independent rows.
+        growth = 1 + q * F / (independent - p)
+        return cls(
+            terms=tuple(terms),
+            growth=growth,
+            F=F,
+            p_value=float(fdtrc(q, independent - p, max(F, 0.0))),
+            # Schwarz 1978: BIC = n log(SSR / n) + p log n, without the terms minus with them.
+            bic=float(independent * np.log(growth) - q * np.log(independent)),
+            independent=independent,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SharedParameter:
+    """A parameter that the drives of a group share.
+
+    `name` is that of the group, "stiffness of calf_motor"; `values` are those that the `joints`
+    would have alone, and `difference` tests whether they differ.
+    """
+
+    name: ParameterName
+    joints: tuple[str, ...]
+    values: tuple[float, ...]
+    difference: TermTest
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,17 +335,7 @@ def term_test(
     # R[-1, -1] is the norm of the residual of y on all columns before it.
     full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
-    # F = ((SSR_0 - SSR) / q) / (SSR / (n - p)), with n the number of independent rows.
-    F = (rows - p) / q * (growth - 1)
-    return TermTest(
-        terms=tuple(terms),
-        growth=growth,
-        F=F,
-        p_value=float(fdtrc(q, rows - p, max(F, 0.0))),
-        # Schwarz 1978: BIC = n log(SSR / n) + p log n, without the terms minus with them.
-        bic=float(rows * np.log(growth) - q * np.log(rows)),
-        independent=rows,
-    )
+    return TermTest.of_statistic(terms, (rows - p) / q * (growth - 1), q, p, rows)
 
 
 def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:

@@ -25,7 +25,13 @@ from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.errors import ExcitationError, IdentificationError, LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, long_run_of, slots
 from seaid.estimation.drift import block_factors
-from seaid.estimation.estimate import Estimate, ModelChecks, model_checks, whiteness
+from seaid.estimation.estimate import (
+    Estimate,
+    ModelChecks,
+    SharedParameter,
+    model_checks,
+    whiteness,
+)
 from seaid.estimation.least_squares import (
     MOST_INSTANTS,
     equal_weights,
@@ -388,7 +394,8 @@ class FittedRows:
     `settled` are the converged weights (E,) of the equations, if the estimate has used them;
     `equal` says whether it has weighted all of them equally. `change` returns plain rows with the
     weights of the estimate and the columns to which its residual is orthogonal; `constraint`
-    (p, p) of the values of least squares, if any, makes those of the estimate.
+    (p, p) of the values of least squares, if any, makes those of the estimate; `shared` are the
+    parameters that several drives share.
     """
 
     estimate: Estimate
@@ -399,6 +406,7 @@ class FittedRows:
     equal: bool = False
     change: Change = unchanged
     constraint: Array | None = None
+    shared: tuple[SharedParameter, ...] = ()
 
     @cached_property
     def weights(self) -> Array:

@@ -2,19 +2,24 @@
 
 A problem has a tuple of these, one per column of its residual blocks. Two blocks share a parameter
 by naming the same quantity, owner and condition: all else is not compared.
+
+Equations that were fitted apart share parameters by `Constraints` of their estimates: for the
+covariance of least squares, the constrained values are those of the fit in which the columns of
+equal parameters are their sum.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from seaid._arrays import Array
-from seaid.drives import ConditionParameter, JointParameter, without_condition
+from seaid._arrays import Array, safely
+from seaid.drives import Bus, ParameterName, joint_of
 from seaid.errors import IdentificationError
+from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
 
 @dataclass(frozen=True)
@@ -81,17 +86,13 @@ class Parameter:
     @classmethod
     def of_column(cls, name: str, unit: str = "") -> Parameter:
         """Return the parameter of a column: of a joint or a condition if the name has one."""
-        condition = name.condition if isinstance(name, ConditionParameter) else None
-        plain = without_condition(name)
-        if isinstance(plain, JointParameter):
-            return cls(plain.parameter, plain.joint, condition, unit)
-        return cls(plain, condition=condition, unit=unit)
+        parts = ParameterName.of(name)
+        return cls(parts.quantity, parts.owner, parts.condition, unit)
 
     @property
-    def name(self) -> str:
-        """The text for tables and messages, "stiffness of knee [warm]"."""
-        name = JointParameter(self.quantity, self.owner) if self.owner else self.quantity
-        return name if self.condition is None else ConditionParameter(name, self.condition)
+    def name(self) -> ParameterName:
+        """The name of its column, in text "stiffness of knee [warm]"."""
+        return ParameterName(self.quantity, self.owner, self.condition)
 
 
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
@@ -107,3 +108,91 @@ def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
     expected = [(prior or none).value for prior in priors]
     stds = [math.inf if prior is None else prior.std for prior in priors]
     return np.array(expected, dtype=float), np.array(stds, dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Constraints A x = b of parameters (p,), with standard deviations `stds` (c,) of the b.
+
+    x of least squares with a covariance W (p, p) becomes P x + G b, with G = W A^T (A W A^T)^+ and
+    P = 1 - G A. The places of each group in `equal` have one value.
+    """
+
+    equal: tuple[list[int], ...]
+    A: Array
+    b: Array
+    stds: Array
+
+    @classmethod
+    def of(
+        cls,
+        p: int,
+        equal: Iterable[Sequence[int]],
+        stated: Sequence[Bus] = (),
+    ) -> Constraints:
+        """Return one value for the places of each group, and that of buses of `stated` delay."""
+        unit, groups = np.eye(p), tuple(map(list, equal))
+        rows = [unit[first] - unit[other] for first, *others in groups for other in others]
+        b, stds = np.zeros((2, len(rows) + len(stated)))
+        b[len(rows) :] = [bus.nominal_s for bus in stated]
+        stds[len(rows) :] = [bus.std_s for bus in stated]
+        rows += [unit[bus.places[0]] for bus in stated]
+        return cls(groups, np.reshape(rows, (-1, p)), b, stds)
+
+    def solution(self, white: Array) -> tuple[Array, Array]:
+        """Return P (p, p) and G (p, c) for a covariance (p, p)."""
+        A = self.A
+        variance = A @ white @ A.T
+        # Stiffness and rotor inertia differ by many powers of ten: the rank is that of scaled rows.
+        scale = np.sqrt(np.maximum(np.diag(variance), np.finfo(float).tiny))
+        scaled = variance / np.outer(scale, scale)
+        inverse = safely(np.linalg.pinv, scaled, what="the shared parameters", hermitian=True)
+        G = white @ A.T @ (inverse / np.outer(scale, scale))
+        return np.eye(len(white)) - G @ A, G
+
+    def applied(self, estimate: Estimate, white: Array) -> Estimate:
+        """Return an estimate under the constraints."""
+        P, G = self.solution(white)
+        of_data, spread = P @ estimate.covariance @ P.T, G * self.stds
+        covariance = of_data + spread @ spread.T
+        freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
+        if freedom is not None:
+            # Welch and Satterthwaite: the stated part of the variance has no degrees of freedom.
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+                freedom = freedom * (np.diag(covariance) / np.diag(of_data)) ** 2
+            freedom = np.where(np.isfinite(freedom), freedom, np.inf)
+        if errors is not None:
+            ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
+            errors = errors * np.sqrt(np.maximum(ratio, 0.0))
+        values, stated = P @ estimate.values + G @ self.b, np.count_nonzero(self.A, axis=1) == 1
+        values[np.argmax(self.A[stated], axis=1)] = self.b[stated]
+        for places in self.equal:  # the same, and not only but for rounding
+            values[places] = values[places[0]]
+            if freedom is not None:  # the mean of several has at least that of the best one
+                freedom[places] = np.max(freedom[places])
+        return replace(
+            estimate,
+            values=values,
+            covariance=covariance,
+            degrees_of_freedom=freedom,
+            white_standard_errors=errors,
+        )
+
+
+def shared_parameters(
+    estimate: Estimate, groups: Mapping[ParameterName, Sequence[int]], independent: float
+) -> tuple[SharedParameter, ...]:
+    """Return what {shared parameter: its places} of an estimate without constraints show.
+
+    `independent` is the number of independent rows of the estimate.
+    """
+    shared, p = [], len(estimate.names)
+    for name, places in groups.items():
+        A = Constraints.of(p, [places]).A
+        change, variance = A @ estimate.values, A @ estimate.covariance @ A.T
+        # The test of Wald of whether the parameters are equal.
+        F = float(change @ safely(np.linalg.pinv, variance, what=name) @ change) / len(A)
+        test = TermTest.of_statistic((name,), F, len(A), p, max(independent, p + 1.0))
+        joints = tuple(joint_of(estimate.names[place]) for place in places)
+        shared.append(SharedParameter(name, joints, tuple(estimate.values[places].tolist()), test))
+    return tuple(shared)

@@ -17,6 +17,7 @@ from seaid._arrays import Array
 from seaid.drives import (
     SMOOTH_SIGNALS,
     DriveRegressor,
+    ParameterName,
     SmoothColumns,
     joint_term_parameters,
     missing_value,
@@ -164,7 +165,7 @@ def drive_target(
         picked = tuple(np.flatnonzero(is_column).tolist())
         columns = tuple(range(len(names), len(names) + len(picked)))
         blocks.append(replace(block, columns=columns, picked=picked))
-        names += [f"{name} of {joint}" for name in compress(regressor.names, is_column)]
+        names += [ParameterName(name, joint) for name in compress(regressor.names, is_column)]
         units += compress(regressor.units, is_column)
     needs_load = drives.is_elastic or any("tau_G" in block.signals for block in blocks)
     if needs_load:

@@ -16,7 +16,7 @@ from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown, un
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
-    from seaid.estimation import Estimate
+    from seaid.estimation import Estimate, SharedParameter
     from seaid.identification import FeasibleParameters, Identification, Validation
 
 
@@ -62,6 +62,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": found.model.torque_joints,
         "method": {"name": found.method, "not_shared": found.not_shared},
+        "shared": [_shared(parameter) for parameter in found.shared],
         "cutoff_hz": found.cutoff_hz,
         "verdict": verdict_with(found, () if validation is None else [validation]),
         "warnings": found.warnings,
@@ -75,6 +76,13 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "seaid": __version__,
     }
     return {name: plain(value) for name, value in content.items()}
+
+
+def _shared(shared: SharedParameter) -> dict[str, Any]:
+    """Return a parameter that drives share: its group and joints, and whether these differ."""
+    values = dict(zip(shared.joints, shared.values, strict=True))
+    name = {"parameter": shared.name.quantity, "group": shared.name.owner}
+    return {**name, "alone": values, "difference": shared.difference}
 
 
 @checked(RobotError)

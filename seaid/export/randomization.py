@@ -22,7 +22,7 @@ from scipy.special import ndtri, stdtrit
 from seaid._arrays import Array, safely
 from seaid._files import plain, write_whole
 from seaid._progress import Display
-from seaid.drives import JointParameter, parameter_named, total_ratio, unit_of
+from seaid.drives import ParameterName, parameter_named, total_ratio, unit_of
 from seaid.errors import RobotError, checked, shortened
 from seaid.identification import Identification
 from seaid.robot import PARAMETERS, THIN, from_pseudo_inertia, pseudo_inertia
@@ -241,12 +241,12 @@ class _Cloud:
         self.start = np.log(np.array([values[joint][name] for joint, name in self.absorbed]))
         self.count = 10 * len(self.bodies) + len(self.absorbed)
         self._assemble()
-        names = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
-        columns = [names.index(JointParameter(name, joint)) for joint, name in self.absorbed]
+        names = [ParameterName(name, joint) for joint, name, _ in model.absorbed]
+        columns = [names.index(ParameterName(name, joint)) for joint, name in self.absorbed]
         self.absorption = np.zeros((len(self.errors), len(self.absorbed)))
         self.absorption[: len(model.absorption)] = model.absorption[:, columns]
         self.values = np.array(
-            [values[key.joint].get(key.parameter, 0.0) for key in self.drives], dtype=float
+            [values[key.owner].get(key.quantity, 0.0) for key in self.drives], dtype=float
         )
         # The combinations of the robot as exported. With feasible=True they can differ from the
         # estimate; samples vary about the robot, by the covariance of the estimate.
@@ -273,13 +273,13 @@ class _Cloud:
         side = result.load_side
         # Drive parameters of stiff joints are estimated with the load, correlated with the
         # combinations; those of actuator sides are separate regressions, each a block of its own.
-        drives = [JointParameter(name, joint) for joint, name, _ in model.drives]
+        drives = [ParameterName(name, joint) for joint, name, _ in model.drives]
         rows = [side.names.index(name) for name in (*model.expressions, *drives)]
         blocks = [side.covariance[np.ix_(rows, rows)]]
         wider = [self._wider(side)[rows]]
         for joint, e in result.drives.items():
-            alone = [at for at, x in enumerate(e.names) if JointParameter(x, joint) not in drives]
-            drives += [JointParameter(e.names[at], joint) for at in alone]
+            alone = [at for at, x in enumerate(e.names) if ParameterName(x, joint) not in drives]
+            drives += [ParameterName(e.names[at], joint) for at in alone]
             blocks.append(e.covariance[np.ix_(alone, alone)])
             wider.append(self._wider(e)[alone])
         self.drives, self.p = drives, len(model.expressions)
@@ -394,7 +394,7 @@ class _Cloud:
         shift = self.absorption[self.p :] @ (absorbed - np.exp(self.start))
         values = dict(zip(self.drives, self.values + change - shift, strict=True))
         values |= {
-            JointParameter(name, joint): float(value)
+            ParameterName(name, joint): float(value)
             for (joint, name), value in zip(self.absorbed, absorbed, strict=True)
         }
         # What was neither estimated nor absorbed is known, and the same in each sample.
@@ -404,11 +404,11 @@ class _Cloud:
         bodies = [_at_center(theta[body]) for body in self.bodies]
         return np.concatenate([np.maximum(drives, least), *bodies])
 
-    def _least_value(self, name: JointParameter) -> float:
-        return 0.0 if parameter_named(name.parameter).is_positive else -math.inf
+    def _least_value(self, name: ParameterName) -> float:
+        return 0.0 if parameter_named(name.quantity).is_positive else -math.inf
 
     @cached_property
-    def _drive_rows(self) -> list[tuple[JointParameter, float, float]]:
+    def _drive_rows(self) -> list[tuple[ParameterName, float, float]]:
         """The parameters of drives: name, factor to the joint, value of the robot."""
         rows = []
         for joint, drive in self.robot.drives.items():
@@ -416,7 +416,7 @@ class _Cloud:
                 if name in drive.values and name not in ("spring_offset", "deflection_zero"):
                     power = _AT_JOINT[name][1] if name in _AT_JOINT else 0
                     factor = total_ratio(drive) ** power
-                    rows.append((JointParameter(name, joint), factor, drive.values[name]))
+                    rows.append((ParameterName(name, joint), factor, drive.values[name]))
         return rows
 
     def ranges(self, draws: Array) -> tuple[Range, ...]:
@@ -436,17 +436,15 @@ class _Cloud:
                 )
         return tuple(ranges)
 
-    def _drive_range(
-        self, name: JointParameter, factor: float, value: float, draws: Array
-    ) -> Range:
-        drive = self.robot.drives[name.joint]
-        shown, unit = name.parameter, unit_of(drive, name.parameter)
+    def _drive_range(self, name: ParameterName, factor: float, value: float, draws: Array) -> Range:
+        drive = self.robot.drives[name.owner]
+        shown, unit = name.quantity, unit_of(drive, name.quantity)
         if shown in _AT_JOINT:
             shown, _, unit = _AT_JOINT[shown]
-            slides = self.robot.is_prismatic[self.robot.index(name.joint)]
+            slides = self.robot.is_prismatic[self.robot.index(name.owner)]
             unit = unit.replace("kg m^2", "kg").replace("N m", "N") if slides else unit
             unit = unit.replace("/rad", "/m") if slides else unit
-        made = Range(shown, name.joint, unit, factor * value, 0.0, 0.0, "data")
+        made = Range(shown, name.owner, unit, factor * value, 0.0, 0.0, "data")
         tail = 0.5 - self.level / 2
         if name in self.drives:
             at = self.drives.index(name)
@@ -460,7 +458,7 @@ class _Cloud:
                 text = f"its standard error, {factor * error:.3g} {unit}, is larger than its value"
                 made = replace(made, why=text)
             return made
-        if (name.joint, name.parameter) in self.absorbed:
+        if (name.owner, name.quantity) in self.absorbed:
             low, high = (float(x) for x in np.quantile(draws, [tail, 1 - tail]))
             text = "only its sum with inertias of bodies is determined"
             return replace(made, low=low, high=high, source="prior", why=text)

@@ -7,16 +7,31 @@ the model; the delay is then as stated, and its uncertainty in all intervals.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
-from seaid.drives import DELAY_PARAMETER, NORMAL_95, Bus, Drive, buses_of, is_stated
+from seaid.drives import (
+    DELAY_PARAMETER,
+    NORMAL_95,
+    Bus,
+    Drive,
+    ParameterName,
+    buses_of,
+    is_stated,
+    shared_columns,
+)
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, FittedRows
+from seaid.estimation import (
+    Constraints,
+    Estimate,
+    FittedRows,
+    independent_rows,
+    shared_parameters,
+)
 from seaid.regressor import Regression
 from seaid.robot import Robot
 
@@ -39,79 +54,40 @@ _FREE = 1e-8
 """Part of a variance that stays to a direction with a fixed value, so that matrices have roots."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Constraints:
-    """Constraints A x = b of parameters (p,), with standard deviations `stds` (c,) of the b.
-
-    x of least squares with a covariance W (p, p) becomes P x + G b, with G = W A^T (A W A^T)^+ and
-    P = 1 - G A.
-    """
-
-    A: Array
-    b: Array
-    stds: Array
-
-    @classmethod
-    def of(cls, p: int, buses: Sequence[Bus], stated: Sequence[Bus] = ()) -> _Constraints:
-        """Return one delay for each bus, which is the nominal one of those that are `stated`."""
-        unit = np.eye(p)
-        equal = [unit[bus.places[0]] - unit[other] for bus in buses for other in bus.places[1:]]
-        rows = [*equal, *(unit[bus.places[0]] for bus in stated)]
-        b, stds = np.zeros((2, len(rows)))
-        b[len(equal) :] = [bus.nominal_s for bus in stated]
-        stds[len(equal) :] = [bus.std_s for bus in stated]
-        return cls(np.reshape(rows, (-1, p)), b, stds)
-
-    def solution(self, white: Array) -> tuple[Array, Array]:
-        """Return P (p, p) and G (p, c) for a covariance (p, p)."""
-        A = self.A
-        inverse = safely(np.linalg.pinv, A @ white @ A.T, what="the delays of the commands")
-        G = white @ A.T @ inverse
-        return np.eye(len(white)) - G @ A, G
-
-    def applied(self, estimate: Estimate, white: Array) -> Estimate:
-        """Return an estimate under the constraints."""
-        P, G = self.solution(white)
-        of_data, spread = P @ estimate.covariance @ P.T, G * self.stds
-        covariance = of_data + spread @ spread.T
-        freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
-        if freedom is not None:
-            # Welch and Satterthwaite: the stated part of the variance has no degrees of freedom.
-            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-                freedom = freedom * (np.diag(covariance) / np.diag(of_data)) ** 2
-            freedom = np.where(np.isfinite(freedom), freedom, np.inf)
-        if errors is not None:
-            ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
-            errors = errors * np.sqrt(np.maximum(ratio, 0.0))
-        return replace(
-            estimate,
-            values=P @ estimate.values + G @ self.b,
-            covariance=covariance,
-            degrees_of_freedom=freedom,
-            white_standard_errors=errors,
-        )
-
-
-def with_shared_delays(
+def with_shared_parameters(
     drives: Mapping[str, Drive], fitted: FittedRows, joint: str = ""
 ) -> FittedRows:
-    """Return a fit with one delay per bus, the stated one where the rows do not determine it."""
-    buses = buses_of(drives, fitted.estimate.names, joint)
-    if not buses:
+    """Return a fit with one value for what drives share, and one delay per bus.
+
+    The delay is the stated one where the rows do not determine it.
+    """
+    free = fitted.estimate
+    buses, groups = buses_of(drives, free.names, joint), shared_columns(drives, free.names, joint)
+    if not buses and not groups:
         return fitted
-    white, p = fitted.white_covariance, len(fitted.estimate.names)
-    constraints = _Constraints.of(p, buses)
-    estimate = constraints.applied(fitted.estimate, white)
+    white, p = fitted.white_covariance, len(free.names)
+    equal = _equal(buses, groups)
+    constraints = Constraints.of(p, equal)
+    estimate = constraints.applied(free, white)
     P, _ = constraints.solution(white)
     stated = _undetermined(buses, estimate, P @ white @ P.T, fitted.qr_factor.count)
     if stated:
-        constraints = _Constraints.of(p, buses, stated)
-        estimate = constraints.applied(fitted.estimate, white)
-    values = estimate.values.copy()
-    for bus in buses:  # the same but for rounding
-        values[list(bus.places)] = bus.nominal_s if bus in stated else values[bus.places[0]]
-    estimate = replace(estimate, values=values)
-    return replace(fitted, estimate=estimate, constraint=constraints.solution(white)[0])
+        constraints = Constraints.of(p, equal, stated)
+        estimate = constraints.applied(free, white)
+    rows = independent_rows(fitted.qr_factor, free)
+    return replace(
+        fitted,
+        estimate=estimate,
+        constraint=constraints.solution(white)[0],
+        shared=shared_parameters(free, groups, rows),
+    )
+
+
+def _equal(
+    buses: Iterable[Bus], groups: Mapping[ParameterName, Sequence[int]]
+) -> list[Sequence[int]]:
+    """Return the places of the columns of each parameter that several drives have."""
+    return [*(bus.places for bus in buses), *groups.values()]
 
 
 def _undetermined(buses: Sequence[Bus], estimate: Estimate, white: Array, count: int) -> list[Bus]:
@@ -137,12 +113,14 @@ def with_fixed_delays(
 ) -> tuple[Estimate, Array]:
     """Return an estimate and its covariance `white` (p, p) for delays that stay where they are.
 
-    A physically consistent robot is looked for near the estimate. Delays of one bus stay equal
-    then, and those that are as stated keep their value: both have a distance from no other value.
+    A physically consistent robot is looked for near the estimate. What drives share stays equal
+    then, as delays of one bus do, and those that are as stated keep their value: both have a
+    distance from no other value.
     """
     buses = buses_of(drives, estimate.names, joint)
+    groups = shared_columns(drives, estimate.names, joint)
     exact = [bus for bus in buses if is_stated(estimate.standard_errors[bus.places[0]], bus.std_s)]
-    constraints = _Constraints.of(len(white), buses, exact)
+    constraints = Constraints.of(len(white), _equal(buses, groups), exact)
     if not len(constraints.A):
         return estimate, white
     P, _ = constraints.solution(white)
@@ -155,24 +133,25 @@ def with_fixed_delays(
     return replace(estimate, covariance=covariance), P @ white @ P.T + _FREE * white
 
 
-def with_merged_delays(
+def with_merged_columns(
     drives: Mapping[str, Drive], rows: Regression, estimate: Estimate, joint: str = ""
 ) -> Regression:
-    """Return rows with one column for the delay of a bus, themselves without such columns.
+    """Return rows with one column for what drives share, themselves without such columns.
 
-    Their fit is the constrained one of `with_shared_delays`. Delays that are as stated in an
+    Their fit is the constrained one of `with_shared_parameters`. Delays that are as stated in an
     estimate have no column: their torque is known.
     """
-    buses = buses_of(drives, rows.names, joint)
-    if not buses:
+    buses, groups = buses_of(drives, rows.names, joint), shared_columns(drives, rows.names, joint)
+    if not buses and not groups:
         return rows
     H, y = rows.H.copy(), rows.y.copy()
     gone: list[int] = []
-    for bus in buses:
-        first, *others = bus.places
-        # One delay for all: the column of their common value is the sum.
-        H[:, first] = H[:, list(bus.places)].sum(axis=1)
+    for first, *others in _equal(buses, groups):
+        # One value for all: its column is the sum.
+        H[:, first] += H[:, others].sum(axis=1)
         gone += others
+    for bus in buses:
+        first = bus.places[0]
         if is_stated(estimate.standard_errors[first], bus.std_s):
             y -= bus.nominal_s * H[:, first]
             gone.append(first)

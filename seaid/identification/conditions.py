@@ -8,22 +8,18 @@ them known, identify what one condition cannot, such as the torque constant of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import PARAMETERS, ConditionParameter, JointParameter
+from seaid.drives import PARAMETERS, ParameterName
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     FittedRows,
     LinearEstimator,
     TermTest,
     independent_rows,
-    qr_factor_of,
-    settled_weights,
-    term_test,
+    shared_parameters,
 )
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Options, concluded, solved
@@ -129,31 +125,18 @@ def identify_conditions(
 
 def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
     """Return {specific parameter: test of whether the conditions differ in it}."""
-    groups: dict[str, list[int]] = {}
-    for place, name in enumerate(fit.estimate.names):
-        if isinstance(name, ConditionParameter):
-            groups.setdefault(name.name, []).append(place)
-    assert fit.rows is not None
-    names, change = fit.rows.names, np.eye(len(fit.rows.names))
-    for places in groups.values():
-        # theta_c = theta_1 + delta_c, so that H theta = (H change) (theta_1, delta_2, ...).
-        change[places, places[0]] = 1.0
-    independent = independent_rows(fit.qr_factor, fit.estimate)
-    # Each F test needs degrees of freedom of the residual.
-    if not groups or independent <= len(names):
-        return {}
-    qr_factor = qr_factor_of(replace(fit.rows, H=fit.rows.H @ change))
-    weights = settled_weights(qr_factor)
-    return {
-        name: term_test(qr_factor, weights, [names[place] for place in places[1:]], independent)
-        for name, places in groups.items()
-    }
+    groups: dict[ParameterName, list[int]] = {}
+    for place, name in enumerate(map(ParameterName.of, fit.estimate.names)):
+        if name.condition is not None:
+            groups.setdefault(name.within(None), []).append(place)
+    tested = shared_parameters(fit.estimate, groups, independent_rows(fit.qr_factor, fit.estimate))
+    return {parameter.name: parameter.difference for parameter in tested}
 
 
 def _differences(fits: TwoStepFits) -> dict[str, TermTest]:
     """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
     return {
-        JointParameter(name, joint): test
+        ParameterName(name, joint): test
         for joint, fit in fits.actuators.items()
         for name, test in _differences_of(fit).items()
     } | _differences_of(fits.load)
@@ -184,15 +167,14 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
 
 def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
     allowed = [BODIES, *PARAMETERS]
-    for name in specific:
-        parameter, _, joint = name.partition(" of ")
-        if parameter not in allowed:
+    for name in map(ParameterName.read, specific):
+        if name.quantity not in allowed:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("parameter", parameter, allowed),
+                "condition_specific=: " + unknown_name("parameter", name.quantity, allowed),
                 "condition_specific=",
             )
-        if joint and joint not in robot.joint_names:
+        if name.owner and name.owner not in robot.joint_names:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names),
+                "condition_specific=: " + unknown_name("joint", name.owner, robot.joint_names),
                 "condition_specific=",
             )

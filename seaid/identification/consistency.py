@@ -24,7 +24,7 @@ from scipy import linalg
 from seaid._arrays import Array, BoolArray, finite, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks import contradictions
-from seaid.drives import JointParameter, parameter_of, readable
+from seaid.drives import ParameterName, joint_of, parameter_of, readable
 from seaid.errors import Finding, IdentificationError, RobotError, unknown_name
 from seaid.estimation import (
     WEIGHTS,
@@ -188,7 +188,7 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
         )
     parts = [load_side, *drives.values()]
     names = [*load_side.names]
-    names += [JointParameter(name, joint) for joint, part in drives.items() for name in part.names]
+    names += [ParameterName(name, joint) for joint, part in drives.items() for name in part.names]
     if len(set(names)) < len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
@@ -232,13 +232,13 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, point: FeasiblePoint
     """Return the robot with consistent bodies and the identified drives."""
     m, names = robot.parameters.size, dict(zip(known.names, point.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, point.unknowns[m:], strict=False):
-        names[JointParameter(name, joint)] = value
+        names[ParameterName(name, joint)] = value
     drives = dict(robot.drives)
     for joint, drive in drives.items():
         drive_values = {
-            name.parameter: _rounded(name.parameter, value)
+            parameter_of(name): _rounded(parameter_of(name), value)
             for name, value in names.items()
-            if isinstance(name, JointParameter) and name.joint == joint
+            if joint_of(name) == joint
         }
         drives[joint] = with_values(drive, drive_values)
     return robot.with_values(_bodies(robot, point), drives)
@@ -505,7 +505,7 @@ def body_program(
     # An absorbed parameter adds `absorption` times itself to base parameters, as an inertia does:
     # the largest inertia over this factor is its natural size.
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
-    names: list[str] = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
+    names: list[str] = [ParameterName(name, joint) for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in drive_rows]
     sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[drive_rows])
     values = np.append(np.zeros(absorbed), known.values[drive_rows])

@@ -3,12 +3,16 @@
 (7) has the sum of a constant error of the motor torque b_0 and the spring offset f_0 as one column,
 s = f_0 + b_0 N/r_M. (4b) with s instead of f_0 would put r_L N/r_M b_0 on the load. So (8) gets a
 column for b_0 per spring: r_L (k d + s) = Y beta + r_L N/r_M b_0, and f_0 is the difference.
+
+The motor equations are fitted by joint; what drives of a group share is then one value for all of
+them, with the covariance between joints that this makes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +20,25 @@ from numpy.polynomial import polynomial
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import Drive, JointParameter, parameter_named, parameter_of
+from seaid.drives import (
+    Drive,
+    ParameterName,
+    parameter_named,
+    parameter_of,
+    shared_columns,
+)
 from seaid.errors import Finding
-from seaid.estimation import Estimate, FittedRows, ModelChecks, QRFactor, triangle
+from seaid.estimation import (
+    Constraints,
+    Estimate,
+    FittedRows,
+    ModelChecks,
+    QRFactor,
+    SharedParameter,
+    independent_rows,
+    shared_parameters,
+    triangle,
+)
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
@@ -44,7 +64,7 @@ class RobotEstimate:
     motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
     motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
     the way to the estimates, and `not_shared` is why the data do not support an estimate of both
-    sides at once, whose rows `regress` returns.
+    sides at once, whose rows `regress` returns; `shared` are the parameters that drives share.
     """
 
     drives: Mapping[str, Estimate]
@@ -59,6 +79,7 @@ class RobotEstimate:
     scaling: Mapping[str, FittedRows] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
+    shared: tuple[SharedParameter, ...] = ()
     regress: Callable[[Robot, Motion], Regression] | None = None
 
 
@@ -67,9 +88,9 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
 
 
-def sensed_spring(joint: str) -> JointParameter:
+def sensed_spring(joint: str) -> ParameterName:
     """Return the key of (4b) of a joint among equations named by joint."""
-    return JointParameter("spring", joint)
+    return ParameterName("spring", joint)
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
@@ -211,7 +232,7 @@ def with_torque_columns(
     )
     return replace(
         rows,
-        names=(*rows.names, *(JointParameter(TORQUE_OFFSET, joint) for joint in joints)),
+        names=(*rows.names, *(ParameterName(TORQUE_OFFSET, joint) for joint in joints)),
         units=(*rows.units, *len(joints) * ("N m",)),
         H=np.hstack([rows.H, columns]),
     )
@@ -237,36 +258,55 @@ def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[st
 
 
 def with_torque_offsets(
-    robot: Robot, load: FittedRows, drives: Mapping[str, Estimate], springs: Mapping[str, Estimate]
+    robot: Robot,
+    load: FittedRows,
+    drives: Mapping[str, Estimate],
+    springs: Mapping[str, Estimate],
+    whole: Estimate | None,
 ) -> dict[str, Estimate]:
     """Return the drives {joint: Estimate} with the spring offset and the torque offset separated.
 
-    The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it.
+    The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it. `whole` is
+    the estimate of all drives as one.
     """
-    split, start = dict(drives), 0
-    for joint, spring in springs.items():
-        name = f"{TORQUE_OFFSET} of {joint}"
+    split = dict(drives)
+    if whole is None:
+        return split
+    of_springs = places_in(whole, springs)
+    for joint in springs:
+        name = ParameterName(TORQUE_OFFSET, joint)
         if name in load.estimate.names:
             place = load.estimate.names.index(name)
-            slopes = load.sensitivity[place, start : start + len(spring.names)]
-            split[joint] = _separated(robot, load, joint, drives[joint], (spring, place, slopes))
-        start += len(spring.names)
+            # b_0 = slopes^T x + noise of (8), with the values x of the springs: the covariance
+            # with b_0 is C slopes.
+            slopes = load.sensitivity[place, : len(of_springs)]
+            of_drive = places_in(whole, {joint: drives[joint]})
+            common = whole.covariance[np.ix_(of_drive, of_springs)] @ slopes
+            split[joint] = _separated(robot, load, joint, drives[joint], place, common)
     return split
 
 
+def places_in(whole: Estimate, drives: Mapping[str, Estimate]) -> list[int]:
+    """Return the places of the parameters of drives {joint: Estimate} in that of all drives."""
+    return [
+        whole.names.index(ParameterName.of(name).at(joint))
+        for joint, drive in drives.items()
+        for name in drive.names
+    ]
+
+
 def _separated(
-    robot: Robot, load: FittedRows, joint: str, drive: Estimate, offset: tuple[Estimate, int, Array]
+    robot: Robot, load: FittedRows, joint: str, drive: Estimate, place: int, common: Array
 ) -> Estimate:
-    """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`."""
-    spring, place, slopes = offset
+    """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`.
+
+    `common` (q,) is the covariance of the drive's parameters with b_0.
+    """
     side, q = load.estimate, len(drive.names)
-    columns = [drive.names.index(name) for name in spring.names]
-    # b_0 = slopes^T x + noise of (8), with the values x of the spring: cov(x, b_0) = C slopes.
-    shared = drive.covariance[:, columns] @ slopes
     joined = np.vstack(
         [
-            np.column_stack([drive.covariance, shared]),
-            np.append(shared, side.covariance[place, place]),
+            np.column_stack([drive.covariance, common]),
+            np.append(common, side.covariance[place, place]),
         ]
     )
     # (x, b_0) -> (x with f_0 = s - b_0 N/r_M, b_0).
@@ -289,3 +329,49 @@ def _separated(
         white_standard_errors=white,
         degrees_of_freedom=freedom,
     )
+
+
+def with_shared_drives(
+    robot: Robot, actuators: dict[str, FittedRows], estimates: dict[str, Estimate]
+) -> tuple[dict[str, FittedRows], dict[str, Estimate], Estimate | None]:
+    """Return fits and estimates of drives with shared parameters, and all estimates as one."""
+    if not estimates:
+        return actuators, estimates, None
+    whole = reduce(_merged, (_named(estimate, joint) for joint, estimate in estimates.items()))
+    groups = shared_columns(robot.drives, whole.names)
+    if not groups:
+        return actuators, estimates, whole
+    fits = actuators.values()
+    rows = sum(independent_rows(fit.qr_factor, fit.estimate) for fit in fits)
+    tested = shared_parameters(whole, groups, rows)
+    white = linalg.block_diag(*(fit.white_covariance for fit in fits))
+    whole = Constraints.of(len(whole.names), groups.values()).applied(whole, white)
+    changed = {}
+    for joint, estimate in estimates.items():
+        part = whole.part(places_in(whole, {joint: estimate}), estimate.names)
+        own = ("residual_std", "condition_number", "diagnostics")
+        changed[joint] = replace(part, **{name: getattr(estimate, name) for name in own})
+    shared = {
+        joint: replace(fit, estimate=changed[joint], shared=tested)
+        for joint, fit in actuators.items()
+    }
+    return shared, changed, whole
+
+
+def _named(estimate: Estimate, joint: str) -> Estimate:
+    """Return the estimate of a drive with its joint in the names."""
+    return replace(estimate, names=tuple(ParameterName.of(x).at(joint) for x in estimate.names))
+
+
+def shared_slopes(
+    robot: Robot, actuators: Mapping[str, FittedRows], own: dict[str, dict[str, Array]]
+) -> None:
+    """Make derivatives {joint: {parameter: (k,)}} of drives fitted alone those of shared ones."""
+    keys = [(joint, name) for joint, slopes in own.items() for name in slopes]
+    groups = shared_columns(robot.drives, [ParameterName.of(x).at(joint) for joint, x in keys])
+    if groups:
+        white = linalg.block_diag(*(actuators[joint].white_covariance for joint in own))
+        P, _ = Constraints.of(len(keys), groups.values()).solution(white)
+        changed = P @ np.array([own[joint][name] for joint, name in keys])
+        for (joint, name), slopes in zip(keys, changed, strict=True):
+            own[joint][name] = slopes

@@ -26,6 +26,7 @@ from seaid.checks import (
     not_measured,
     unseen_motion,
 )
+from seaid.drives import ParameterName, with_groups
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -71,6 +72,7 @@ def identify(
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
     known_std: Mapping[str, float] = MappingProxyType({}),
+    share: Mapping[str, Sequence[str]] = MappingProxyType({}),
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
@@ -116,6 +118,9 @@ def identify(
         (mass), "bodies" (each known body, by a scale of its own), "motor_inertia_kg_m2",
         "gear_ratio", "motor_pulley_radius_m", "load_pulley_radius_m"; propagated to all estimates.
         A drive's own `std` takes precedence.
+    share : mapping {group: joints}
+        Drives of one type, whose friction, spring, rotor inertia and constants are the same ones,
+        besides those that the drives file names (`shared`); `Identification.shared` tests it.
     executor : concurrent.futures.Executor, optional
         Processes the logs, one per task.
     progress : bool
@@ -138,6 +143,7 @@ def identify(
     >>> print(result.summary())
     """
     robot.selected(torque_joints)  # refuses unknown joints before a log is read
+    robot = robot.with_drives(with_groups(robot.drives, share)) if share else robot
     options = Options(
         torque_joints=torque_joints,
         method=method,
@@ -581,7 +587,7 @@ def cutoff_sensitivity(
 
 def _names(result: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
     drives = result.drives.items()
-    names = [f"{name} of {joint}" for joint, estimate in drives for name in estimate.names]
+    names = [ParameterName(name, joint) for joint, estimate in drives for name in estimate.names]
     units = [unit for _, estimate in drives for unit in estimate.units]
     return (*names, *result.load.names), (*units, *result.load.units)
 

@@ -519,7 +519,10 @@ def _trials_of_open_drives(
 ) -> dict[str, list[Trial]]:
     """Return the first trials of friction and springs where nobody named the friction, by joint."""
     trials: dict[str, list[Trial]] = {
-        joint: [] for joint, x in robot.drives.items() if isinstance(x.friction, DefaultTerms)
+        # The terms of drives that share parameters stay the same ones.
+        joint: []
+        for joint, x in robot.drives.items()
+        if isinstance(x.friction, DefaultTerms) and not x.shared
     }
     for trial in (trial for side in selected for trial in side.selection.first):
         candidate = trial.candidate

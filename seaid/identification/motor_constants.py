@@ -16,10 +16,9 @@ import numpy as np
 from seaid._arrays import Array, BoolArray
 from seaid.drives import (
     DELAY_PARAMETER,
-    JointParameter,
+    ParameterName,
     parameter_of,
     unit_of,
-    without_condition,
 )
 from seaid.errors import IdentificationError
 from seaid.estimation import (
@@ -87,11 +86,11 @@ def check_scale(qr_factor: QRFactor) -> None:
     open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
     for place in places:
         if abs(torques[place]) <= least or open_part[place] > _PART:
-            column = without_condition(qr_factor.names[place])
-            name, remedy = parameter_of(column), _SPRING
+            column, remedy = ParameterName.of(qr_factor.names[place]), _SPRING
+            name = column.quantity
             joint = qr_factor.joint_names[qr_factor.equations[0]]
-            if isinstance(column, JointParameter):
-                joint, remedy = column.joint, _LOAD_SIDE
+            if column.owner:
+                joint, remedy = column.owner, _LOAD_SIDE
             problem = UnknownScaleError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
                 f"so all torques are known only up to scale. Give one of: {remedy}or the constant "
@@ -151,7 +150,7 @@ def scaled_by_load(
     torque for a constant of 1 is a column of (8), whose parameter is the constant: known bodies
     give its scale. Raises UnknownScaleError if they do not.
     """
-    constants = {x: JointParameter(problem.parameter, x) for x, problem in unscaled.items()}
+    constants = {x: ParameterName(problem.parameter, x) for x, problem in unscaled.items()}
     change = partial(with_constant_columns, robot, springs, constants=constants)
     try:
         fitted = fit(rows, estimator, None, change, check_scale)
@@ -170,7 +169,7 @@ _RUN_AWAY = 1e-6
 """Part of the constant of equal weights below which that of settled ones is none."""
 
 
-def _without_scale(fitted: FittedRows, constants: Mapping[str, JointParameter]) -> Iterator[str]:
+def _without_scale(fitted: FittedRows, constants: Mapping[str, ParameterName]) -> Iterator[str]:
     """Yield the joints {joint: its constant} whose equations the weights have made zero.
 
     An equation without a known torque is homogeneous. With a little less of everything in it its
@@ -187,7 +186,7 @@ def with_constant_columns(
     robot: Robot,
     springs: Mapping[str, Estimate],
     rows: Regression,
-    constants: Mapping[str, JointParameter],
+    constants: Mapping[str, ParameterName],
 ) -> Regression:
     """Return (8) with the torques of the springs: for a constant of 1 as the column of it.
 
@@ -204,7 +203,7 @@ def with_constant_columns(
         else:
             y = y + torque
     names = tuple(constants[joint] for joint in springs if joint in constants)
-    units = tuple(unit_of(robot.drives[name.joint], name.parameter) for name in names)
+    units = tuple(unit_of(robot.drives[name.owner], name.quantity) for name in names)
     H = np.column_stack([rows.H, *columns])
     return replace(rows, names=rows.names + names, units=rows.units + units, H=H, y=y)
 
@@ -212,7 +211,7 @@ def with_constant_columns(
 def scaled_with_springs(
     robot: Robot,
     unit: Estimate,
-    name: JointParameter,
+    name: ParameterName,
     fitted: FittedRows,
     springs: Mapping[str, Estimate],
 ) -> Estimate:
@@ -226,16 +225,16 @@ def scaled_with_springs(
     ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
     variance, slopes = load.standard_error(name) ** 2, np.zeros(len(unit.names))
     for k, (joint, spring) in enumerate(springs.items()):
-        same = JointParameter(name.parameter, joint)
+        same = ParameterName(name.quantity, joint)
         # Errors of the own spring are in `unit` too, so that their part of the error is correlated
         # with it and goes through `slopes`; those of other springs are independent of it.
         slope = (load.value(same) if same in load.names else 1.0) * row[ends[k] : ends[k + 1]]
-        if joint == name.joint:
+        if joint == name.owner:
             slopes[[unit.names.index(x) for x in spring.names]] = slope
         else:
             variance += float(slope @ spring.covariance @ slope)
     error = float(np.sqrt(variance))
-    return _scaled(robot, unit, name.joint, name.parameter, load.value(name), error, slopes)
+    return _scaled(robot, unit, name.owner, name.quantity, load.value(name), error, slopes)
 
 
 def scaled_by_sensor(

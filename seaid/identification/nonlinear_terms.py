@@ -29,6 +29,7 @@ from seaid.drives import (
     WARM_UP,
     Drive,
     DriveRegressor,
+    ParameterName,
     parameter_named,
 )
 from seaid.errors import IdentificationError
@@ -538,7 +539,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     """Return the search on the load side of a stiff drive; its other columns are projected out."""
     rows, index = fit.rows, robot.index(joint)
     regressor = motor_regressor(robot, joint)
-    drive_names = [f"{name} of {joint}" for name in regressor.names]
+    drive_names = [ParameterName(name, joint) for name in regressor.names]
     weights = _weights(fit.qr_factor)
     # (E,) per equation -> (R,) per row; `equations` are sorted.
     of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
@@ -549,7 +550,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     weight = float(weights[fit.qr_factor.equations.index(index)])
     return _Search(
         regressor=regressor,
-        linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
+        linear=tuple(n for n in regressor.linear if ParameterName(n, joint) in rows.names),
         motions=motions,
         signals=by_motion,
         samples=[

@@ -27,7 +27,7 @@ from seaid.checks import (
 )
 from seaid.drives import (
     DefaultTerms,
-    JointParameter,
+    ParameterName,
     is_dry,
     parameter_named,
     readable,
@@ -237,7 +237,7 @@ class Layout:
             for name in motor_regressor(known, joint).non_linear:
                 if parameter_named(name).is_positive and values.get(name, 1.0) <= 0:
                     raise IdentificationError(
-                        f"the {readable(JointParameter(name, joint))} would become negative"
+                        f"the {readable(ParameterName(name, joint))} would become negative"
                     )
             drives[joint] = with_values(known.drives[joint], values)
         return known.with_drives(drives) if drives else known

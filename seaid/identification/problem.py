@@ -42,13 +42,14 @@ from seaid.checks import (
     scale_of_bodies,
     selections,
     sensor_errors,
+    shared_findings,
     standstill_findings,
     unknown_scales,
     with_torques_of,
     without_echoes,
     without_setup_echoes,
 )
-from seaid.drives import Drive, places_of, without_condition
+from seaid.drives import Drive, ParameterName, check_groups, groups_of, places_of
 from seaid.errors import Finding, IdentificationError, listed, unknown_name
 from seaid.estimation import (
     Estimator,
@@ -171,15 +172,32 @@ class Options:
         check_known_std(self.known_std)
 
     @property
+    def beyond_two_steps(self) -> str:
+        """The option that asks for more than linear two steps, "" without one."""
+        if self.estimator == "iv":
+            return 'estimator="iv"'
+        return 'method="simultaneous"' if self.method == "simultaneous" else ""
+
+    def check_shared(self, robot: Robot) -> None:
+        """Raise an error for drives that cannot share, or do not by a method that was chosen."""
+        check_groups(robot.drives, robot.name, is_whole=False)
+        groups, refused = groups_of(robot.drives), self.beyond_two_steps
+        if groups and refused:
+            raise IdentificationError(
+                f"{refused} estimates each drive alone, and drives share parameters "
+                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
+                "the groups (shared = ... in the drives file, share=)",
+                refused,
+            )
+
+    @property
     def linear_estimator(self) -> Estimator:
         """The estimator of two steps, from which instruments continue too."""
         return estimator_named("wls" if self.estimator == "iv" else self.estimator)
 
     def check_without_encoders(self, joints: Sequence[str]) -> None:
         """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
-        refused = 'method="simultaneous"' if self.method == "simultaneous" else ""
-        refused = 'estimator="iv"' if self.estimator == "iv" else refused
-        if refused:
+        if refused := self.beyond_two_steps:
             raise IdentificationError(
                 f"{refused} needs the joint position of each spring, and the logs have none of "
                 f"{listed(joints)}: these springs are found by a refinement that simulates the "
@@ -340,6 +358,8 @@ def solved(
     The column of a delay is a derivative at the delay of the drive, and gains in units of the drive
     have the scale 1 where nothing determines it: fits are repeated about each new robot.
     """
+    for robot in robots.values():
+        options.check_shared(robot)
     unscaled: tuple[str, ...] = ()
     nominals: Mapping[str, Robot] = {}
     declared, rounds = dict(robots), MOST_DELAY_ROUNDS
@@ -544,7 +564,7 @@ def concluded(problem: Problem, name: str) -> Identification:
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None
     result = identification_of(robot, model, estimate, datasets, consistent, case.declared)
-    values += [*estimate.findings, *result.findings]
+    values += [*shared_findings(estimate.shared), *estimate.findings, *result.findings]
     result = with_value_findings(_with_fit(problem, name, result, weak, findings), values)
     result = consistent_bodies(result) if options.feasible and not only else result
     unclear = (
@@ -596,7 +616,7 @@ def motor_factors(fits: TwoStepFits, condition: str) -> dict[str, QRFactor]:
         assert fit.rows is not None
         rows = fit.rows.at(fits.shares[joint][condition].rows)
         places = places_of(rows.names, condition)
-        names = tuple(without_condition(rows.names[place]) for place in places)
+        names = tuple(ParameterName.of(rows.names[place]).within(None) for place in places)
         units = tuple(rows.units[place] for place in places)
         factors[joint] = qr_factor_of(replace(rows, names=names, units=units, H=rows.H[:, places]))
     return factors

@@ -30,6 +30,7 @@ from seaid.checks import (
     unused_findings,
     verdict_of,
 )
+from seaid.drives import ParameterName
 from seaid.errors import (
     Finding,
     by_severity,
@@ -38,6 +39,7 @@ from seaid.estimation import (
     Estimate,
     ModelChecks,
     QRFactor,
+    SharedParameter,
     estimator_named,
 )
 from seaid.identification.command_delays import (
@@ -117,6 +119,8 @@ class Identification(Result):
     not_shared : str
         Why the data do not support an estimate of both sides at once; "" where they do, or where
         the method was chosen.
+    shared : tuple of SharedParameter
+        The parameters that the drives of a group share, with tests of whether they differ.
     """
 
     table_name = "identification_table"
@@ -144,6 +148,7 @@ class Identification(Result):
     setup: Mapping[str, JointCheck] = field(default_factory=dict)
     nominal: Robot | None = None
     not_shared: str = ""
+    shared: tuple[SharedParameter, ...] = ()
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -296,6 +301,7 @@ def identification_of(
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
         findings=tuple(rigid_gear(joint, x) for joint, (_, x) in sprung.items() if x is not None),
         not_shared=sides.not_shared,
+        shared=sides.shared,
     )
 
 
@@ -319,7 +325,7 @@ def _elastic_drives(
     for joint in robot.elastic_joints:
         drive = drives[joint]
         names = enumerate(drive.names)
-        kept = [i for i, name in names if f"{name} of {joint}" not in load_side.names]
+        kept = [i for i, name in names if ParameterName(name, joint) not in load_side.names]
         kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
         part = drive.part(kept, [drive.names[i] for i in kept])
         elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]

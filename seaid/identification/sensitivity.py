@@ -28,7 +28,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive
+from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive, ParameterName
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -43,7 +43,7 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.command_delays import with_merged_delays
+from seaid.identification.command_delays import with_merged_columns
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     LOAD,
@@ -52,6 +52,7 @@ from seaid.identification.drive_estimates import (
     has_only_spring_torque,
     offset_lever,
     sensed_spring,
+    shared_slopes,
     without_torque,
 )
 from seaid.identification.motor_constants import (
@@ -206,17 +207,17 @@ def sensitivity_findings(
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        load = _with_shared_delays(robot, sides.fit)
+        load = _with_merged(robot, sides.fit)
         findings += _estimator_findings(robot, load, ordinary, cutoff_hz)
         findings += _cutoff_findings(robot, datasets, model, sides, load, ordinary)
     return findings
 
 
-def _with_shared_delays(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
+def _with_merged(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
     """Return a fit whose rows and factor have one column for the delay of a bus, as its values."""
     if fit.rows is None:
         return fit
-    rows = with_merged_delays(robot.drives, fit.rows, fit.estimate, joint)
+    rows = with_merged_columns(robot.drives, fit.rows, fit.estimate, joint)
     return fit if rows is fit.rows else replace(fit, rows=rows, qr_factor=qr_factor_of(rows))
 
 
@@ -257,7 +258,7 @@ def _cutoff_findings(
     # of long logs, the rows of the fit are those of more than the first pieces
     in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
     for joint, (regress, fit) in equations.items():
-        shared = partial(with_merged_delays, robot.drives, estimate=fit.estimate, joint=joint)
+        shared = partial(with_merged_columns, robot.drives, estimate=fit.estimate, joint=joint)
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
         rows = shared(stacked(list(map(regress, wider))))
         wide = fit_of(rows, weights)
@@ -282,7 +283,7 @@ def _compared_equations(
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
             regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
-            equations[joint] = regress, _with_shared_delays(robot, fit, joint)
+            equations[joint] = regress, _with_merged(robot, fit, joint)
     equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
     return equations
 
@@ -498,7 +499,7 @@ def _widened(
     `slopes` {name: (k,)} are derivatives by these, with standard deviations `stds` (k,). The
     estimate is that of a `joint`, or has these `names` in the slopes, by default its own.
     """
-    keys = names or [f"{name} of {joint}" if joint else name for name in estimate.names]
+    keys = names or [ParameterName(name, joint) if joint else name for name in estimate.names]
     change = np.array([slopes[key] for key in keys]).reshape(len(keys), len(stds)) * stds
     return replace(estimate, covariance=estimate.covariance + change @ change.T)
 
@@ -576,6 +577,7 @@ def _two_step_slopes(
 ) -> dict[str, Array]:
     """Return {parameter: its derivatives (k,) by the constants} of both sides."""
     own = {joint: _motor_slopes(sides, joint, fit, rows) for joint, fit in sides.actuators.items()}
+    shared_slopes(robot, sides.actuators, own)
     springs = [(joint, x) for joint in sides.springs for x in spring_regressor(robot, joint).names]
 
     def of_load(fit: FittedRows) -> dict[str, Array]:
@@ -597,9 +599,11 @@ def _two_step_slopes(
         own[joint][name] = scale * relative
     load = of_load(sides.fit)
     for joint in sides.springs:
-        if f"{TORQUE_OFFSET} of {joint}" in load:
+        if ParameterName(TORQUE_OFFSET, joint) in load:
             _separate(robot, sides, joint, own[joint], load, constants)
-    merged = {f"{name} of {joint}": own[joint][name] for joint in own for name in own[joint]}
+    merged: dict[str, Array] = {
+        ParameterName(name, joint): own[joint][name] for joint in own for name in own[joint]
+    }
     return {**merged, **load}
 
 
@@ -628,8 +632,8 @@ def _scale_slopes(
 ) -> Array:
     """Return the relative derivatives (k,) of a motor's constant, which bodies or a sensor give."""
     fit, (name, scale) = sides.scaling[joint], _motor_constant(sides, joint)
-    if f"{name} of {joint}" in fit.estimate.names:
-        return of_load(fit)[f"{name} of {joint}"] / scale
+    if ParameterName(name, joint) in fit.estimate.names:
+        return of_load(fit)[ParameterName(name, joint)] / scale
     # K = k / k_1 with the stiffness k by the sensor and k_1 by (7), for a constant of 1.
     place = fit.estimate.names.index(STIFFNESS)
     by_sensor = fit.slopes(rows[sensed_spring(joint)])[place] / fit.estimate.values[place]
@@ -646,7 +650,7 @@ def _separate(
     constants: Sequence[Constant],
 ) -> None:
     """Give a drive the derivatives of f_0 = s - b_0 N/r_M and of b_0, from those of s and (8)."""
-    lever, key = offset_lever(robot, joint), f"{TORQUE_OFFSET} of {joint}"
+    lever, key = offset_lever(robot, joint), ParameterName(TORQUE_OFFSET, joint)
     changes = [offset_lever(constant.robot, joint) / lever - 1 for constant in constants]
     offset = sides.fit.estimate.value(key)
     own["spring_offset"] = own["spring_offset"] - lever * load[key]

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array, safely, white_noise
-from seaid.drives import PARAMETERS, Drive, buses_of, is_stated, states
+from seaid.drives import PARAMETERS, Drive, ParameterName, buses_of, is_stated, states
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of
 from seaid.identification.datasets import Dataset, first_motion
@@ -167,7 +167,9 @@ def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str
     """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
     estimated = dict(zip(model.names, load_side, strict=True))
     values = [
-        drive.values[name] if name in drive.known else estimated.get(f"{name} of {joint}", 0.0)
+        drive.values[name]
+        if name in drive.known
+        else estimated.get(ParameterName(name, joint), 0.0)
         for joint, drive in robot.drives.items()
     ]
     return np.diag(values)
@@ -447,6 +449,8 @@ def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:
 
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
+    if drive.shared:
+        return f"which shares parameters with others ('{drive.shared}'): it moves those of each"
     if drive.controller is not None:
         alone = all(x.controller is not None for x in robot.drives.values())
         if drive.is_elastic or not alone:

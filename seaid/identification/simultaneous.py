@@ -27,7 +27,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.checks import SURE, noise_findings
-from seaid.drives import JointParameter, readable
+from seaid.drives import ParameterName, groups_of, joint_of, parameter_of, readable
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import (
     Estimate,
@@ -104,7 +104,7 @@ def simultaneous_regression(
     zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
     actuators |= {joint: _with_torque_offset(robot, actuators[joint], joint) for joint in offsets}
-    names = [JointParameter(name, joint) for joint, x in actuators.items() for name in x.names]
+    names = [ParameterName(name, joint) for joint, x in actuators.items() for name in x.names]
     units = tuple(unit for rows in actuators.values() for unit in rows.units)
 
     def load_rows(motion: Motion) -> Regression:
@@ -160,7 +160,7 @@ def _spring_columns(
     for joint in springs:
         for name in spring_regressor(robot, joint).names:
             # y + T s = Y beta, from rows without the torque of the springs: -T is the column of s.
-            columns[:, names.index(f"{name} of {joint}")] = -load.propagated[:, start]
+            columns[:, names.index(ParameterName(name, joint))] = -load.propagated[:, start]
             start += 1
     return columns
 
@@ -168,7 +168,7 @@ def _spring_columns(
 def _motor_rows(robot: Robot, actuator: Regression, joint: str, load: Regression) -> Regression:
     """Return the motor equation of a joint in the columns of `load`."""
     H = np.zeros((len(actuator.y), len(load.names)))
-    H[:, [load.names.index(f"{name} of {joint}") for name in actuator.names]] = actuator.H
+    H[:, [load.names.index(ParameterName(name, joint)) for name in actuator.names]] = actuator.H
     return replace(
         actuator, names=load.names, units=load.units, H=H, joint=robot.n + actuator.joint
     )
@@ -213,7 +213,7 @@ def _springs(
     # One complex number per row: numpy sorts by the real part (log) first, then by time.
     springs, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
-        names = [f"{name} of {joint}" for name in _SPRING]
+        names = [ParameterName(name, joint) for name in _SPRING]
         if not set(names) <= set(rows.names):
             continue
         stiffness, offset = map(rows.names.index, names)
@@ -297,8 +297,8 @@ def split_estimate(
     load_side = estimate.part(range(count, len(estimate.names)), model.names)
     columns: dict[str, dict[str, int]] = {joint: {} for joint in robot.joint_names}
     for index, name in enumerate(estimate.names):
-        if isinstance(name, JointParameter):
-            columns[name.joint][name.parameter] = index
+        if joint := joint_of(name):
+            columns[joint][parameter_of(name)] = index
     drives = {
         joint: estimate.part(list(by_name.values()), tuple(by_name))
         for joint, by_name in columns.items()
@@ -345,6 +345,8 @@ def _obstacle(
     """Return why both sides at once are not even tried, "" if they are."""
     if robot.floating_base is not None:
         return "the base floats"
+    if groups := groups_of(robot.drives):
+        return f"drives share parameters ({listed(groups)})"
     if not all(isinstance(dataset, Motion) for dataset in datasets):
         return "a log is read in pieces"
     if lacking:
@@ -370,7 +372,7 @@ def _contradiction(first: RobotEstimate, both: RobotEstimate) -> str:
     z, joint, name = max(moved, default=(0.0, "", ""))
     if z <= SURE:
         return ""
-    what = readable(JointParameter(name, joint)) if joint else name
+    what = readable(ParameterName(name, joint)) if joint else name
     return f"the load side contradicts the motor equations ({what} by {z:.2g} standard errors)"
 
 
@@ -441,7 +443,7 @@ def estimate_simultaneous(
     optional = [
         name
         for name in whole.names
-        if name not in model.expressions and not name.startswith(("stiffness", "spring_offset"))
+        if name not in model.expressions and parameter_of(name) not in _SPRING
     ]
     return RobotEstimate(
         drives=drives,
@@ -465,8 +467,8 @@ def _solved_rows(
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:
     """Return the two-step estimate in the columns of the rows."""
-    known = {
-        f"{name} of {joint}": value
+    known: dict[str, float] = {
+        ParameterName(name, joint): value
         for joint, drive in start.drives.items()
         for name, value in zip(drive.names, drive.values, strict=True)
     }

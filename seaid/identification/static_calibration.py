@@ -243,7 +243,7 @@ def _names_of(statics: Statics, law: Law, has_friction: bool) -> dict[str, str]:
 def _load_at(estimate: Estimate, reading: Array) -> Array:
     """Return the load (P,) of a law at readings, without friction."""
     d = reading - estimate.value("zero")
-    cubic = estimate.values[1] if estimate.names[1].startswith("cubic") else 0.0
+    cubic = 0.0 if estimate.names[1] == "zero" else estimate.values[1]
     return np.asarray(estimate.values[0] * d + cubic * d**3)
 
 

@@ -17,7 +17,9 @@ from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.drives import (
-    JointParameter,
+    ParameterName,
+    groups_of,
+    joint_of,
     parameter_of,
     places_of,
 )
@@ -29,6 +31,7 @@ from seaid.estimation import (
     FittedRows,
     ModelChecks,
     Rows,
+    SharedParameter,
     deflection_instruments,
     equal_weights,
     fit,
@@ -39,7 +42,7 @@ from seaid.estimation import (
     with_columns,
     with_predicted_columns,
 )
-from seaid.identification.command_delays import with_shared_delays
+from seaid.identification.command_delays import with_shared_parameters
 from seaid.identification.datasets import (
     Dataset,
     first_motion,
@@ -54,8 +57,10 @@ from seaid.identification.drive_estimates import (
     merged_estimates,
     noise_ratio,
     offset_places,
+    places_in,
     sensed_spring,
     spring_of,
+    with_shared_drives,
     with_torque_columns,
     with_torque_offsets,
     without_torque,
@@ -119,13 +124,14 @@ class SpecificParameters:
 
     def of_drive(self, joint: str, name: str) -> bool:
         """Whether a parameter of a joint's drive is specific."""
-        return name in self.names or JointParameter(name, joint) in self.names
+        return name in self.names or ParameterName(name, joint) in self.names
 
     def of_load(self, name: str) -> bool:
         """Whether the parameter of a column of the load side, or one that it propagates, is."""
-        if isinstance(name, JointParameter):
+        if joint := joint_of(name):
             # Encoders are zeroed anew when a robot is switched on.
-            return name.parameter == _ENCODER_OFFSET or self.of_drive(name.joint, name.parameter)
+            quantity = parameter_of(name)
+            return quantity == _ENCODER_OFFSET or self.of_drive(joint, quantity)
         return BODIES in self.names
 
 
@@ -179,7 +185,14 @@ class TwoStepFits:
             fit=self.load,
             actuators=self.actuators,
             scaling=self.scaling,
+            shared=self._shared,
         )
+
+    @property
+    def _shared(self) -> tuple[SharedParameter, ...]:
+        """The parameters that drives share, each once."""
+        fits = [*self.actuators.values(), self.load]
+        return tuple({x.name: x for fit in fits for x in fit.shared}.values())
 
     def _excluded(self, equation: str, condition: str, fit: FittedRows) -> int:
         share = self.shares.get(equation, {}).get(condition)
@@ -227,9 +240,11 @@ def estimate_two_step(
     with read(by_condition, _propagated(robot, joints)) as (rows, shares):
         side = _Motors(robot, motions, estimator, cutoff_hz, joints, sensed)
         actuators, estimates, scaling = side.fitted(rows)
+        actuators, estimates, drives_as_one = with_shared_drives(robot, actuators, estimates)
         springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
         fit_rows = partial(fit_load, robot, springs, estimator, cutoff_hz, equations is None)
-        load = fit_rows(_with_columns(rows[LOAD], further), known_errors)
+        of_springs = _covariance_of(drives_as_one, springs)
+        load = fit_rows(_with_columns(rows[LOAD], further), [*of_springs, *known_errors])
         if encoder_offset_std > 0:
             # The change of y - H theta by an encoder offset depends on theta, so that a fit without
             # offsets comes first.
@@ -239,20 +254,28 @@ def estimate_two_step(
                 }
                 for name, x in conditions.items()
             }
-            offsets = [JointParameter(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
+            offsets = [ParameterName(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
             count = len(offsets) * len(conditions)
-            errors = [encoder_offset_std**2 * np.eye(count), *known_errors]
+            errors = [*of_springs, encoder_offset_std**2 * np.eye(count), *known_errors]
             with read(shifted, [*_propagated(robot, joints), *offsets]) as (again, _):
                 load = fit_rows(_with_columns(again[LOAD], further), errors)
     # (7) gave s = f_0 + b_0 N/r_M in `springs`, the load side b_0: from here on f_0 replaces s.
-    drives = with_torque_offsets(robot, load, estimates, springs)
+    drives = with_torque_offsets(robot, load, estimates, springs, drives_as_one)
     return TwoStepFits(conditions, actuators, load, drives, joints, scaling, shares)
+
+
+def _covariance_of(whole: Estimate | None, springs: Mapping[str, Estimate]) -> list[Array]:
+    """Return the covariance of the parameters of springs, if there are any, in that of drives."""
+    if whole is None or not springs:
+        return []
+    places = places_in(whole, springs)
+    return [whole.covariance[np.ix_(places, places)]]
 
 
 def _propagated(robot: Robot, springs: Sequence[str]) -> list[str]:
     """Return the names of the parameters of springs, whose errors the load side propagates."""
     return [
-        JointParameter(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
+        ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
     ]
 
 
@@ -288,8 +311,8 @@ def _rows(
         if key == LOAD:
             joined[key] = joined_rows(rows_of_all, specific.of_load, propagated)
         else:
-            joint = key.joint if isinstance(key, JointParameter) else key
-            joined[key] = joined_rows(rows_of_all, partial(specific.of_drive, joint))
+            drive = partial(specific.of_drive, joint_of(key) or key)
+            joined[key] = joined_rows(rows_of_all, drive)
     yield joined, {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
 
 
@@ -332,13 +355,14 @@ class _Motors:
             try:
                 actuators[joint] = fit_actuator(robot, motions, joint, rows[joint], estimator)
             except UnknownScaleError as problem:
-                if joint not in (*self.joints, *self.sensed):
+                # The load would scale each drive of a group for itself.
+                if joint not in (*self.joints, *self.sensed) or groups_of(robot.drives):
                     raise
                 # With a constant of 1 the input is in y, where its noise does not attenuate
                 # anything: the fit needs no correction for a noisy column.
                 unscaled[joint], part = problem, rows[joint]
                 unit = fit(part, estimator, change=with_unit_constant, cutoff_hz=self.cutoff_hz)
-                actuators[joint] = with_shared_delays(robot.drives, unit, joint)
+                actuators[joint] = with_shared_parameters(robot.drives, unit, joint)
         estimates = {joint: side.estimate for joint, side in actuators.items()}
         for joint in [joint for joint in unscaled if joint in self.sensed]:
             spring = _fit_spring(robot, motions, joint, rows[sensed_spring(joint)], estimator)
@@ -388,7 +412,7 @@ def fit_actuator(
 ) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     fitted = fit_inputs(rows, estimator, None, None, motions[0].cutoff_hz)
-    fitted = with_shared_delays(robot.drives, fitted, joint)
+    fitted = with_shared_parameters(robot.drives, fitted, joint)
     if not has_only_spring_torque(robot, motions, joint):
         return fitted
     return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
@@ -459,11 +483,10 @@ def fit_load(
 ) -> FittedRows:
     """Fit (8) from rows without spring torque, with columns of the identifiable torque offsets.
 
-    `errors` are the covariances of propagated columns after those of the springs, such as that of
+    `errors` are the covariances of propagated columns: those of the springs, then others such as
     the encoder offsets. Unless `free`, torque offsets are 0.
     """
-    covariances = [*(spring.covariance for spring in springs.values()), *errors]
-    propagated = linalg.block_diag(*covariances) if covariances else None
+    propagated = linalg.block_diag(*errors) if errors else None
     freed = tuple(joint for joint, spring in springs.items() if free and offset_places(spring))
     if freed:
         columns = partial(with_torque_columns, robot, springs, freed)
@@ -471,7 +494,7 @@ def fit_load(
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
     fitted = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
-    return with_shared_delays(robot.drives, fitted)
+    return with_shared_parameters(robot.drives, fitted)
 
 
 def fit_inputs(

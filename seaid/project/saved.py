@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import MOST_JSON_BYTES, followed, whole_file
 from seaid._progress import Display
-from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
+from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.identification import Identification, Validation
 from seaid.log import Motion, decimated
@@ -411,8 +411,8 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
     if type(value).__name__ in _classes():
         content = _robot_fields(value) if isinstance(value, Robot) else _fields_of(value)
         return {"is": type(value).__name__, "fields": plain(content)}
-    if isinstance(value, JointParameter):
-        return {"is": "JointParameter", "parameter": value.parameter, "joint": value.joint}
+    if isinstance(value, ParameterName):
+        return {"is": "ParameterName", "parts": list(value.__getnewargs__())}
     if isinstance(value, Path):
         return {"is": "Path", "path": str(value)}
     if isinstance(value, Mapping):
@@ -434,8 +434,8 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
         return arrays[value["name"]]
     if kind == "mapping":
         return FrozenMapping({key: restored(entry) for key, entry in value["items"]})
-    if kind == "JointParameter":
-        return JointParameter(value["parameter"], value["joint"])
+    if kind == "ParameterName":
+        return ParameterName(*value["parts"])
     if kind == "Path":
         return Path(value["path"])
     content = restored(value["fields"])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import LEVEL_OF, JointParameter, total_ratio
+from seaid.drives import LEVEL_OF, ParameterName, total_ratio
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
     LEAST_LIFT,
@@ -168,7 +168,7 @@ class LoadModel:
     def names(self) -> tuple[str, ...]:
         """Names of all columns: expressions, then '<parameter> of <joint>'."""
         return self.expressions + tuple(
-            JointParameter(name, joint) for joint, name, _ in self.drives
+            ParameterName(name, joint) for joint, name, _ in self.drives
         )
 
     @property

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.drives import Drive
+from seaid.drives import Drive, ParameterName
 from seaid.regressor.base import BaseParameters, grouped_text, left_to_right
 from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot import Robot
@@ -183,7 +183,7 @@ def _add(row: Array, places: Mapping[str, int], joint: str, values: Mapping[str,
     Known parameters have no place.
     """
     for name, value in values.items():
-        if (place := places.get(f"{name} of {joint}")) is not None:
+        if (place := places.get(ParameterName(name, joint))) is not None:
             row[place] += value
 
 

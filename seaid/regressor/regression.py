@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import (
     COMMANDS,
-    ConditionParameter,
+    ParameterName,
     drive_regressor,
     is_dry,
     joint_equation,
@@ -25,7 +25,6 @@ from seaid.drives import (
     places_of,
     spring_equation,
     total_ratio,
-    without_condition,
 )
 from seaid.errors import IdentificationError, LogError
 from seaid.log import (
@@ -417,7 +416,7 @@ def names_of_all(
     """Return the names of all columns of conditions that have columns `names` each."""
     return tuple(
         chain.from_iterable(
-            [ConditionParameter(name, condition) for condition in conditions]
+            [ParameterName.of(name).within(condition) for condition in conditions]
             if is_specific(name)
             else [name]
             for name in names
@@ -449,7 +448,7 @@ def joined_rows(
         replace(
             part,
             names=columns,
-            units=tuple(unit_of[without_condition(name)] for name in columns),
+            units=tuple(unit_of[ParameterName.of(name).within(None)] for name in columns),
             H=_placed(part.H, columns, condition),
             propagated=_placed(part.propagated, further, condition),
         )

@@ -24,11 +24,11 @@ from seaid.drives import (
     PARAMETERS_OF,
     SIGNALS,
     Drive,
-    JointParameter,
     K_t,
     K_u,
     MotorInput,
     N,
+    ParameterName,
     flat_names,
     joint_equation,
     known_values,
@@ -383,7 +383,7 @@ def system_of(robot: Robot, sensors: Mapping[str, frozenset[str]], depends: Bool
     terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
     equations = equations_of(robot, terms, sensors, depends)
     drives = zip(joints, terms, strict=True)
-    names = [JointParameter(name, joint) for joint, drive in drives for name in drive.names]
+    names = [ParameterName(name, joint) for joint, drive in drives for name in drive.names]
     names_of_all = (*robot.parameter_names, *names)
     return System(robot, terms, tuple(equations), tuple(eliminations(equations)), names_of_all)
 
@@ -409,7 +409,7 @@ def explanations(system: System, scaled: Collection[str]) -> dict[str, tuple[str
 def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
     """Yield the torques of a joint that are known only up to scale."""
     for name, torque in _TORQUES.items():
-        if f"{name} of {joint}" in scaled:
+        if ParameterName(name, joint) in scaled:
             yield f"its {torque} is known only up to the scale of its {name.replace('_', ' ')}"
 
 

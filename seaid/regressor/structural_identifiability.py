@@ -20,7 +20,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Drive, JointParameter, delay_sums
+from seaid.drives import Drive, delay_sums, joint_of
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
@@ -125,7 +125,7 @@ class Identifiability(Result):
     @property
     def body_count(self) -> int:
         """Number of combinations whose first parameter is a body's: the base parameters."""
-        return sum(not isinstance(name, JointParameter) for name in self.base.names)
+        return sum(not joint_of(name) for name in self.base.names)
 
 
 @checked(RobotError)

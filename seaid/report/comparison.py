@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtrc, stdtr, stdtridf
 
 from seaid._progress import Display, Result, counted
-from seaid.drives import JointParameter, readable
+from seaid.drives import ParameterName, readable
 from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.estimation import Estimate, scaled_svd
 from seaid.excitation import ExcitationMeasures, excitation_measures
@@ -312,7 +312,7 @@ def _part(estimate: Estimate, names: Sequence[str]) -> Estimate:
 
 def _text(joint: str, name: str) -> str:
     """Return a parameter with its joint, a base parameter as it is."""
-    return readable(JointParameter(name, joint)) if joint else name
+    return readable(ParameterName(name, joint)) if joint else name
 
 
 def _only(first: _Estimates, second: _Estimates) -> tuple[str, ...]:

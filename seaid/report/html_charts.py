@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import JointParameter, readable
+from seaid.drives import ParameterName, readable
 from seaid.estimation import (
     POORLY_DETERMINED,
     directions,
@@ -294,9 +294,11 @@ def _estimates(identification: Identification) -> Iterator[tuple[list[str], Arra
     for joint in identification.known.elastic_joints:
         drive = identification.drives[joint]
         # What acts behind the spring, such as joint friction, is estimated with the load below.
-        kept = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
+        kept = [
+            i for i, name in enumerate(drive.names) if ParameterName(name, joint) not in load.names
+        ]
         if kept:
-            named = [readable(JointParameter(drive.names[i], joint)) for i in kept]
+            named = [readable(ParameterName(drive.names[i], joint)) for i in kept]
             yield named, drive.correlation[np.ix_(kept, kept)]
     if load.names:
         bodies = [first_term(name) for name in identification.model.expressions]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid.checks import LEAST_DELAY_S
-from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable, total_ratio
+from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable, total_ratio
 from seaid.log import has_holes, row_samples
 from seaid.report import formats
 from seaid.report.formats import (
@@ -141,7 +141,7 @@ def settings_facts(result: Identification) -> list[tuple[str, str]]:
     if robot.elastic_joints:
         facts.insert(2, ("Method", method_text(result)))
     if result.model.absorbed:
-        names = [readable(JointParameter(name, joint)) for joint, name, _ in result.model.absorbed]
+        names = [readable(ParameterName(name, joint)) for joint, name, _ in result.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))
     return facts
 

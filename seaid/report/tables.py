@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName, readable
 from seaid.report import formats
 from seaid.report.formats import (
     NONE,
@@ -257,7 +257,7 @@ def place_name(side: str) -> str:
 
 def term_name(side: str, name: str) -> str:
     """Return the name of a tested term with its joint."""
-    return name if side in ("load", "both") else JointParameter(name, side)
+    return name if side in ("load", "both") else ParameterName(name, side)
 
 
 def term_table(identification: Identification) -> Table:
@@ -282,6 +282,27 @@ def term_table(identification: Identification) -> Table:
         *(Column("p", formats.PROBABILITY), Column("BIC"), *figures("supported")),
     )
     return table_of("terms", caption, columns, rows)
+
+
+def shared_table(identification: Identification) -> Table:
+    """Return the parameters that drives share, and whether the data contradict it."""
+    rows = []
+    for shared in identification.shared:
+        estimate, quantity = identification.drive_side[shared.joints[0]], shared.name.quantity
+        measured = Measured(estimate.value(quantity), estimate.standard_error(quantity))
+        alone, test = ", ".join(map(short, shared.values)), shared.difference
+        differ = "yes" if test.bic > 0 else "no"
+        name = readable(shared.name)
+        rows.append((name, ", ".join(shared.joints), measured, alone, test.F, test.bic, differ))
+    caption = (
+        "Parameters that the drives of a group share: the value of all, and what each joint would "
+        "have alone. The joints differ if the difference of the Bayesian information criterion "
+        "is above zero."
+    )
+    value = Column("shared value", formats.VALUE_AND_ERROR)
+    columns = (*words("parameter", "joints"), value, *figures("alone"))
+    columns = (*columns, *numbers("F", "BIC"), *figures("differ"))
+    return table_of("shared", caption, columns, rows)
 
 
 def residual_table(identification: Identification) -> Table:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._progress import counted, field_texts
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName, joint_of, parameter_of
 from seaid.errors import listed
 from seaid.log import has_holes
 from seaid.report import formats, tables
@@ -261,6 +261,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
         *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
+        *_shared_table(identification),
         *(_whole_body_table(identification) if drives else []),
         load_table("Base parameters", identification),
         checks_table(identification),
@@ -273,6 +274,12 @@ def _whole_body_table(identification: Identification) -> list[Text]:
     made = tables.whole_body_table(identification)
     title = "Whole robot, in the frame of its base at the mean posture"
     return [table_text(made, title)] if made.rows else []
+
+
+def _shared_table(identification: Identification) -> list[Text]:
+    """Return the table of the parameters that drives share, if there are any."""
+    made = tables.shared_table(identification)
+    return [table_text(made, "Shared parameters (value +- standard error)")] if made.rows else []
 
 
 def _sources_text(identification: Identification) -> str:
@@ -607,7 +614,7 @@ def conditions_table(together: Conditions) -> Text:
         )
         for name, test in together.differences.items()
     ]
-    every = [JointParameter(x, joint) for joint, drive in first.drives.items() for x in drive.names]
+    every = [ParameterName(x, joint) for joint, drive in first.drives.items() for x in drive.names]
     shared = [
         (name, _condition_value(first, name))
         for name in (*every, *first.load.names)
@@ -626,8 +633,8 @@ def conditions_table(together: Conditions) -> Text:
 
 def _condition_value(identification: Identification, name: str) -> Measured:
     estimate, key = identification.load_side, name
-    if name not in estimate.names and isinstance(name, JointParameter):
-        estimate, key = identification.drives[name.joint], name.parameter
+    if name not in estimate.names and (joint := joint_of(name)):
+        estimate, key = identification.drives[joint], parameter_of(name)
     return Measured(estimate.value(key), estimate.standard_error(key))
 
 

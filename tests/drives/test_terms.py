@@ -11,8 +11,8 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import (
     FrictionTerm,
-    JointParameter,
     MotorInput,
+    ParameterName,
     SpringTerm,
     parameter_of,
     readable,
@@ -326,14 +326,14 @@ def test_every_choice_is_hashable_and_survives_a_round_trip_of_its_values() -> N
 
 def test_columns_carry_their_parameter_and_joint() -> None:
     """Through tuples, files and processes, whatever the joint is called."""
-    one = JointParameter("stiffness", "left of knee")
+    one = ParameterName("stiffness", "left of knee")
     assert one == "stiffness of left of knee"
     assert hash(one) == hash("stiffness of left of knee")
     other = pickle.loads(pickle.dumps(one))
-    assert (other, other.parameter, other.joint) == (one, "stiffness", "left of knee")
+    assert (other, other.quantity, other.owner) == (one, "stiffness", "left of knee")
     assert json.dumps([one]) == '["stiffness of left of knee"]'
     assert parameter_of(one) == parameter_of("stiffness") == "stiffness"
-    assert readable(JointParameter("viscous_friction", "a_b")) == "viscous friction of a_b"
+    assert readable(ParameterName("viscous_friction", "a_b")) == "viscous friction of a_b"
     assert readable("m_1 + m_2 of both") == "m_1 + m_2 of both"
 
 

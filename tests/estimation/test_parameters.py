@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation.parameters import Parameter, Prior, bounds_of, priors_of
 
@@ -21,7 +21,7 @@ def test_parameters_are_the_same_by_quantity_owner_and_condition() -> None:
 
 
 def test_a_column_of_a_joint_has_quantity_and_owner() -> None:
-    column = JointParameter("stiffness", "knee")
+    column = ParameterName("stiffness", "knee")
     assert Parameter.of_column(column) == Parameter("stiffness", "knee")
     assert Parameter.of_column(column).name == column
     assert Parameter.of_column("m of shank").owner == ""

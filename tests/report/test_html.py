@@ -23,7 +23,7 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import plain
-from seaid.drives import JointParameter
+from seaid.drives import ParameterName
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import identify
@@ -391,7 +391,7 @@ def _bodies() -> Array:
 
 
 def test_checks_that_fail_are_flagged() -> None:
-    term = TermTest((JointParameter("viscous_friction", "wrist"),), 1.0, 0.1, 0.7, -4.0, 100.0)
+    term = TermTest((ParameterName("viscous_friction", "wrist"),), 1.0, 0.1, 0.7, -4.0, 100.0)
     white = {"wrist": Whiteness(0.95, 0.1, 0.0), "rail": Whiteness(0.5, 1.0, 0.0)}
     bad = ModelChecks(900.0, ("the data tell 1e-03 of the combination a - b",), (term,), white)
     found = replace(

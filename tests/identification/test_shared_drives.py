@@ -1,0 +1,304 @@
+"""Drives of one type share parameters: fewer of them, smaller errors, and a test of the type."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import norm, t
+
+from seaid._arrays import Array
+from seaid.drives.toml import read_drives, write_drives
+from seaid.errors import Finding, IdentificationError, RobotError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.fitting import estimator_named, fit
+from seaid.identification.conditions import identify_conditions
+from seaid.identification.identification import identify
+from seaid.identification.output_error import refine
+from seaid.identification.result import Identification
+from seaid.log.motion import reconstruct_motion
+from seaid.log.reading import Log
+from seaid.project.saved import load_run, save_run
+from seaid.regressor.regression import actuator_regression
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import Noise, measure, simulate_motion
+from tests.experiments import wiggle
+from tests.standard_errors import check_scores
+
+STIFF = {
+    "type": "stiff",
+    "gear_ratio": 50.0,
+    "motor_inertia_kg_m2": 2e-5,
+    "viscous_friction_Nms_per_rad": 1e-3,
+    "coulomb_friction_Nm": 0.01,
+    "friction": ["viscous", "coulomb"],
+}
+ELASTIC = STIFF | {"type": "series_elastic", "stiffness_Nm_per_rad": 120.0}
+TRUTH = {"viscous_friction": 1e-3, "coulomb_friction": 0.01, "stiffness": 120.0}
+FRICTION = ("viscous_friction", "coulomb_friction")
+JOINTS = ("ankle", "elbow", "hip", "knee")
+BODY = (
+    '<inertial><origin xyz="0.1 0 -0.25"/><mass value="2"/>'
+    '<inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.02"/></inertial>'
+)
+LIMIT = '<limit lower="-3" upper="3" effort="90" velocity="9"/>'
+
+
+def pendulums(*drives: Mapping[str, Any]) -> Robot:
+    """Return equal pendulums next to each other, with these drives."""
+    named = dict(zip(JOINTS, drives, strict=False))
+    parts = (
+        f'<link name="{joint}_link">{BODY}</link><joint name="{joint}" type="revolute">'
+        f'<parent link="base"/><child link="{joint}_link"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
+        for joint in named
+    )
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pendulums.urdf"
+        path.write_text(f'<robot name="pendulums"><link name="base"/>{"".join(parts)}</robot>')
+        return load_robot(path, named)
+
+
+def log_of(robot: Robot, seed: int = 1, duration: float = 5.0) -> Log:
+    """Return a log in which all joints make the same motion, with noise of their own.
+
+    Rounding of encoders would be nearly the same at all joints, so that they are fine.
+    """
+    motion = wiggle(robot, duration, (0.2,) * robot.n, (0.9,) * robot.n)
+    same = np.repeat(motion.coefficients[:, :1], robot.n, axis=1)
+    sensors = Noise(
+        motor_resolution_rad=2 * np.pi / 2**16,
+        joint_resolution_rad=1e-7,
+        motor_offset_rad=(1.0, -2.0, 0.5, 3.0)[: robot.n],
+        torque_std_Nm=0.01,
+    )
+    return measure(robot, simulate_motion(robot, replace(motion, coefficients=same)), sensors, seed)
+
+
+def found(robot: Robot, log: Log, *joints: str, **options: Any) -> Identification:
+    """Return the two-step identification with the drives of some joints in one group."""
+    options = {"method": "two-step", "cutoff_hz": 5.0, **options}
+    share = {"calf_motor": joints} if joints else {}
+    return identify(robot.without_nominal(), log, share=share, **options)
+
+
+@cache
+def both_ways(kind: str = "series_elastic") -> tuple[Identification, Identification]:
+    """Return four equal drives identified alone, and as one group."""
+    robot = pendulums(*[ELASTIC if kind == "series_elastic" else STIFF] * 4)
+    log = log_of(robot)
+    return found(robot, log), found(robot, log, *JOINTS)
+
+
+def white_error(estimate: Estimate, name: str) -> float:
+    """Return the standard error of a parameter for white noise."""
+    errors = estimate.white_standard_errors
+    assert errors is not None
+    return float(errors[estimate.names.index(name)])
+
+
+@pytest.mark.parametrize("kind", ["series_elastic", "stiff"])
+def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> None:
+    """Of equal excitation, 1/sqrt(k): the errors of their equations are independent."""
+    alone, shared = both_ways(kind)
+    for name in TRUTH if kind == "series_elastic" else FRICTION:
+        (value,) = {drive.value(name) for drive in shared.drives.values()}
+        drive = shared.drives["elbow"]
+        assert abs(value - TRUTH[name]) < 4 * drive.standard_error(name)
+        if kind == "series_elastic":
+            own = np.array([x.standard_error(name) for x in alone.drives.values()])
+            expected = np.sqrt(np.mean(own**2)) / 2
+            assert drive.standard_error(name) == pytest.approx(expected, rel=0.15)
+        # On the load side ten degrees of freedom leave chance correlations of 0.3 between joints.
+        own = np.array([white_error(x, name) for x in alone.drives.values()])
+        assert white_error(drive, name) == pytest.approx(np.sqrt(np.mean(own**2)) / 2, rel=0.1)
+    assert alone.shared == ()
+    assert {x.name for x in shared.shared} == {
+        f"{name} of calf_motor" for name in (TRUTH if kind == "series_elastic" else FRICTION)
+    }
+
+
+def test_the_shared_values_are_those_of_one_regression_with_their_columns_summed() -> None:
+    """By another route: all motor equations at once, each weighted by its residual alone."""
+    robot = pendulums(*[ELASTIC] * 3)
+    log = log_of(robot)
+    shared = found(robot, log, *JOINTS[:3])
+    motion = reconstruct_motion(robot.without_nominal(), log, 5.0)
+    blocks, targets = [], []
+    for place, joint in enumerate(robot.joint_names):
+        rows = actuator_regression(robot.without_nominal(), motion, joint)
+        weight = 1 / fit(rows, estimator_named("wls")).estimate.residual_std
+        own = np.zeros((len(rows.y), 6))
+        own[:, :3] = rows.H[:, [rows.names.index(name) for name in TRUTH]]
+        own[:, 3 + place] = rows.H[:, rows.names.index("spring_offset")]
+        blocks.append(weight * own)
+        targets.append(weight * rows.y)
+    theta = np.linalg.lstsq(np.vstack(blocks), np.concatenate(targets), rcond=None)[0]
+    values = [shared.drive_side["elbow"].value(name) for name in TRUTH]
+    np.testing.assert_allclose(values, theta[:3], rtol=1e-6)
+
+
+def scores(seed: int) -> Array:
+    """Return normal scores of shared values and of the bodies behind them, by Student's t."""
+    robot = pendulums(ELASTIC, ELASTIC)
+    shared = found(robot, log_of(robot, seed), *JOINTS[:2])
+    drive, truth = shared.drives["ankle"], shared.base.project(robot.parameters)
+    part = drive.part([drive.names.index(name) for name in TRUTH], list(TRUTH))
+    pairs = ((part, np.array(list(TRUTH.values()))), (shared.load, truth))
+    return np.concatenate(
+        [
+            norm.ppf(t.cdf((x.values - true) / x.standard_errors, x.degrees_of_freedom))
+            for x, true in pairs
+        ]
+    )
+
+
+def differing(result: Identification) -> list[Finding]:
+    """Return the findings about drives that are not of one type."""
+    return [finding for finding in result.findings if finding.code == "drives-differ"]
+
+
+def test_drives_that_are_not_of_one_type_are_named() -> None:
+    """With a spring of half the stiffness in the group, and with the other joints alone."""
+    robot = pendulums(ELASTIC, ELASTIC, ELASTIC | {"stiffness_Nm_per_rad": 60.0})
+    log = log_of(robot)
+    wrong, right = found(robot, log, *JOINTS[:3]), found(robot, log, *JOINTS[:2])
+    (finding,) = differing(wrong)
+    assert finding.severity == "doubtful"
+    assert finding.joints == JOINTS[:3]
+    assert finding.evidence["hip"] == pytest.approx(60.0, rel=0.05)
+    tests = {shared.name.quantity: shared.difference for shared in wrong.shared}
+    assert tests["stiffness"].bic > 0 > tests["viscous_friction"].bic
+    assert not differing(right)
+    assert all(shared.difference.bic < 0 for shared in right.shared)
+    assert right.drives["hip"].value("stiffness") == pytest.approx(60.0, rel=0.05)
+
+
+def test_what_is_shared_is_in_the_summary_the_files_and_a_saved_run(tmp_path: Path) -> None:
+    _, shared = both_ways()
+    assert "stiffness of calf_motor ankle, elbow, hip, knee" in " ".join(shared.summary().split())
+    content = json.loads(json.dumps(shared.to_dict()))["shared"]
+    (stiffness,) = [x for x in content if x["parameter"] == "stiffness"]
+    assert stiffness["group"] == "calf_motor"
+    assert set(stiffness["alone"]) == set(JOINTS)
+    assert stiffness["difference"]["bic"] < 0
+    save_run(shared, tmp_path / "run.npz")
+    again = load_run(tmp_path / "run.npz").identification
+    assert [(x.name, x.joints, x.values) for x in again.shared] == [
+        (x.name, x.joints, x.values) for x in shared.shared
+    ]
+    assert again.shared[0].name.owner == "calf_motor"
+    assert again.summary() == shared.summary()
+    # The identified drives stay of one type when they are written and read.
+    write_drives(shared.robot.drives, tmp_path / "drives.toml")
+    assert {x.shared for x in read_drives(tmp_path / "drives.toml").values()} == {"calf_motor"}
+
+
+def test_a_group_of_the_drives_file_is_that_of_the_option() -> None:
+    robot = pendulums(*[ELASTIC | {"shared": "calf_motor"}] * 4)
+    by_file = found(robot, log_of(pendulums(*[ELASTIC] * 4)))
+    for joint, estimate in both_ways()[1].drives.items():
+        np.testing.assert_array_equal(by_file.drives[joint].values, estimate.values)
+
+
+def test_conditions_share_what_their_drives_share() -> None:
+    robot = pendulums(ELASTIC, ELASTIC)
+    first, second = (log_of(robot, seed) for seed in (1, 2))
+    grouped = pendulums(*[ELASTIC | {"shared": "motor"}] * 2).without_nominal()
+    both = identify_conditions(
+        {"cold": (grouped, first), "warm": (grouped, second)},
+        condition_specific=("spring_offset", "viscous_friction"),
+    )
+    cold, warm = (both.identifications[name].drives for name in ("cold", "warm"))
+    for drives in (cold, warm):
+        assert drives["ankle"].value("viscous_friction") == drives["elbow"].value(
+            "viscous_friction"
+        )
+    assert cold["ankle"].value("viscous_friction") != warm["ankle"].value("viscous_friction")
+    assert len({x[y].value("stiffness") for x in (cold, warm) for y in ("ankle", "elbow")}) == 1
+
+
+def test_errors_of_known_constants_are_those_of_the_shared_values() -> None:
+    """One scale of all torques moves a shared stiffness by as much as that of each joint."""
+    robot = pendulums(ELASTIC, ELASTIC)
+    log = log_of(robot)
+    plain = found(robot, log, *JOINTS[:2])
+    stated = found(robot, log, *JOINTS[:2], known_std={"torque": 0.1})
+    errors = [x.drives["ankle"].standard_error("stiffness") for x in (plain, stated)]
+    of_scale = np.sqrt(errors[1] ** 2 - errors[0] ** 2)
+    # The known rotor inertia does not scale: a part of the torque is as it is.
+    assert of_scale == pytest.approx(0.1 * plain.drives["ankle"].value("stiffness"), rel=0.05)
+
+
+def test_methods_that_cannot_share_refuse() -> None:
+    robot = pendulums(ELASTIC, ELASTIC)
+    log = log_of(robot)
+    identified = partial(found, robot, log, *JOINTS[:2])
+    with pytest.raises(IdentificationError, match=r'method="simultaneous" .*\(calf_motor\)'):
+        identified(method="simultaneous")
+    with pytest.raises(IdentificationError, match=r'estimator="iv" .*\(calf_motor\)'):
+        identified(estimator="iv")
+    result = identified(method="auto")
+    assert result.method == "two-step"
+    assert result.not_shared == "drives share parameters (calf_motor)"
+    with pytest.raises(IdentificationError, match="of ankle, which shares parameters"):
+        refine(result, log)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stiffness_Nm_per_rad": 60.0, "known": ["stiffness"]}, "differ in known parameters"),
+        ({"motor_inertia_kg_m2": 3e-5}, r"differ in known parameters, .*2e-05.* and .*3e-05"),
+        ({"friction": ["viscous"]}, "differ in unknown parameters"),
+        (STIFF, "differ in type, 'series_elastic' and 'stiff'"),
+        (
+            {"motor_pulley_radius_m": 0.1, "load_pulley_radius_m": 0.1},
+            "differ in unit of the spring, 'N m' and 'N'",
+        ),
+        ({"shared": 3}, "shared must be the name of a group"),
+        ({"shared": "thigh_motor"}, r"\[ankle\] is alone in the group 'calf_motor'"),
+        ({"friction": ["viscous", "smooth_coulomb"]}, "differ in unknown parameters"),
+    ],
+)
+def test_drives_that_cannot_be_of_one_type_are_refused_with_file_and_joint(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    import tomli_w
+
+    table = ELASTIC | {"shared": "calf_motor"}
+    second = table | change
+    if "motor_pulley_radius_m" in change or change is STIFF:
+        second.pop("stiffness_Nm_per_rad")
+    path = tmp_path / "drives.toml"
+    path.write_text(tomli_w.dumps({"ankle": table, "elbow": second}))
+    with pytest.raises(RobotError, match=message) as problem:
+        read_drives(path)
+    assert "drives.toml" in str(problem.value)
+
+
+def test_groups_that_cannot_be_are_refused_by_name() -> None:
+    robot = pendulums(ELASTIC, ELASTIC)
+    log = log_of(robot, duration=3.0)
+    with pytest.raises(RobotError, match=r"share=: no joint is named 'elbo'.*'elbow'"):
+        found(robot, log, "ankle", "elbo")
+    with pytest.raises(RobotError, match=r"share=: \[ankle\] is alone"):
+        found(robot, log, "ankle")
+    smooth = ELASTIC | {"friction": ["viscous", "smooth_coulomb"]}
+    with pytest.raises(RobotError, match="nonlinear in the unknown coulomb_width"):
+        found(pendulums(smooth, smooth), log, *JOINTS[:2])
+    # A mapping is not a file: its drives are compared when they are identified.
+    unlike = pendulums(
+        ELASTIC | {"shared": "motor"}, ELASTIC | {"shared": "motor", "friction": ["viscous"]}
+    )
+    with pytest.raises(RobotError, match=r"\[ankle\] and \[elbow\] share 'motor' and differ"):
+        found(unlike, log)
+
+
+@pytest.mark.slow  # 80 identifications of a second
+def test_intervals_of_shared_values_and_of_the_bodies_behind_them_hold() -> None:
+    check_scores([scores(seed) for seed in range(80)], band=1.2)
