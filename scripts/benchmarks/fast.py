@@ -1,4 +1,4 @@
-"""Processor time of what users wait for, beside the figure to reach: the median of five runs.
+"""Processor time of what users wait for, and the figure to reach: the median of five runs.
 
     python scripts/benchmarks/fast.py
     python scripts/benchmarks/fast.py --only regressor --only simulation --against ../main
