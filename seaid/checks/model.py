@@ -31,7 +31,7 @@ from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.checks.verdict import Contact, RobotFit
-from seaid.drives import parameter_of, term_fields
+from seaid.drives import joint_of, parameter_of, term_fields
 from seaid.errors import Finding, SeaidError, Severity, by_severity
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.log import Motion
@@ -82,7 +82,7 @@ class SideSelection:
             places = [
                 place
                 for place, name in enumerate(estimate.names)
-                if name in known and (is_motor or getattr(name, "joint", "") == joint)
+                if name in known and (is_motor or joint_of(name) == joint)
             ]
             names = [parameter_of(estimate.names[place]) for place in places]
             qr_factor = fitted.qr_factor if is_motor else None

@@ -29,6 +29,7 @@ from seaid.drives import (
     PARAMETERS,
     Drive,
     DriveRegressor,
+    joint_of,
     key_of,
     parameter_of,
     term_fields,
@@ -128,7 +129,7 @@ class DriveRows:
 
     def _has(self, name: str) -> bool:
         """Whether a parameter of the rows is one of the drive."""
-        return getattr(name, "joint", self.joint) == self.joint
+        return joint_of(name) in ("", self.joint)
 
     def terms(
         self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})

@@ -26,6 +26,7 @@ _KEYS = (
     *(
         "torques_used",
         "method",
+        "shared",
         "cutoff_hz",
         "verdict",
         "warnings",
