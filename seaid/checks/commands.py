@@ -27,7 +27,7 @@ from seaid.checks.check import (
     in_drives,
     only_joint,
 )
-from seaid.checks.echoes import AS_GIVEN
+from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import Experiment, fitted, scaled
 from seaid.drives import (
     DELAY_PARAMETER,

@@ -40,13 +40,13 @@ from seaid.estimation import (
     QRFactor,
     estimator_named,
 )
-from seaid.identification.command_delays import (
-    with_fixed_delays,
-)
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.datasets import (
     Dataset,
     processing_of,
+)
+from seaid.identification.delays import (
+    with_fixed_delays,
 )
 from seaid.identification.drive_estimates import RobotEstimate, with_estimate
 from seaid.identification.gear import (

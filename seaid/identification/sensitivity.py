@@ -43,8 +43,8 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.command_delays import with_merged_delays
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
+from seaid.identification.delays import with_merged_delays
 from seaid.identification.drive_estimates import (
     LOAD,
     TORQUE_OFFSET,

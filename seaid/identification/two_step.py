@@ -39,13 +39,13 @@ from seaid.estimation import (
     with_columns,
     with_predicted_columns,
 )
-from seaid.identification.command_delays import with_shared_delays
 from seaid.identification.datasets import (
     Dataset,
     first_motion,
     rows_in_memory,
     rows_of_equations,
 )
+from seaid.identification.delays import with_shared_delays
 from seaid.identification.drive_estimates import (
     LOAD,
     RobotEstimate,

@@ -26,7 +26,8 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import check, with_leg_order
+from seaid.identification import check
+from seaid.legged import with_leg_order
 from seaid.log import (
     Description,
     Log,

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import JointParameter
-from seaid.identification import whole_body
+from seaid.legged import whole_body
 from seaid.report import formats
 from seaid.report.formats import (
     NONE,
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from seaid.estimation import Estimate
     from seaid.frequency import FrequencyResponse
     from seaid.identification import (
-        ContactForces,
         Fit,
         Identification,
         StaticCalibration,
     )
+    from seaid.legged import ContactForces
     from seaid.report.comparison import Comparison
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
@@ -387,7 +387,9 @@ def whole_rows(run: Run) -> list[ErrorRow]:
 
 def base_rows(run: Run) -> list[ErrorRow]:
     """Return the prediction errors of the force and the moment on a floating base."""
-    fit = run.result.base
+    from seaid.legged import LeggedValidation
+
+    fit = run.result.base if isinstance(run.result, LeggedValidation) else None
     return [
         _error_row(run, "base", name, "N" if index < 3 else "N m", fit, index)
         for index, name in enumerate(BASE_ROWS)

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
+    from seaid.legged import ContactForces
     from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
@@ -445,7 +446,7 @@ def validation_table(result: Validation) -> Text:
     made = [tables.error_table([*joints, *tables.whole_rows(run)])]
     title = "Unseen motion: relative error below the cutoff"
     nothing = "Unseen motion: no joint has a torque that could be compared"
-    contacts = [] if result.contacts is None else [tables.contact_table("motion", result.contacts)]
+    contacts = [tables.contact_table("motion", x) for x in _contact_forces(result)]
     return joined(
         [
             *([] if joints else [nothing]),
@@ -454,6 +455,14 @@ def validation_table(result: Validation) -> Text:
             *warning_lines(result.warnings),
         ]
     )
+
+
+def _contact_forces(result: Validation) -> list[ContactForces]:
+    """Return the contact forces of a validation, if it has any."""
+    from seaid.legged import LeggedValidation
+
+    forces = result.contacts if isinstance(result, LeggedValidation) else None
+    return [] if forces is None else [forces]
 
 
 def replay_table(result: ReplayComparison) -> Text:

@@ -103,9 +103,7 @@ class Robot(Display):
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
-        base = self.floating_base
-        kind = "" if base is None else ", floating base" if base.normal is None else ", planar base"
-        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{kind}"
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
 
     @property
     def n(self) -> int:
@@ -166,12 +164,7 @@ class Robot(Display):
         return (*self.is_prismatic, *(joint.is_prismatic for joint in self.dependent_joints))
 
     def joint_of(self, body: int) -> str:
-        """Return the independent joint that moves a body by its index: for most, the one above.
-
-        For a floating base, which none moves, it is the first.
-        """
-        if self.floating_base is not None and body == len(self.body_names) - 1:
-            return self.joint_names[0]
+        """Return the independent joint that moves a body by its index: for most, the one above."""
         return (*self.joint_names, *(joint.leader for joint in self.dependent_joints))[body]
 
     @property
@@ -370,7 +363,10 @@ def load_robot(
     )
     if moves:
         root = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
-        robot = replace(robot, floating_base=root)
+        # The type registers what it adds to all packages between this one and its own.
+        from seaid.legged import on_floating_base
+
+        robot = on_floating_base(robot, root)
     elif contacts or imu_link:
         raise RobotError(
             "contacts= and imu_link= are those of a floating base: give base='floating' with them",

@@ -19,8 +19,8 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, LogError, SeaidError
-from seaid.identification import whole_body
-from seaid.identification.base_estimates import _Axes, _limits, _significant
+from seaid.legged import whole_body
+from seaid.legged.base import _Axes, _limits, _significant
 from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import load_columns, load_torques, rigid_body_regressor
 from seaid.regressor.floating import contact_map, floating_regressor

@@ -16,9 +16,11 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.checks.base import base_findings
-from seaid.checks.check import observed
-from seaid.checks.feet import (
+from seaid.checks import observed
+from seaid.errors import Finding, LogError, SeaidError
+from seaid.legged import with_leg_order
+from seaid.legged.base import base_findings
+from seaid.legged.feet import (
     FEET_CHECKS,
     MOTION_CHECKS,
     FeetInMotion,
@@ -26,12 +28,10 @@ from seaid.checks.feet import (
     foot_places,
     lifted,
 )
-from seaid.errors import Finding, LogError, SeaidError
-from seaid.identification import with_leg_order
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
 from seaid.log.description import Source, VectorSource
 from seaid.regressor import contact_map, load_model_of, load_regression, radius_rows
-from tests.identification.test_floating_base import go2
+from tests.legged.test_floating_base import go2
 
 
 @cache
