@@ -146,7 +146,6 @@ ONE_IMPORTER = {
         *("export.mjcf", "export.urdf"),
         "identification.identification",
     ),
-    "what a type of robots registers, loaded when a robot needs it": ("legged.extension",),
     "one part of the page or window each": (
         *("report.figures", "report.html_experiment", "report.html_verdict"),
         *("view.panel", "view.playback"),

@@ -18,7 +18,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.short_form import sized
 from seaid._arrays import Array
-from seaid.regressor.rigid_body import rigid_body_regressor
+from seaid.regressor import rigid_body_regressor
 from seaid.report.text import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

@@ -21,8 +21,8 @@ from seaid.regressor import (
     INPUTS,
     actuator_columns,
     known_friction,
+    load_side,
     load_torques,
-    measured_contact_torques,
     sensed_torque,
     signals,
     under_load,
@@ -249,8 +249,8 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
     )
     made, known = parts[:, :, 0], parts[:, :, 1]
     both = np.stack([torque, payload + made], axis=2)
-    if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
-        known += measured_contact_torques(identification.known, motion, model)
+    # What is compared is the torque of the joint alone.
+    known += load_side(identification.known).contact_torques(identification.known, motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]

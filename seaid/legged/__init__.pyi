@@ -5,5 +5,5 @@ from .contacts import FoundContacts as FoundContacts
 from .contacts import find_contacts as find_contacts
 from .contacts import with_leg_order as with_leg_order
 from .extension import LeggedValidation as LeggedValidation
-from .robot import FloatingRobot as FloatingRobot
-from .robot import on_floating_base as on_floating_base
+from .floating import FloatingRobot as FloatingRobot
+from .floating import on_floating_base as on_floating_base

@@ -1,7 +1,7 @@
 """The base of a legged robot: its sensors in a log, their errors in a fit, and its mass.
 
 Axes that are missing, frames and orders that contradict each other, and jumps of a pose are seen in
-the samples. If they are right, the contacts are looked at.
+the samples.
 
 Mass and centre of mass of the whole robot, and of its base alone, are linear in the inertial
 parameters, or ratios of such: c^T theta is determined if c is a combination of the rows of the
@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, compress
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,15 +33,14 @@ from seaid.checks import (
     NEGLIGIBLE,
     RARE,
     Observation,
-    is_wrong,
     observed,
     only_joint,
 )
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate, FittedRows, with_further_columns
 from seaid.identification import Dataset, rows_in_memory
-from seaid.legged.feet import MOTION_CHECKS, FeetInMotion, unused_lifts
-from seaid.legged.robot import FloatingRobot
+from seaid.legged.floating import FloatingRobot
+from seaid.legged.load_side import accelerometer_rows, wrench_rows
 from seaid.log import (
     CHANNELS,
     BaseLog,
@@ -54,7 +53,7 @@ from seaid.log import (
     quaternion_rates,
     turned_to_world,
 )
-from seaid.regressor import LoadModel, Regress, accelerometer_rows, wrench_rows
+from seaid.regressor import LoadModel, Regress
 from seaid.robot import FloatingBase, Robot
 
 if TYPE_CHECKING:
@@ -65,7 +64,6 @@ BASE_FRAMES = CODES["base-frames"]
 BASE_JUMPS = CODES["base-jumps"]
 BASE_SENSOR = CODES["base-sensor"]
 NO_TORQUE = CODES["no-torque"]
-UNIDENTIFIABLE = CODES["unidentifiable"]
 
 FRAMES_HZ, BASE_TURNS_RAD_S = 5.0, 0.05
 """Low pass [Hz] behind which rates of a base are compared, in which 0.1 degrees of noise of an
@@ -220,20 +218,11 @@ _RECORD_CHECKS = (
 )
 
 
-def base_findings(
-    robot: FloatingRobot, logs: Sequence[Log], motions: Sequence[Sequence[Motion]]
-) -> list[Finding]:
-    """Return what contradicts itself in the base and the contacts of logs, and their motions."""
+def base_findings(robot: FloatingRobot, logs: Sequence[Log]) -> list[Finding]:
+    """Return what contradicts itself in the base of logs."""
     base = robot.floating_base
     records = [BaseRecord(log.base, log.time, base) for log in logs if log.base is not None]
-    findings = [finding for record in records for finding in observed(_RECORD_CHECKS, record)]
-    if is_wrong(findings):
-        return findings
-    every = list(chain(*motions))
-    for motion in every:
-        findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
-    lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, base))
-    return findings + observed((lifts,), every)
+    return [finding for record in records for finding in observed(_RECORD_CHECKS, record)]
 
 
 def missing_torques(asked: Sequence[str], used: Collection[str]) -> Iterator[Finding]:

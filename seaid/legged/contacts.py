@@ -28,7 +28,17 @@ from seaid.estimation import FittedRows
 from seaid.identification import Dataset, SensorErrors, for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
 from seaid.legged.feet import FeetInMotion, LeggedFit, LoadedFeet, best_order
-from seaid.legged.robot import FloatingRobot, floating
+from seaid.legged.floating import (
+    FloatingRobot,
+    contact_equations,
+    contact_map,
+    contact_rotations,
+    floating,
+    floating_regressor,
+    measured_contact,
+    row_scale,
+)
+from seaid.legged.load_side import contact_force_columns, contact_force_rows
 from seaid.log import (
     FOUND_CONTACT,
     Description,
@@ -43,16 +53,6 @@ from seaid.log import (
     meaning_of,
     reconstruct_motion,
     smoothed_where,
-)
-from seaid.regressor import (
-    contact_equations,
-    contact_force_columns,
-    contact_force_rows,
-    contact_map,
-    contact_rotations,
-    floating_regressor,
-    measured_contact,
-    row_scale,
 )
 from seaid.robot import Contact, Robot, torques_at_joints
 

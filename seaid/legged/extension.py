@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import observed, unseen_motion
+from seaid.checks import is_wrong, observed, unseen_motion
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
 from seaid.identification import (
@@ -25,10 +26,10 @@ from seaid.identification import (
 )
 from seaid.legged.base import base_findings, missing_torques, sensor_bias, whole_body
 from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
-from seaid.legged.feet import FEET_CHECKS, force_findings, mass_findings
-from seaid.legged.robot import floating
+from seaid.legged.feet import FEET_CHECKS, feet_findings, force_findings, mass_findings
+from seaid.legged.floating import floating, row_scale
 from seaid.log import Log, Motion, smoothed_where
-from seaid.regressor import LoadModel, row_scale
+from seaid.regressor import LoadModel
 from seaid.robot import BASE_ROWS, Robot
 
 
@@ -64,7 +65,10 @@ class LeggedExtension(Extension):
         self, robot: Robot, logs: Sequence[Log], motions: Sequence[Sequence[Motion]]
     ) -> list[Finding]:
         """Return what contradicts itself in bases and contacts of logs, and their motions."""
-        return base_findings(floating(robot), logs, motions)
+        findings = base_findings(floating(robot), logs)
+        if is_wrong(findings):
+            return findings
+        return findings + feet_findings(floating(robot), logs, list(chain(*motions)))
 
     def torque_findings(
         self, robot: Robot, asked: Sequence[str], used: Collection[str]

@@ -26,10 +26,11 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid.checks import CODES, FEW, MOST, RARE, SURE, TWICE, Observation, in_description
+from seaid.checks import CODES, FEW, MOST, RARE, SURE, TWICE, Observation, in_description, observed
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows, ordinary, scaled_svd, with_further_columns
-from seaid.legged.robot import FloatingRobot
+from seaid.legged.floating import FloatingRobot, contact_map
+from seaid.legged.load_side import late_flag_rows, radius_rows
 from seaid.log import (
     LEAST_LIFT,
     POSITION_BAND,
@@ -41,14 +42,7 @@ from seaid.log import (
     in_band,
     smoothed_where,
 )
-from seaid.regressor import (
-    LoadModel,
-    Regression,
-    contact_map,
-    late_flag_rows,
-    radius_rows,
-    stacked,
-)
+from seaid.regressor import LoadModel, Regression, stacked
 from seaid.robot import Contact, FloatingBase, Robot
 
 CONTACT_FLAGS = CODES["contact-flags"]
@@ -305,6 +299,17 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
             certainty="certain",
         )
+
+
+def feet_findings(
+    robot: FloatingRobot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> list[Finding]:
+    """Return what contradicts itself in the contacts of logs, by their motions."""
+    findings = []
+    for motion in motions:
+        findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
+    lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, robot.floating_base))
+    return findings + observed((lifts,), motions)
 
 
 # How the channels and flags have to be read

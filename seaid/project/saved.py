@@ -34,7 +34,6 @@ from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.identification import Identification, Validation
-from seaid.legged import FloatingRobot, LeggedValidation
 from seaid.log import Motion, decimated
 from seaid.robot import Robot, joints_of, model_of
 from seaid.simulation import ReplayComparison
@@ -389,6 +388,8 @@ def _with_samples(value: Any, kept: IndexArray) -> Any:
 @cache
 def _classes() -> dict[str, Any]:
     """Return the dataclasses of a run by their names: those in the annotations of its parts."""
+    from seaid.legged import FloatingRobot, LeggedValidation
+
     found: dict[str, Any] = {}
     waiting: list[Any] = [Identification, Validation, ReplayComparison]
     # Subtypes of the types in the annotations.
@@ -472,7 +473,8 @@ class _Joint:
     upper: float
 
 
-_ROBOTS: dict[str, type[Robot]] = {"Robot": Robot, "FloatingRobot": FloatingRobot}
+_ROBOTS = ("Robot", "FloatingRobot")
+"""Types whose models and drives are saved as data."""
 
 
 def _robot(kind: str, content: Mapping[str, Any]) -> Robot:
@@ -490,7 +492,7 @@ def _robot(kind: str, content: Mapping[str, Any]) -> Robot:
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
         for joint, drive in drives_from_mapping(tables).items()
     }
-    robot: Robot = _as_annotated(_ROBOTS[kind](**{**content, "model": model, "drives": drives}))
+    robot: Robot = _as_annotated(_classes()[kind](**{**content, "model": model, "drives": drives}))
     # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import JointParameter
-from seaid.legged import whole_body
 from seaid.report import formats
 from seaid.report.formats import (
     NONE,
@@ -146,6 +145,8 @@ def response_table(response: FrequencyResponse) -> Table:
 
 def whole_body_table(identification: Identification) -> Table:
     """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
+    from seaid.legged import whole_body
+
     rows = [
         (
             quantity.name.capitalize(),
