@@ -172,7 +172,7 @@ class Identification(Result):
 
         Their torque was not used, or their rotor inertia is negative, and not only uncertain.
         """
-        if self.robot.floating_base is not None:
+        if not self.robot.base_is_held:
             return {}
         unused = set(self.robot.joint_names) - set(self.model.torque_joints)
         stands = "it stands still in all logs"

@@ -528,7 +528,7 @@ def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, 
         or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
-    if not joints and robot.floating_base is None:
+    if not joints and robot.base_is_held:
         raise IdentificationError(
             "no joint has a torque in the logs: describe a motor_torque (a current is one with "
             'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'

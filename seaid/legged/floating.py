@@ -54,6 +54,11 @@ class FloatingRobot(Robot):
         kind = "floating" if self.floating_base.normal is None else "planar"
         return f"{super()._in_short()}, {kind} base"
 
+    @property
+    def base_is_held(self) -> bool:
+        """Whether something holds the base: never."""
+        return False
+
     def joint_of(self, body: int) -> str:
         """Return the joint that moves a body, the first one for the base, which none moves."""
         return super().joint_of(0 if body == len(self.body_names) - 1 else body)

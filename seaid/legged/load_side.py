@@ -16,7 +16,7 @@ from itertools import chain, compress
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, seed_of
-from seaid.errors import LogError
+from seaid.errors import LogError, RobotError, unknown_name
 from seaid.legged.floating import (
     FloatingRobot,
     accelerated_base,
@@ -58,7 +58,7 @@ from seaid.regressor import (
     rows_by_pieces,
     unknown_frictions,
 )
-from seaid.robot import BASE_ROWS, Robot
+from seaid.robot import BASE_ROWS, HANGING, Robot
 
 _RATES = 16.0
 """Rate over the cutoff at which columns of a floating base are computed: products of three of its
@@ -133,6 +133,16 @@ class FloatingBodies(BodyEquations):
         assert motion.base is not None
         states = (*motion.joint_states, motion.base.states)
         return floating_rows(robot, floating_regressor(robot, *states, columns.tolist()), known)
+
+    def check_stances(self, robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+        """Raise RobotError for links of stances that are no contacts of the robot."""
+        known = floating(robot).floating_base.contact_links
+        for links in stances:
+            for link in () if links == HANGING else links:
+                if link not in known:
+                    raise RobotError(
+                        f"stances=: {unknown_name('contact', link, known)}", "stances="
+                    )
 
     def with_all_rows(self, columns: Array) -> Array:
         """Return columns of joints with six rows of zeros for the base before them."""

@@ -291,6 +291,9 @@ class BodyEquations:
         """Return some columns (T, r, c) of the bodies along a motion."""
         return regressor_at_drives(robot, *motion.joint_states)[:, known][:, :, columns]
 
+    def check_stances(self, robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+        """Raise RobotError for stances that the robot cannot have."""
+
     def with_all_rows(self, columns: Array) -> Array:
         """Return columns (T, k, ...) of k joints with the rows (T, r, ...) of other equations."""
         return columns

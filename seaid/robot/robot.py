@@ -111,6 +111,11 @@ class Robot(Display):
         return len(self.joint_names)
 
     @property
+    def base_is_held(self) -> bool:
+        """Whether something holds the base, so that forces on it determine nothing."""
+        return True
+
+    @property
     def standing_joints(self) -> tuple[str, ...]:
         """The joints of the file that stand still: `locked`, or not among `joints`."""
         return tuple(joint for joint in self.joints_of_file if joint not in self.joint_names)
@@ -420,7 +425,7 @@ def check_held(
     robot: Robot, what: str, error: type[SeaidError] = RobotError, why: str = ""
 ) -> None:
     """Raise an error if the base of a robot floats, for what needs a base that is held."""
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         because = f" ({why})" if why else ""
         raise error(
             f"{what} needs a robot with a fixed base, and that of '{robot.name}' floats{because}: "
