@@ -68,8 +68,8 @@ class Robot(Display):
         The file.
     known_bodies : tuple of str
         Bodies whose parameters are known and not identified.
-    floating_base : FloatingBase or None
-        The base, if nothing holds it; `model` is that of the joints on a held base.
+    floating_base : None
+        `seaid.legged.FloatingRobot` has one, and is the type of robots that nothing holds.
     locked : mapping {joint: position}
         Joints that stand still elsewhere than at zero [rad or m].
     joints_of_file : tuple of str
