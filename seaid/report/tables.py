@@ -177,6 +177,17 @@ _FORCES = (
 )
 
 
+def contact_tables(runs: Sequence[Run]) -> list[Table]:
+    """Return the contact forces of those validations that have any."""
+    from seaid.legged import LeggedValidation
+
+    return [
+        contact_table(run.name, run.result.contacts)
+        for run in runs
+        if isinstance(run.result, LeggedValidation) and run.result.contacts is not None
+    ]
+
+
 def contact_table(name: str, forces: ContactForces) -> Table:
     """Return the predicted and measured contact forces of a validation of this name."""
     rows = zip(forces.links, forces.basis, *(getattr(forces, x) for x in _FORCES), strict=True)

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
-    from seaid.legged import ContactForces
     from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
@@ -447,7 +446,7 @@ def validation_table(result: Validation) -> Text:
     made = [tables.error_table([*joints, *tables.whole_rows(run)])]
     title = "Unseen motion: relative error below the cutoff"
     nothing = "Unseen motion: no joint has a torque that could be compared"
-    contacts = [tables.contact_table("motion", x) for x in _contact_forces(result)]
+    contacts = tables.contact_tables([Run("motion", result, False)])
     return joined(
         [
             *([] if joints else [nothing]),
@@ -456,14 +455,6 @@ def validation_table(result: Validation) -> Text:
             *warning_lines(result.warnings),
         ]
     )
-
-
-def _contact_forces(result: Validation) -> list[ContactForces]:
-    """Return the contact forces of a validation, if it has any."""
-    from seaid.legged import LeggedValidation
-
-    forces = result.contacts if isinstance(result, LeggedValidation) else None
-    return [] if forces is None else [forces]
 
 
 def replay_table(result: ReplayComparison) -> Text:
