@@ -28,6 +28,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, LEAST_TORQUE
 from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
+from seaid.log import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
     from seaid.checks.check import Code
@@ -227,13 +228,15 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
     """Return the number of independent rows for columns (R, c) without the base model's span.
 
     It is the number of rows over the variance inflation of their coefficients, by the
-    autocorrelation of what the residual is once they are in the model.
+    autocorrelation of what the residual is once they are in the model, and at most two for each
+    period of the cutoff: below a low pass there are no more, whatever few rows seem to show.
     """
     svd = scaled_svd(columns)
     error = residual - columns @ svd.solve(residual)
     # The left singular vectors are orthonormal columns with the same span: (H^T H)^-1 is 1.
     scores = long_run_of(svd.left[:, : max(svd.rank(), 1)], error, rows.time, rows.run)
-    return len(residual) / max(scores.inflation(np.eye(len(scores.white))), 1.0)
+    inflation = scores.inflation(np.eye(len(scores.white)))
+    return len(residual) / max(inflation, ROWS_PER_PERIOD / 2)
 
 
 def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:

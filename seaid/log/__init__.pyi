@@ -23,6 +23,7 @@ from .description import as_toml as as_toml
 from .description import changed_source as changed_source
 from .filtering import PIECE_SAMPLES as PIECE_SAMPLES
 from .filtering import REST_RAD_S as REST_RAD_S
+from .filtering import ROWS_PER_PERIOD as ROWS_PER_PERIOD
 from .filtering import STANDSTILL as STANDSTILL
 from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
