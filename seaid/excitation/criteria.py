@@ -196,7 +196,7 @@ def pivoted_base(
 def _random_rows(
     robot: Robot, known: list[int], seed: int, stances: Sequence[Sequence[str]]
 ) -> Array:
-    ((_, whole, reduced),) = body_equations(robot).random_rows(robot, known, stances, (), seed)
+    ((_, whole, reduced),) = body_equations(robot).random_rows(known, stances, (), seed)
     Y = reduced(whole)
     return np.where(robot.is_known, 0.0, Y).reshape(-1, robot.parameters.size)
 

@@ -250,7 +250,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
     made, known = parts[:, :, 0], parts[:, :, 1]
     both = np.stack([torque, payload + made], axis=2)
     # What is compared is the torque of the joint alone.
-    known += load_side(identification.known).contact_torques(identification.known, motion, model)
+    known += load_side(identification.known).contact_torques(motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]

@@ -87,14 +87,14 @@ def _(robot: FloatingRobot) -> Extension:
 def _(robot: FloatingRobot) -> BodyEquations:
     from seaid.legged.load_side import FloatingBodies
 
-    return FloatingBodies()
+    return FloatingBodies(robot)
 
 
 @load_side.register(FloatingRobot)
 def _(robot: FloatingRobot) -> LoadSide:
     from seaid.legged.load_side import FloatingLoadSide
 
-    return FloatingLoadSide()
+    return FloatingLoadSide(robot)
 
 
 @standing_robot.register(FloatingRobot)

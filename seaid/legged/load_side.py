@@ -8,8 +8,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, compress
 
@@ -22,7 +22,6 @@ from seaid.legged.floating import (
     accelerated_base,
     contact_equations,
     contact_map,
-    floating,
     floating_regressor,
     floating_rows,
     measured_contact,
@@ -43,10 +42,14 @@ from seaid.log import (
 )
 from seaid.regressor import (
     BodyEquations,
+    Joints,
     JointStates,
+    Links,
     LoadModel,
     LoadSide,
     Regression,
+    Springs,
+    Stances,
     drive_columns,
     drive_parameters,
     drive_torques,
@@ -73,38 +76,24 @@ _BLOCK_NUMBERS = 1_000_000
 """Numbers of the regressor of a floating base that are computed at a time: few megabytes."""
 
 
+@dataclass(frozen=True, eq=False)
 class FloatingBodies(BodyEquations):
     """The bodies of a robot with a floating base, whose six rows come before those of joints."""
 
+    robot: FloatingRobot
+
     def columns(
-        self,
-        robot: Robot,
-        motion: Motion | None,
-        known: Sequence[int],
-        seed: int,
-        stances: Sequence[Sequence[str]],
-        measured: Sequence[str],
+        self, motion: Motion | None, known: Joints, seed: int, stances: Stances, measured: Links
     ) -> Array:
         """Return the columns (rows, m) over a motion, or over random stances."""
         if motion is not None:
-            base = motion.base
+            base, q = motion.base, motion.joint_position
             assert base is not None
-            Y = floating_regressor(robot, *motion.joint_states, base.states)
-            rows = [
-                without_contact_forces(
-                    robot,
-                    motion.joint_position,
-                    base.contacts,
-                    known,
-                    floating_rows(robot, Y, known),
-                    up=base.up,
-                )
-            ]
+            Y = self.body_columns(motion, known)
+            rows = [without_contact_forces(self.robot, q, base.contacts, known, Y, up=base.up)]
         else:
-            rows = []
-            for place, links in enumerate(stances):
-                _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known, measured)
-                rows.append(reduced(Y))
+            random = self.random_rows(known, stances, measured, seed_of(seed))
+            rows = [reduced(Y) for _, Y, reduced in random]
         return np.concatenate([block.reshape(-1, block.shape[2]) for block in rows])
 
     def left_to_right(self, H: Array, zero: BoolArray) -> tuple[list[int], Array, float]:
@@ -115,28 +104,24 @@ class FloatingBodies(BodyEquations):
         return base_columns, grouping[:, np.argsort(order)], gap
 
     def random_rows(
-        self,
-        robot: Robot,
-        known: Sequence[int],
-        stances: Sequence[Sequence[str]],
-        measured: Sequence[str],
-        seed: int = 1,
+        self, known: Joints, stances: Stances, measured: Links, seed: int = 1
     ) -> Iterator[tuple[JointStates, Array, Callable[[Array], Array]]]:
         """Yield the `stance_rows` of each stance."""
         for place, links in enumerate(stances):
-            yield stance_rows(robot, links, seed + place, known, measured)
+            yield stance_rows(self.robot, links, seed + place, known, measured)
 
     def body_columns(
-        self, robot: Robot, motion: Motion, known: Sequence[int], columns: IndexArray
+        self, motion: Motion, known: Joints, columns: IndexArray | None = None
     ) -> Array:
-        """Return some columns (T, 6 + k, c) of the bodies, with contact forces."""
+        """Return some columns (T, 6 + k, c) of the bodies, or all, with contact forces."""
         assert motion.base is not None
-        states = (*motion.joint_states, motion.base.states)
-        return floating_rows(robot, floating_regressor(robot, *states, columns.tolist()), known)
+        some = None if columns is None else columns.tolist()
+        Y = floating_regressor(self.robot, *motion.joint_states, motion.base.states, some)
+        return floating_rows(self.robot, Y, known)
 
-    def check_stances(self, robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+    def check_stances(self, stances: Stances) -> None:
         """Raise RobotError for links of stances that are no contacts of the robot."""
-        known = floating(robot).floating_base.contact_links
+        known = self.robot.floating_base.contact_links
         for links in stances:
             for link in () if links == HANGING else links:
                 if link not in known:
@@ -149,40 +134,31 @@ class FloatingBodies(BodyEquations):
         return below_base(columns)
 
 
+@dataclass(frozen=True, eq=False)
 class FloatingLoadSide(LoadSide):
     """The load side of a robot with a floating base, without contact forces."""
 
-    def stances(
-        self, robot: Robot, motions: Sequence[Motion]
-    ) -> tuple[Sequence[Sequence[str]], Sequence[str]]:
+    robot: FloatingRobot
+
+    def stances(self, motions: Sequence[Motion]) -> tuple[Stances, Links]:
         """Return the sets of contacts that touch the ground together, and those measured."""
-        return stances_of(floating(robot), motions)
+        return stances_of(self.robot, motions)
 
     def columns(
-        self,
-        robot: Robot,
-        motion: Motion,
-        model: LoadModel,
-        springs: Mapping[str, Array],
-        further: Array | None = None,
+        self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Return the `load_columns`."""
-        return floating_columns(robot, motion, model, springs, further=further)
+        return floating_columns(self.robot, motion, model, springs, further=further)
 
     def torques(
-        self,
-        robot: Robot,
-        motion: Motion,
-        model: LoadModel,
-        springs: Mapping[str, Array],
-        thetas: Array,
+        self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
         """Return the `load_torques`, without the columns in memory, which are many."""
-        return floating_columns(robot, motion, model, springs, thetas)[:3]
+        return floating_columns(self.robot, motion, model, springs, thetas)[:3]
 
-    def contact_torques(self, robot: Robot, motion: Motion, model: LoadModel) -> Array | float:
+    def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured wrenches contribute to the torque (T, rows) of `load_columns`."""
-        base, q = motion.base, motion.joint_position
+        robot, base, q = self.robot, motion.base, motion.joint_position
         assert base is not None
         if not base.wrenches:
             return 0.0
@@ -197,19 +173,15 @@ class FloatingLoadSide(LoadSide):
         return _thinned(motion), _piece_samples(model)
 
     def with_all_equations(
-        self,
-        robot: Robot,
-        motion: Motion,
-        rows: IndexArray,
-        joints: Sequence[int],
-        usable: BoolArray,
-    ) -> tuple[tuple[str, ...], Sequence[int], BoolArray]:
+        self, motion: Motion, rows: IndexArray, joints: Joints, usable: BoolArray
+    ) -> tuple[tuple[str, ...], Joints, BoolArray]:
         """Return names, indices and usable samples with those of the base before them.
 
         The indices of the rows of the base follow those of the n joints.
         """
         assert motion.base is not None
-        free = np.repeat(floating(robot).floating_base.free_axes[:, None], len(rows), axis=1)
+        robot = self.robot
+        free = np.repeat(robot.floating_base.free_axes[:, None], len(rows), axis=1)
         usable = np.concatenate([free, usable]) & motion.base.used[rows]
         indices = [*range(robot.n, robot.n + 6), *joints]
         return (*robot.joint_names, *BASE_ROWS), indices, usable
@@ -223,7 +195,7 @@ def floating_columns(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    springs: Mapping[str, Array],
+    springs: Springs,
     thetas: Array | None = None,
     further: Array | None = None,
 ) -> tuple[Array, Array, Array, Array]:
@@ -275,7 +247,7 @@ def contact_force_rows(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    springs: Mapping[str, Array],
+    springs: Springs,
     theta: Array,
     bodies: Array,
 ) -> tuple[Array, BoolArray]:
@@ -454,7 +426,7 @@ def radius_rows(
     robot: FloatingRobot,
     motion: Motion,
     model: LoadModel,
-    springs: Mapping[str, Array],
+    springs: Springs,
     theta: Array,
     bodies: Array,
 ) -> Regression:

@@ -1,7 +1,10 @@
 from .base import BaseParameters as BaseParameters
 from .base import BodyEquations as BodyEquations
 from .base import CrossCheck as CrossCheck
+from .base import Joints as Joints
 from .base import JointStates as JointStates
+from .base import Links as Links
+from .base import Stances as Stances
 from .base import base_of_columns as base_of_columns
 from .base import base_parameters as base_parameters
 from .base import body_equations as body_equations
@@ -15,6 +18,7 @@ from .base import slopes_of_model as slopes_of_model
 from .base import torque_slopes as torque_slopes
 from .load import LoadModel as LoadModel
 from .load import LoadSide as LoadSide
+from .load import Springs as Springs
 from .load import check_offset_std as check_offset_std
 from .load import drive_columns as drive_columns
 from .load import drive_parameters as drive_parameters

@@ -228,7 +228,7 @@ def base_parameters(
     torques = robot.selected(torque_joints)
     known = [robot.index(joint) for joint in torques]
     equations = body_equations(robot)
-    H = equations.columns(robot, motion, known, seed, stances, measured)
+    H = equations.columns(motion, known, seed, stances, measured)
     columns, grouping, gap = equations.left_to_right(H, negligible(H) | robot.is_known)
     if not columns and not np.all(robot.is_known):
         raise ExcitationError(
@@ -238,20 +238,17 @@ def base_parameters(
     return base_of_columns(robot, columns, grouping, gap)
 
 
+@dataclass(frozen=True, eq=False)
 class BodyEquations:
     """How the bodies of a robot act on its equations, those of joints if its base is held.
 
     A package that knows another kind of robot registers its equations for the type of that robot.
     """
 
+    robot: Robot
+
     def columns(
-        self,
-        robot: Robot,
-        motion: Motion | None,
-        known: Sequence[int],
-        seed: int,
-        stances: Sequence[Sequence[str]],
-        measured: Sequence[str],
+        self, motion: Motion | None, known: Joints, seed: int, stances: Stances, measured: Links
     ) -> Array:
         """Return the columns (rows, m) over a motion, or over random states.
 
@@ -261,6 +258,7 @@ class BodyEquations:
             raise ExcitationError(
                 "torque_joints= names no joint: give those whose torque is known", "torque_joints="
             )
+        robot = self.robot
         states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
         _check_memory(robot, len(states[0]))
         Y = regressor_at_drives(robot, *states)
@@ -271,27 +269,20 @@ class BodyEquations:
         return left_to_right(H, zero)
 
     def random_rows(
-        self,
-        robot: Robot,
-        known: Sequence[int],
-        stances: Sequence[Sequence[str]],
-        measured: Sequence[str],
-        seed: int = 1,
+        self, known: Joints, stances: Stances, measured: Links, seed: int = 1
     ) -> Iterator[tuple[JointStates, Array, Callable[[Array], Array]]]:
         """Yield random states of joints, the rows (T, r, m) of bodies there, and a function.
 
         The function removes from rows what nothing determines, as forces that are not measured.
         """
-        q, v, a = random_states(robot, seed, len(known))
-        yield (q, v, a), regressor_at_drives(robot, q, v, a)[:, known], np.asarray
+        states = random_states(self.robot, seed, len(known))
+        yield states, regressor_at_drives(self.robot, *states)[:, known], np.asarray
 
-    def body_columns(
-        self, robot: Robot, motion: Motion, known: Sequence[int], columns: IndexArray
-    ) -> Array:
+    def body_columns(self, motion: Motion, known: Joints, columns: IndexArray) -> Array:
         """Return some columns (T, r, c) of the bodies along a motion."""
-        return regressor_at_drives(robot, *motion.joint_states)[:, known][:, :, columns]
+        return regressor_at_drives(self.robot, *motion.joint_states)[:, known][:, :, columns]
 
-    def check_stances(self, robot: Robot, stances: Sequence[Sequence[str]]) -> None:
+    def check_stances(self, stances: Stances) -> None:
         """Raise RobotError for stances that the robot cannot have."""
 
     def with_all_rows(self, columns: Array) -> Array:
@@ -302,11 +293,16 @@ class BodyEquations:
 JointStates = tuple[Array, Array, Array]
 """Positions, velocities and accelerations of joints, each (T, n)."""
 
+Joints = Sequence[int]
+Links = Sequence[str]
+Stances = Sequence[Links]
+"""Joints by their indices, links of contacts, and sets of these that touch the ground together."""
+
 
 @singledispatch
 def body_equations(robot: Robot) -> BodyEquations:
     """Return how the bodies of this kind of robot act on its equations."""
-    return BodyEquations()
+    return BodyEquations(robot)
 
 
 def _structural_states(robot: Robot, seed: int, known: Sequence[int]) -> tuple[Array, Array, Array]:

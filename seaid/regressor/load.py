@@ -25,6 +25,9 @@ from seaid.log import (
     row_samples,
 )
 from seaid.regressor.base import (
+    Joints,
+    Links,
+    Stances,
     base_parameters,
     body_equations,
     grouped_text,
@@ -160,27 +163,28 @@ class LoadModel:
         return base + tuple(unit for _, _, unit in self.drives)
 
 
+Springs = Mapping[str, Array]
+"""{joint: parameters of (4b)} of the springs whose torque is that on the load."""
+
+
+@dataclass(frozen=True, eq=False)
 class LoadSide:
     """The load side of a robot whose base is held; other kinds of robots replace its parts.
 
     A package that knows another kind of robot registers its load side for the type of that robot.
     """
 
-    def stances(
-        self, robot: Robot, motions: Sequence[Motion]
-    ) -> tuple[Sequence[Sequence[str]], Sequence[str]]:
+    robot: Robot
+
+    def stances(self, motions: Sequence[Motion]) -> tuple[Stances, Links]:
         """Return the `stances` and the `measured` contacts of motions for `base_parameters`."""
         return ((),), ()
 
     def columns(
-        self,
-        robot: Robot,
-        motion: Motion,
-        model: LoadModel,
-        springs: Mapping[str, Array],
-        further: Array | None = None,
+        self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
     ) -> tuple[Array, Array, Array, Array]:
         """Return the `load_columns`."""
+        robot = self.robot
         known = [robot.index(joint) for joint in model.torque_joints]
         Y = regressor_at_drives(robot, *motion.joint_states)
         flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
@@ -198,18 +202,13 @@ class LoadSide:
         return torque, payload, H, propagated
 
     def torques(
-        self,
-        robot: Robot,
-        motion: Motion,
-        model: LoadModel,
-        springs: Mapping[str, Array],
-        thetas: Array,
+        self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
         """Return the `load_torques`."""
-        torque, payload, H, _ = self.columns(robot, motion, model, springs)
+        torque, payload, H, _ = self.columns(motion, model, springs)
         return torque, payload, H @ thetas
 
-    def contact_torques(self, robot: Robot, motion: Motion, model: LoadModel) -> Array | float:
+    def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured forces of the ground contribute to the torque (T, rows)."""
         return 0.0
 
@@ -218,18 +217,13 @@ class LoadSide:
         return motion, PIECE_SAMPLES
 
     def with_all_equations(
-        self,
-        robot: Robot,
-        motion: Motion,
-        rows: IndexArray,
-        joints: Sequence[int],
-        usable: BoolArray,
-    ) -> tuple[tuple[str, ...], Sequence[int], BoolArray]:
+        self, motion: Motion, rows: IndexArray, joints: Joints, usable: BoolArray
+    ) -> tuple[tuple[str, ...], Joints, BoolArray]:
         """Return the names of all equations, their indices (r,), and where each is usable (r, S).
 
         `usable` (k, S) is that of k joints at the S samples `rows`.
         """
-        return robot.joint_names, joints, usable
+        return self.robot.joint_names, joints, usable
 
     def with_equation(self, usable: BoolArray, H: Array, y: Array) -> BoolArray:
         """Return the usable rows (r, S) that have an equation in H (S, r, m) and y (S, r)."""
@@ -239,14 +233,14 @@ class LoadSide:
 @singledispatch
 def load_side(robot: Robot) -> LoadSide:
     """Return the load side of this kind of robot."""
-    return LoadSide()
+    return LoadSide(robot)
 
 
 def load_model_of(
     robot: Robot, motions: Sequence[Motion], torque_joints: Sequence[str]
 ) -> LoadModel:
     """Return the identifiable columns of the load side in the stances of some motions."""
-    stances, measured = load_side(robot).stances(robot, motions)
+    stances, measured = load_side(robot).stances(motions)
     base = base_parameters(robot, torque_joints=torque_joints, stances=stances, measured=measured)
     return load_model(robot, base, torque_joints, stances, measured)
 
@@ -298,7 +292,7 @@ def _random_rows(
     """Return the rows of the load side at random states, and the drive parameters in them."""
     known, equations = list(map(robot.index, torque_joints)), body_equations(robot)
     parts, drives = [], list[tuple[str, str, str]]()
-    for (q, v, a), Y, reduced in equations.random_rows(robot, known, stances, measured):
+    for (q, v, a), Y, reduced in equations.random_rows(known, stances, measured):
         signals_of = partial(stiff_signals, robot, q=q, v=v, a=a)
         columns, drives = drive_parameters(robot, torque_joints, signals_of)
         columns = equations.with_all_rows(columns)
@@ -347,7 +341,7 @@ def load_columns(
 
     `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
     """
-    return load_side(robot).columns(robot, motion, model, springs, further)
+    return load_side(robot).columns(motion, model, springs, further)
 
 
 def joined(columns: Array, further: Array | None) -> Array:
@@ -380,7 +374,7 @@ def torque_changes(
     columns = np.flatnonzero(np.any(bodies, axis=1))
     if not len(columns):
         return changes
-    Y = equations.body_columns(robot, motion, joints, columns)
+    Y = equations.body_columns(motion, joints, columns)
     # Heavier known bodies take more of the torque: they are on its side with a minus.
     return np.asarray(changes - Y @ bodies[columns])
 
@@ -396,7 +390,7 @@ def load_torques(
 
     The columns H of a floating base, which are many, are not held in memory.
     """
-    return load_side(robot).torques(robot, motion, model, springs, thetas)
+    return load_side(robot).torques(motion, model, springs, thetas)
 
 
 def drive_torques(
@@ -436,7 +430,7 @@ def load_regression(
 
     def regress(piece: Motion) -> Regression:
         columns = None if further is None else further(piece)
-        return load_rows(robot, piece, model, side.columns(robot, piece, model, springs, columns))
+        return load_rows(robot, piece, model, side.columns(piece, model, springs, columns))
 
     return rows_by_pieces(motion, regress, samples)
 
@@ -464,7 +458,7 @@ def load_rows(
     for row, joint in enumerate(model.torque_joints):
         usable[row] = usable_rows(robot, motion, joint, rows)
     side = load_side(robot)
-    names, indices, usable = side.with_all_equations(robot, motion, rows, joints, usable)
+    names, indices, usable = side.with_all_equations(motion, rows, joints, usable)
     excluded = usable.size - int(usable.sum())
     usable = side.with_equation(usable, H, y)
     # (k, S) -> (R,) rows, equation by equation.

@@ -211,7 +211,7 @@ def identifiability(
 
 def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
     """Return what some stances of a floating base determine of its bodies."""
-    body_equations(robot).check_stances(robot, stances)
+    body_equations(robot).check_stances(stances)
     base = base_parameters(robot, stances=stances, seed=seed)
     again = base_parameters(robot, stances=stances, seed=seed + len(stances))
     alone = np.count_nonzero(base.grouping, axis=1) == 1
