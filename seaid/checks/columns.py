@@ -45,6 +45,7 @@ from seaid.drives import (
     PARAMETERS_OF,
     DefaultTerms,
     Drive,
+    is_dry,
     unit_of,
 )
 from seaid.errors import Finding
@@ -211,8 +212,9 @@ def _change_at_reversal(motion: Motion, place: int) -> float:
     return float(np.median(changes)) if len(changes) else 0.0
 
 
-_STIFF = ("offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
-_ELASTIC = ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
+_PLAIN = ("viscous", "coulomb")
+_STIFF = (*_PLAIN, "offset", "smooth_coulomb", "asymmetric", "quadratic", "stribeck")
+_ELASTIC = (*_PLAIN, "smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck")
 """Friction of a stiff drive has no part that depends on the load, which needs another fit."""
 
 _LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
@@ -241,7 +243,7 @@ def _friction(side: Side, joint: str) -> list[Candidate]:
         return []
     terms: tuple[str, ...] = _ELASTIC if drive.is_elastic else _STIFF
     if drive == IDEAL_DRIVE:  # it has no friction at all
-        terms = ("viscous", "coulomb", "offset")
+        terms = (*_PLAIN, "offset")
     elif drive.controller is not None and not drive.is_elastic:
         # the closed loop of a drive with a controller shows errors over its position
         terms += ("coulomb_position",)
@@ -303,6 +305,8 @@ def _missing_terms(
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]
+    if not is_dry(drive) and _is_of_samples(side, joint, trials):
+        terms = ["coulomb"]
     names = " and ".join(f"'{term}'" for term in terms)
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
@@ -341,9 +345,9 @@ def _lines_of_terms(
 
 def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:
     """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
-    drive, width = side.robot.drives[joint], trials[0].alternative.values.get("coulomb_width")
-    # up to twice the width that the logs resolve, it is that of an encoder step or of a sample
-    is_sampled = len(trials) == 1 and (width or np.inf) <= TWICE * side.widths.get(joint, 0)
+    drive = side.robot.drives[joint]
+    # What a drive with dry friction lacks is an effect of the sampling then, and no term.
+    is_sampled = is_dry(drive) and _is_of_samples(side, joint, trials)
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
     if is_sampled or is_coarse or share <= MATTERS:
@@ -354,9 +358,18 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     # explained if that is explained with it, or if nearly nothing is left with bodies of any mass
     before = side.unexplained(joint)
     # A share is one of squares, an unexplained part one of rms values.
-    after = before * float(np.sqrt(1 - share))
+    after = before * float(np.sqrt(max(1 - share, 0.0)))
     is_exact = 1 - share < POOR and not side.robot.known_bodies
     return (is_exact or before > MOST) and after < MOST
+
+
+def _is_of_samples(side: Side, joint: str, trials: Sequence[Trial]) -> bool:
+    """Whether the width of Coulomb friction is that of an encoder step or of a sample.
+
+    That is up to twice the width that the logs resolve.
+    """
+    width = trials[0].alternative.values.get("coulomb_width", np.inf)
+    return len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
 
 
 _FOLLOWS = {

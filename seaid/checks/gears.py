@@ -142,8 +142,14 @@ def encoder_slope(experiment: Experiment, j: int) -> float:
 def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if it is that of the gear."""
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    # springs and noise explain a slight difference
-    return None if abs(slope - 1) < tol.SLIGHT or not 1e-6 < slope < 1e6 else slope
+    # noise explains a few thousandths
+    return None if abs(slope - 1) < tol.FEW or not 1e-6 < slope < 1e6 else slope
+
+
+_LARGEST_RATIO = {False: 1e3, True: 1e5}
+"""{whether a joint slides: ratio [rad/rad or rad/m] above which a slope between two encoders is a
+unit, such as counts}. Strain wave gears have up to 320, planetary gears in series some hundred, and
+a screw of 1 mm behind a gear of ten 6e4 rad/m."""
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
@@ -159,6 +165,8 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
         for factor in factors:
+            if ratio * factor > _LARGEST_RATIO[experiment.robot.is_prismatic[j]]:
+                continue
             factor_of = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
             # the side without an encoder was computed from the motor's
             output = experiment.joint / (1.0 if experiment.both[j] else factor_of)

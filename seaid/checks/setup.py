@@ -232,7 +232,7 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
         evidence["standard errors"] = math.sqrt(2 * (best.direct + best.bodies))
         severity = "note" if severity == "note" else "doubtful"
         message += (
-            f": the torques contradict the value given by {evidence['standard errors']:.0f} "
+            f": the log contradicts the value given by {evidence['standard errors']:.0f} "
             "standard errors, errors of the bodies in the robot file included"
         )
     # what rests on the bodies of the robot file is at most likely
@@ -275,8 +275,8 @@ def _median(values: Array) -> float:
 
 
 _OF_VALUES = (
-    *(codes.ENCODER_OFFSET, codes.GEOMETRY, codes.GRAVITY, codes.NOMINAL_VALUES, codes.PAYLOAD),
-    *(codes.ROTOR_INERTIA, codes.TORQUE_SCALE),
+    *(codes.ENCODER_OFFSET, codes.GEAR_RATIO, codes.GEOMETRY, codes.GRAVITY),
+    *(codes.NOMINAL_VALUES, codes.PAYLOAD, codes.ROTOR_INERTIA, codes.TORQUE_SCALE),
 )
 """Mistakes that may be small."""
 
@@ -321,16 +321,33 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
+_FEWEST_COUNTS = 256
+"""Counts per turn of the coarsest encoder: a degree is further from a power of two."""
+
+
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2}
+"""The same of the positions of sliding joints."""
+
+
+def _units_by(slope: float, is_length: bool) -> Mapping[str, float]:
+    """Return units of positions: with a slope between encoders, also counts of a power of two."""
+    if is_length or not slope:
+        return _LENGTHS if is_length else _ANGLES
+    counts = 2 ** round(math.log2(2 * math.pi * max(slope, 1 / slope)))
+    is_count = counts >= _FEWEST_COUNTS
+    return _ANGLES | ({f"counts, {counts} per turn": 2 * math.pi / counts} if is_count else {})
+
 
 def _in_units(
     experiment: Experiment, joints: Sequence[int], channels: str, words: str, slope: float = 0.0
 ) -> Iterator[Transform]:
-    """Yield units of the angles of joints in which they can be, or which explain a slope.
+    """Yield units of the positions of joints in which they can be, or which explain a slope.
 
     A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
     would hardly move. Two turns are the range of a wrist.
     """
-    for unit, factor in _ANGLES.items():
+    is_length = "q" in channels and experiment.robot.is_prismatic[joints[0]]
+    for unit, factor in _units_by(slope, is_length).items():
         moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
         if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
             continue
@@ -344,7 +361,7 @@ def _in_units(
 
 
 def _angles(experiment: Experiment) -> Iterator[Transform]:
-    """Yield units of the angles of a joint, at both sides or at the one that the slope suggests."""
+    """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
     for j in experiment.used:
         joint, slope = experiment.robot.joint_names[j], gears.other_slope(experiment, j)
         if not experiment.robot.is_prismatic[j]:
@@ -364,8 +381,11 @@ def _all_channels(experiment: Experiment) -> Iterator[Transform]:
     if len(turning) > 1:
         yield from _in_units(experiment, turning, "qm", "positions of all joints are")
     both = [j for j in turning if experiment.both[j]]
+    slopes = [gears.other_slope(experiment, j) or 1.0 for j in both]
+    is_common = bool(both) and max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes)
+    slope = float(np.median(slopes)) if is_common else 0.0
     for side, name in (("q", "joint"), ("m", "motor")) if len(both) > 1 else ():
-        yield from _in_units(experiment, both, side, f"{name} encoders of all joints are")
+        yield from _in_units(experiment, both, side, f"{name} encoders of all joints are", slope)
 
 
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
@@ -628,13 +648,21 @@ def _has_encoders_apart(experiment: Experiment) -> bool:
     return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.SLIGHT)
 
 
+def _has_other_ratios(experiment: Experiment) -> bool:
+    """Whether the slope between the encoders of a joint is not that of its gear."""
+    both = np.flatnonzero(experiment.both).tolist()
+    is_other = any(gears.other_slope(experiment, j) for j in both if j in experiment.used)
+    return is_other or _is_severe_by_joint(experiment)
+
+
 MISTAKES = {
     _has_bodies: (
         *(_torque_scales, _rotor_inertias, _all_torque_scales, bodies.gravities, bodies.lengths),
         *(bodies.zeros, bodies.payloads),
     ),
     _is_severe: (bodies.quarter_turns, _all_channels, _times, gears.geared_encoders),
-    _is_severe_by_joint: (_signs, _angles, gears.gear_ratios, _exchanges),
+    _is_severe_by_joint: (_signs, _angles, _exchanges),
+    _has_other_ratios: (gears.gear_ratios,),
     _has_encoders_apart: (gears.coupled_motors, gears.linkages),
 }
 """{what shows that a set-up may be wrong: what can be wrong with it}."""

@@ -545,3 +545,26 @@ def test_a_damping_that_is_negative_is_something_else(
     )
     found: Any = SimpleNamespace(trial=trial, coefficients=np.array([*coefficients.values()]))
     assert _is_impossible(found) == is_impossible
+
+
+@pytest.mark.parametrize(
+    ("joint", "named", "lacks"),
+    quick_first(
+        [
+            ("ankle_pitch", "viscous", "coulomb"),
+            ("knee_pitch", "coulomb", "viscous"),
+            ("hip_roll", "viscous", "coulomb"),
+            ("hip_yaw", "coulomb", "viscous"),
+        ]
+    ),
+)
+def test_plain_friction_that_is_not_named_is_found_and_repaired(
+    joint: str, named: FrictionTerm, lacks: FrictionTerm
+) -> None:
+    """The width of missing Coulomb friction is that of the samples: it was a mere note."""
+    right = leg(TEST_MASS).without_nominal()
+    drive = replace(right.drives[joint], friction=(named,))
+    found = identify(right.with_drives({joint: drive}), leg_log())
+    (finding,) = [x for x in found.warnings if x.severity != "note"]
+    assert (finding.code, finding.joint) == (MISSING_TERM.name, joint)
+    assert tomllib.loads(finding.remedy.split("\n", 1)[1]) == {joint: {"friction": [named, lacks]}}

@@ -202,6 +202,9 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "zeros of two joints": ("encoder-offset", moved({"shoulder": np.pi / 2, "elbow": -np.pi / 2})),
     "joint encoders times the gear": ("unit", of("", ("joint_position",), RATIO)),
     "tendon": ("coupled-joints", columns_of(coupled)),
+    "ratio off by 2 %": ("gear-ratio", drives(gear_ratio=1.02 * RATIO)),
+    "motor encoder in counts": ("unit", of("elbow", ("motor_position",), 4096 / (2 * np.pi))),
+    "joint encoders in counts": ("unit", of("", ("joint_position",), 2**14 / (2 * np.pi))),
 }
 """{mistake: its code, and the change of the set-up}"""
 
