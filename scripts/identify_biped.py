@@ -25,8 +25,8 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid.drives import IDEAL_DRIVE, total_ratio
+from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog
-from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.report.text import drive_table, load_table, warning_lines
 from seaid.robot import Contact
 

@@ -16,8 +16,8 @@ from scipy.ndimage import gaussian_filter1d
 
 import seaid
 from seaid._arrays import Array
+from seaid.legged.floating import contact_map
 from seaid.log import BaseLog
-from seaid.regressor.floating import contact_map
 from seaid.robot import Contact, Robot, floating_model
 
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0

@@ -6,6 +6,7 @@ from . import excitation as excitation
 from . import export as export
 from . import frequency as frequency
 from . import identification as identification
+from . import legged as legged
 from . import log as log
 from . import project as project
 from . import regressor as regressor
@@ -67,13 +68,13 @@ from .identification import correct_delays as correct_delays
 from .identification import cross_validate as cross_validate
 from .identification import cutoff_sensitivity as cutoff_sensitivity
 from .identification import estimate_delays as estimate_delays
-from .identification import find_contacts as find_contacts
 from .identification import gear_ratio as gear_ratio
 from .identification import identify as identify
 from .identification import identify_conditions as identify_conditions
 from .identification import read_statics as read_statics
 from .identification import refine as refine
 from .identification import validate as validate
+from .legged import find_contacts as find_contacts
 from .log import BaseLog as BaseLog
 from .log import Description as Description
 from .log import Log as Log

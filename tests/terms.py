@@ -30,9 +30,9 @@ from seaid.identification.result import (
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
+from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model
-from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, Robot, load_robot
 from tests.experiments import motion_of
 

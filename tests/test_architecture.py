@@ -51,6 +51,7 @@ FLOORS = (
         "simulation",
         "identification",
         "frequency",
+        "legged",
         "export",
         "report",
         "project",
@@ -69,6 +70,8 @@ UPWARDS = {
     ("seaid.identification.identification", "seaid.report"),
     # Identification.to_dict is the content of parameters.json
     ("seaid.identification.result", "seaid.export"),
+    # a base that moves makes the robot of another type, which registers its additions
+    ("seaid.robot.robot", "seaid.legged"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
     ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
@@ -149,7 +152,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search"),
-        *("checks.base", "checks.bodies", "checks.sensors"),
+        *("checks.bodies", "checks.sensors"),
         *("export.joint_actuators", "regressor.random_instants"),
     ),
     "one stage of reading each, which most logs do not pass": (

@@ -21,7 +21,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.short_form import few, words
 from seaid._arrays import Array
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 
 RATE_HZ, COMMAND_HZ, DELAY_S, NOISE_RAD = 500.0, 50.0, 6e-3, 2e-5
 STEP_S, REST = 1.25e-4, (-1.0, -16000.0)

@@ -26,7 +26,7 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid.excitation import joint_limits, pivoted_base
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.report.figures import save_figure
 from seaid.report.text import table
 

@@ -35,9 +35,9 @@ from scripts.short_form import add_quick, few
 from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.load import LoadModel, load_model
-from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.formats import percent
 from seaid.report.text import table
 from seaid.robot.inertia import is_physical

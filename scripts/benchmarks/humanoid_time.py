@@ -14,8 +14,8 @@ import numpy as np
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
+from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog
-from seaid.regressor.floating import contact_map, floating_regressor
 from seaid.robot import Contact
 
 FEET = ("left_ankle_roll_link", "right_ankle_roll_link")

@@ -26,7 +26,7 @@ from scripts.legged_plant import _waves as waves
 from scripts.legged_plant import _with_feet_at as with_feet_at
 from scripts.short_form import sized, words
 from seaid._arrays import Array
-from seaid.identification import whole_body
+from seaid.legged import whole_body
 
 DURATION_S, RATE_HZ, PERIOD_S, SWING = sized(20.0, 4.0), 1000, 0.6, 0.4
 FRICTION, VISCOUS, ROTOR = 0.02, 0.01, 8e-4

@@ -30,10 +30,10 @@ from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_of_equations
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion, reconstruct_motion
+from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import Regression
-from seaid.regressor.rigid_body import joint_torques
 from seaid.report.text import table
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000

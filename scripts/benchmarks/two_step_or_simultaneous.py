@@ -30,10 +30,10 @@ from seaid.identification.simultaneous import (
     split_estimate,
 )
 from seaid.log.motion import Motion, reconstruct_motion
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import offset_sensitivity
 from seaid.regressor.regression import Regression
-from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.formats import percent
 from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion

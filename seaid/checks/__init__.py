@@ -1,12 +1,13 @@
 """Checks: what can be wrong with a set-up, its log or a result, and how it shows.
 
 - `check`: the objects by which checks are declared;
-- `codes`: what each finding stands for, with its usual cause and what to do;
+- `codes`: what each finding stands for, with its usual cause and what to do, and which findings
+  follow from others;
 - `engine`: which columns belong into an equation, by forward selection. `columns` (drives), `gears`
-  and `sensors` propose them, `terms` computes those of drives, and `model` selects and names;
-- `echoes`: which findings follow from others.
+  and `sensors` propose them, `terms` computes those of drives, and `model` selects and names.
 
-Findings are made here only: a room for each thing that is looked at, such as `channels` of a log.
+Findings are made here, and those of bases and feet in `seaid.legged`: a room for each thing that
+is looked at, such as `channels` of a log.
 Nothing here knows the steps of an identification.
 
 >>> from seaid.checks import CODES

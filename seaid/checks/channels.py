@@ -511,7 +511,7 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
         H = np.equal.outer(experiment.log, logs).astype(float)
         if drive.is_elastic and j in experiment.used:
             H = np.column_stack([H, experiment.target[:, j], experiment.friction[j][:, :2]])
-        elif drive.is_elastic and experiment.robot.floating_base is not None:
+        elif drive.is_elastic and not experiment.robot.base_is_held:
             continue  # its load is unknown, and is another one hanging than standing
         x = scaled_svd(H).solve(y)
         size = float(np.std(H[:, len(logs) :] @ x[len(logs) :]))

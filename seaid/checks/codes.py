@@ -1,17 +1,29 @@
-"""The codes of findings, by which they are made: `DELAY.finding(...)`.
+"""The codes of findings, by which they are made: `DELAY.finding(...)`, and which are echoes.
 
 What each stands for, what usually causes it, and what to do, is in `codes.toml`. A `Symptom` says
 that something is off, and not why; a `Cause` spoils the fit of its joint. `CODES` has them in the
 order of the page `docs/warnings.md`, whose table is made from both files
 (`python -m scripts.warnings_page`). Each code is given in one place.
+
+Findings follow from others: those of a wrong set-up, of noise, and symptoms of a cause. A result is
+no better for it: a cause is as severe as the symptoms that it explains.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 from seaid._arrays import FrozenMapping
-from seaid.checks.check import Cause, Code, Symptom
+from seaid.checks import tolerances as tol
+from seaid.checks.check import Cause, Code, Symptom, as_note, joints_of
+from seaid.errors import SEVERITIES, Finding, by_severity
+
+if TYPE_CHECKING:
+    from seaid.checks.verdict import JointFit
 
 UNIT = Cause("unit")
 TIME_UNIT = Cause("time-unit")
@@ -91,3 +103,112 @@ CODES: Mapping[str, Code] = FrozenMapping(
     "code of a finding",
 )
 """{name of a code: the code}."""
+
+EXPLAINED, OF_MOTOR = "explained", "explained of the motor equation"
+"""The evidence of a column: the part of the squared residual of its equation that it explains."""
+
+AS_GIVEN = "misfit as given"
+"""The evidence of a mistake of the set-up: the part of a torque that is unexplained with it."""
+
+
+def is_wrong(setup: Iterable[Finding]) -> bool:
+    """Whether findings say that the set-up, and not only the model, is wrong."""
+    return any(finding.severity == "wrong" and not _is_symptom(finding) for finding in setup)
+
+
+def _is_symptom(finding: Finding) -> bool:
+    return CODES[finding.code].is_symptom
+
+
+def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings about a fit: mere notes where the set-up is already known to be wrong.
+
+    That is the whole robot if the cause is certain, or is of no joint, and its joints else: a cause
+    that rests on the bodies of the robot file may be false. These notes have no remedy, because its
+    numbers are those of the wrong set-up: applied next to the remedy of the set-up, a term or an
+    offset of them would spoil the repaired result.
+    """
+    wrong = [finding for finding in setup if is_wrong([finding])]
+    joints = joints_of(wrong)
+    is_whole = any(not one.joint or one.certainty == "certain" for one in wrong)
+
+    def is_echo(finding: Finding) -> bool:
+        return is_whole or not finding.joint or finding.joint in joints
+
+    return [as_note(x) if wrong and is_echo(x) else x for x in findings]
+
+
+_ECHOES = (
+    *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
+    "drift",
+)
+"""Findings that noise alone raises where the deflection of a spring is mostly noise."""
+
+
+def that_matter(
+    findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
+) -> list[Finding]:
+    """Return findings without those that noise alone raises, or whose torques do not matter.
+
+    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
+    What a model lacks is a note where its torque errors do not matter, and so is a symptom of a
+    cause that explains it: the cause is as severe as its symptoms, whose remedies have the numbers
+    of a model without it. Too few rows are a note where another finding is why blocks of the logs
+    contradict each other.
+    """
+    loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
+    echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
+    echoes["nonlinear-spring"] = weak | loose
+    exact = {joint for joint, fit in fits.items() if not max(fit.own, fit.motor) > tol.NEGLIGIBLE}
+    minor = dict.fromkeys(_ECHOES, exact)
+    if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
+        minor[FEW_ROWS.name] = {""}
+    kept = (finding for finding in findings if finding.joint not in echoes.get(finding.code, ()))
+    matter = [
+        replace(finding, severity="note")
+        if finding.joint in minor.get(finding.code, ())
+        else finding
+        for finding in kept
+    ]
+    return [*map(partial(_among, findings=matter), matter)]
+
+
+def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:
+    """Return a finding as it counts among all: a symptom of a cause as a note without a remedy.
+
+    A cause is as severe as the worst of its symptoms.
+    """
+    if finding.severity == "note":
+        return finding
+    if _is_symptom(finding):
+        is_brought = any(_brings(cause, finding) for cause in findings)
+        return as_note(finding) if is_brought else finding
+    symptoms = (other for other in findings if _is_symptom(other) and _brings(finding, other))
+    return replace(finding, severity=by_severity([finding, *symptoms])[0].severity)
+
+
+def _brings(cause: Finding, symptom: Finding) -> bool:
+    """Whether a cause spoils the fit of the joint of a symptom, and explains it.
+
+    A mistake of the set-up whose misfit falls without it explains at least half of what is left
+    unexplained; it spoils the bodies, and so other joints, but not worse than its own. A column
+    explains the part of the residual of its equation that is in its evidence: most of it, of a
+    symptom that is worse nearly all, and so much of an error that less than half of the torque is
+    left. What a motor lacks explains no load.
+    """
+    if cause.severity == "note" or not CODES[cause.code].spoils:
+        return False
+    joints, evidence = joints_of([cause]), cause.evidence
+    is_there = not joints or not symptom.joint or symptom.joint in joints
+    is_worse = SEVERITIES.index(symptom.severity) < SEVERITIES.index(cause.severity)
+    if not {EXPLAINED, OF_MOTOR} & {*evidence}:
+        return is_there or (AS_GIVEN in evidence and not is_worse)
+    explained = evidence.get(EXPLAINED, 0.0 if is_worse else evidence.get(OF_MOTOR, 0.0))
+    # The rms error after a part of its square is explained.
+    left = symptom.evidence.get("error", 0.0) * math.sqrt(max(1 - explained, 0.0))
+    is_explained = explained > (1 - tol.POOR if is_worse else tol.MOST) and left < tol.MOST
+    return is_there and is_explained
+
+
+def _joints(code: str, findings: Iterable[Finding]) -> set[str]:
+    return {finding.joint for finding in findings if finding.code == code}

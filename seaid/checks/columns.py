@@ -265,7 +265,7 @@ def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
     """
     drive = side.robot.drives[joint]
     is_given = drive.controller is not None and not drive.is_up_to_scale
-    has_bodies = np.any(side.robot.known_parameters) and side.robot.floating_base is None
+    has_bodies = np.any(side.robot.known_parameters) and side.robot.base_is_held
     if is_given and has_bodies and not side.is_motor:
         yield linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
 

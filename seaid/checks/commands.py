@@ -27,7 +27,7 @@ from seaid.checks.check import (
     in_drives,
     only_joint,
 )
-from seaid.checks.echoes import AS_GIVEN
+from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import Experiment, fitted, scaled
 from seaid.drives import (
     DELAY_PARAMETER,
@@ -405,7 +405,7 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
     Of stiff drives; a delay that counts as known, but not exactly, is free here.
     """
     free = _free_delays(robot)
-    if not free or not is_linear(robot, list(free)) or robot.floating_base is not None:
+    if not free or not is_linear(robot, list(free)) or not robot.base_is_held:
         return
     robot = robot.with_drives(free)
     model = load_model_of(robot, motions, list(free))

@@ -213,7 +213,7 @@ class Experiment:
     @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
         """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
-        is_fixed = self.robot.floating_base is None
+        is_fixed = self.robot.base_is_held
         return np.flatnonzero(self._torque_sizes > 0).tolist() if is_fixed else []
 
     @derived("robot", "joint")
@@ -826,7 +826,7 @@ def _numbered_windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, M
 
 def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:
     """Return the experiment of a fixed base with the torques of some joints only."""
-    if experiment.robot.floating_base is not None:
+    if not experiment.robot.base_is_held:
         return experiment
     kept = np.isin(experiment.robot.joint_names, [*joints])
     if np.all(kept):

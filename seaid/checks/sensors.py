@@ -173,7 +173,7 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
     """
-    if side.is_motor or side.base is None or side.robot.floating_base is not None:
+    if side.is_motor or side.base is None or not side.robot.base_is_held:
         return
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return

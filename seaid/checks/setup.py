@@ -25,7 +25,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Observation, excluding_torque, in_description, in_drives, observed
-from seaid.checks.echoes import AS_GIVEN
+from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import (
     Experiment,
     Transform,

@@ -82,34 +82,6 @@ its returns to it, so that none of eight is has a probability of 1/256."""
 BEYOND_RAD = 0.17
 """Angle [rad] by which the zero of a joint may move its range beyond the limits of a robot file."""
 
-FRAMES_HZ, BASE_TURNS_RAD_S = 5.0, 0.05
-"""Low pass [Hz] behind which rates of a base are compared, in which 0.1 degrees of noise of an
-orientation are a tenth of the rate (rms) [rad/s] from which a base turns."""
-
-FOOT_RISES_M_S, FOOT_SLIDES_M_S, FOOT_LIFTS_M = 0.08, 0.2, 0.015
-"""Vertical and horizontal speed [m/s] of a foot that does not stand, and the way [m] up or down
-without a stop that a foot on the ground does not make, however soft it is. Feet of a simulated Go2
-that walks and slips a little are faster during at most 0.4 % of their stance, and with exchanged
-flags during 8 % (`scripts/benchmarks/legged_findings.py`)."""
-
-FOOT_LEVEL_M, FOOT_REST_S = 0.005, 0.3
-"""Difference in height [m] to the standing feet of a foot that stands, and time [s] for which a
-foot in the air is not at this height. It is the largest delay of a flag, too."""
-
-FEET_REST_M_S = 0.03
-"""Speed [m/s] (rms) of feet on the ground below which no other order of legs is sought."""
-
-FOOT_TOUCHES_S = 0.06
-"""Time [s] in which the force of a foot that lands or leaves is less than a threshold of 20 N, on
-soft feet of a simulated Go2 that trots (`scripts/benchmarks/legged_findings.py`)."""
-
-LENGTH_M = 0.001
-"""Error [m] of the place of a contact that matters: 1 mm is 0.2 % of the mass of a Go2."""
-
-JUDGED_INSTANTS, JUDGED_PARTS, MOST_LEGS = 500, 20, 4
-"""Instants at which orders of legs are compared, the parts of the time in which one has to be the
-better one, and the legs whose orders are all tried."""
-
 SLOWEST_HZ, FASTEST_HZ = 8.0, 3e4
 """Sampling rates of logs of motion lie between; in their middle, of the logarithm, are 500 Hz."""
 

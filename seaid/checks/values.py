@@ -17,7 +17,7 @@ from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Code, in_drives, only_joint
-from seaid.checks.echoes import consequences
+from seaid.checks.codes import consequences
 from seaid.drives import (
     COMMANDS,
     DEAD_ZONES,

@@ -294,7 +294,7 @@ def robot_fit(
     joints = _joint_fits(rows.joint_names, (errors, blocks), motors, of_bodies)
     joints |= {x: JointFit(NAN, NAN, joints[x].motor) for x in joints if x in locked}
     residual = NAN, NAN
-    if experiment.robot.floating_base is not None:
+    if not experiment.robot.base_is_held:
         residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
     fits, count = FrozenMapping(joints, "joint"), by_blocks.rows_per_parameter
     return replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
@@ -336,7 +336,7 @@ def _load_sizes(experiment: Experiment, bodies: Array) -> Mapping[int, float]:
     if experiment.has_wrenches:
         logged = np.flatnonzero(np.all(np.isfinite(target), axis=0)).tolist()
         return {j: float(np.std(target[:, j])) for j in logged}
-    is_free = robot.floating_base is not None
+    is_free = not robot.base_is_held
     if is_free or not robot.known_bodies or not np.all(np.isfinite(bodies)):
         return {}
     return dict(enumerate(np.std(experiment.regressor @ bodies, axis=0).tolist()))
@@ -577,7 +577,7 @@ def prediction_errors(
     In these, each joint has the states of the log at other times than the others have theirs.
     """
     robot, count = experiment.robot, experiment.joint.shape[1]
-    if robot.floating_base is not None or not base.columns:
+    if not robot.base_is_held or not base.columns:
         return {}
     # Other postures with the speeds of the log: the joints' states are shifted in time by k T / n.
     shifts = [place * count // robot.n for place in range(robot.n)]

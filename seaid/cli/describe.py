@@ -56,10 +56,10 @@ def describe(
     if urdf is not None:
         robot = RobotOptions(urdf, drives=drives, joints=joints, base=base, contact=contact).robot()
     guess = seaid.describe_log(logs, robot, rate_hz=rate_hz, columns=columns or ())
-    if robot is not None and robot.floating_base is not None:
+    if isinstance(robot, seaid.legged.FloatingRobot):
         with suppress(LogError):  # what cannot be read yet is for the user to correct
             log = seaid.read_log(logs, robot, description=guess.description)
-            guess = seaid.identification.with_leg_order(guess, robot, log)
+            guess = seaid.legged.with_leg_order(guess, robot, log)
     lists = {key: getattr(guess, key) for key in ("unsure", "assumed", "unused")}
     content = {"description": guess.description.to_dict(), **lists}
     if output is not None and not is_stdout(output):

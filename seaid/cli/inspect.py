@@ -68,7 +68,7 @@ def inspect(
     tree = seaid.robot.reread_urdf(robot.urdf or options.urdf).locked_at(robot.locked)
     inconsistent = _inconsistent_links(tree)
     facts = {"joints": _joint_facts(robot), "inconsistent_links": inconsistent}
-    if robot.floating_base is not None:
+    if isinstance(robot, seaid.legged.FloatingRobot):
         content, text = _stance_content(robot, robot.floating_base.contact_links, stance)
     else:
         content, text = _sensor_content(robot, sensors, plans)
@@ -99,7 +99,7 @@ _OF_FLOATING = {
 
 def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
     """Raise BadParameter for one of the `options` that the base of the robot has not."""
-    for option, remedy in (_OF_FIXED if robot.floating_base else _OF_FLOATING).items():
+    for option, remedy in (_OF_FLOATING if robot.base_is_held else _OF_FIXED).items():
         if options[option] is not None:
             raise typer.BadParameter(remedy, param_hint=option)
 

@@ -25,10 +25,8 @@ from seaid.regressor import (
     BaseParameters,
     base_of_columns,
     base_parameters,
-    random_states,
-    regressor_at_drives,
+    body_equations,
     slopes_of_model,
-    stance_rows,
 )
 from seaid.robot import Robot
 
@@ -186,7 +184,7 @@ def pivoted_base(
     stances = ((),) if stance is None else (tuple(stance),)
     leftmost = base_parameters(robot, torque_joints=torque_joints, stances=stances)
     known = [robot.index(joint) for joint in robot.selected(torque_joints)]
-    draws = [_random_rows(robot, known, draw, stance) for draw in range(_DRAWS)]
+    draws = [_random_rows(robot, known, draw, stances) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     # H theta = H_left G theta and H_picked = H_left G_picked: the grouping is G_picked^-1 G
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
@@ -196,13 +194,10 @@ def pivoted_base(
 
 
 def _random_rows(
-    robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None = None
+    robot: Robot, known: list[int], seed: int, stances: Sequence[Sequence[str]]
 ) -> Array:
-    if stance is None:
-        Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
-    else:
-        _, whole, reduced = stance_rows(robot, stance, seed, known)
-        Y = reduced(whole)
+    ((_, whole, reduced),) = body_equations(robot).random_rows(known, stances, (), seed)
+    Y = reduced(whole)
     return np.where(robot.is_known, 0.0, Y).reshape(-1, robot.parameters.size)
 
 

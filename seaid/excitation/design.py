@@ -58,11 +58,10 @@ from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
 from seaid.excitation.stance import (
     Stance,
-    StanceModel,
     StancePlan,
+    StandingRobot,
     refuse_in_stance,
-    stance_model,
-    stance_plan,
+    standing_robot,
 )
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
@@ -372,10 +371,11 @@ def design_excitation(
             previous_logs=bool(previous_logs),
             scene=scene is not None,
         )
-        model = stance_model(cold, stance, bounds, limits, torque_joints)
-        space = _standing_space(model, functions(len(model.free)))
-        base = pivoted_base(cold, torque_joints, [contact.link for contact in model.contacts])
-        model = replace(model, columns=base.columns)
+        requested = stance if isinstance(stance, Stance) else Stance(stance)
+        model = standing_robot(cold, requested, bounds, limits, torque_joints)
+        space = _standing_space(model, functions(len(model.names)))
+        base = pivoted_base(cold, torque_joints, model.links)
+        model = model.with_columns(base.columns)
         target = load_target(cold, torque_joints, base)
         # the six equations of the base are rows too, before those of the joints
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))
@@ -416,7 +416,7 @@ def _excitation(
         states = trajectory.sample(time)
     else:
         states = basis.states(time, coefficients)
-        trajectory, plan = stance_plan(problem.stance, basis, coefficients, time)
+        trajectory, plan = problem.stance.plan(basis, coefficients, time)
         plain = replace(plain, row_weights=np.ones(6 + len(known)))
     H = observation_matrix(replace(problem, target=plain), time, states)
     R, R_first = factor_of(problem, x), factor_of(problem, first)
@@ -479,13 +479,12 @@ def _multisine_excitation(
     )
 
 
-def _standing_space(model: StanceModel, basis: Basis) -> MotionSpace:
+def _standing_space(model: StandingRobot, basis: Basis) -> MotionSpace:
     """Return the motions of the planned coordinates from the posture and back, at rest."""
-    still = model.posture[list(model.free)]
-    end = EndState(position=still)
+    end = EndState(position=model.start)
     space = motion_space(basis, model.names, model.free_limits, end, end)
-    # `stance_model` has checked that the robot can stand in the posture within all limits
-    return replace(space, feasible_start=np.outer(basis.constant, still))
+    # `standing_robot` has checked that the robot can stand in the posture within all limits
+    return replace(space, feasible_start=np.outer(basis.constant, model.start))
 
 
 def _functions(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:

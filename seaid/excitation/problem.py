@@ -38,14 +38,7 @@ from seaid.excitation.objective import (
     regressor_pull_back,
     stacked_regressor,
 )
-from seaid.excitation.stance import (
-    StanceModel,
-    stance_joint_torques,
-    stance_pull_back,
-    stance_rows_of,
-    stance_use,
-    worst_stance_use,
-)
+from seaid.excitation.stance import StandingRobot
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log, reconstruct_motion, row_samples
 from seaid.regressor import BaseParameters
@@ -84,7 +77,7 @@ class Problem:
     offset: Array
     drive_limits: DriveLimits | None
     scene: Scene | None
-    stance: StanceModel | None = None
+    stance: StandingRobot | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -105,7 +98,7 @@ def make_problem(
     limits: JointLimits,
     drives: DriveLimits | None,
     scene: Scene | None,
-    stance: StanceModel | None = None,
+    stance: StandingRobot | None = None,
 ) -> Problem:
     """Return the problem with a number of equally spaced instants."""
     rows, offset = limit_rows(space, limits)
@@ -165,7 +158,7 @@ def observation_matrix(problem: Problem, time: Array, states: States) -> Array:
     target = problem.target
     if problem.stance is None:
         return stacked_regressor(target, time, states)
-    H = stance_rows_of(problem.stance, states) * reading_weights(target, time)
+    H = problem.stance.observed_rows(states) * reading_weights(target, time)
     return (H * target.column_scale).reshape(-1, len(target.names))
 
 
@@ -174,7 +167,7 @@ def _pull_back(problem: Problem, states: States, G: Array) -> States:
     if problem.stance is None:
         return regressor_pull_back(target, time, states, G)
     G = G.reshape(len(time), len(target.row_weights), -1) * target.column_scale
-    return stance_pull_back(problem.stance, states, G * reading_weights(target, time))
+    return problem.stance.pull_back(states, G * reading_weights(target, time))
 
 
 def factor_of(problem: Problem, x: Array) -> Array:
@@ -245,9 +238,7 @@ def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
         parts.append(_scene_use(problem, problem.scene, states))
     if problem.stance is not None:
         instants = range(0, len(problem.time), _INSTANTS)
-        parts.append(
-            worst_stance_use(problem.stance, states, instants, problem.maps, problem.half_range)
-        )
+        parts.append(problem.stance.worst_use(states, instants, problem.maps, problem.half_range))
     return (
         np.concatenate([use for use, _ in parts]),
         np.concatenate([gradient.reshape(len(gradient), -1) for _, gradient in parts]),
@@ -264,7 +255,7 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
         closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     if problem.stance is not None:
-        most = max(most, float(stance_use(problem.stance, states).max()))
+        most = max(most, float(problem.stance.use(states).max()))
     return most
 
 
@@ -398,7 +389,7 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
     if fine.scene is not None:
         margin = replace(margin, distance_m=float(distances(fine.scene, states[0]).min()))
     if fine.stance is not None:
-        most = np.abs(stance_joint_torques(fine.stance, states)).max(axis=0)
+        most = np.abs(fine.stance.joint_torques(states)).max(axis=0)
         margin = replace(margin, joint_torque=fine.stance.torque_limits - most)
     return margin
 

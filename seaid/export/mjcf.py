@@ -169,7 +169,7 @@ def write_mjcf(
     parts = [etree.SubElement(root, part) for part in ("tendon", "actuator")]
     step, step_note = step_s(robot)
     option.set("timestep", repr(step))
-    settings = _SETTINGS_NOTE if robot.floating_base is None else _FLOATING_NOTE
+    settings = _SETTINGS_NOTE if robot.base_is_held else _FLOATING_NOTE
     notes[:0] = [step_note, settings, *temperature_notes(reference, at_temperature_degC)]
     add_drives(robot, joints, world, parts, step, notes)
     _add_dependent(robot, root, step, notes)
@@ -218,7 +218,7 @@ def _settings(robot: Robot, root: Any) -> Any:
     )
     gravity = " ".join(repr(float(value)) for value in robot.model.gravity.linear)
     option = etree.SubElement(root, "option", gravity=gravity, integrator="RK4")
-    if robot.floating_base is None:
+    if robot.base_is_held:
         etree.SubElement(option, "flag", contact="disable")
     return option
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, safely, spaced
 from seaid.errors import RobotError
+from seaid.legged import FloatingRobot
 from seaid.robot import THIN, Robot, inconsistent_link, is_physical, out_of_range, pseudo_inertia
 
 TINY = 1e-14
@@ -26,7 +27,7 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
     # Place 0 of `bodies` is what Pinocchio calls joint 0, the fixed frame of its model: the world,
     # or the floating base, which seaid's model of the joints takes as fixed.
     bodies, joints = [world], {}
-    if robot.floating_base is not None:
+    if isinstance(robot, FloatingRobot):
         bodies = [_add_base(robot, world, loaded[-1], notes, force)]
     for position, index in enumerate(robot.model_order, 1):
         placement = robot.model.jointPlacements[position]
@@ -41,12 +42,14 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
         bodies.append(body)
         _add_inertial(body, link, loaded[index], notes, force)
         joints[joint] = _add_joint(body, robot, position, index)
-    if robot.floating_base is not None:
+    if isinstance(robot, FloatingRobot):
         _add_contacts(robot, world, bodies)
     return joints
 
 
-def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: bool) -> Any:
+def _add_base(
+    robot: FloatingRobot, world: Any, loaded: Array, notes: list[str], force: bool
+) -> Any:
     """Add the floor and the floating base with its free joint, or planar ones; return the base."""
     from lxml import etree
 
@@ -57,7 +60,6 @@ def _add_base(robot: Robot, world: Any, loaded: Array, notes: list[str], force: 
     link = robot.body_names[-1]
     body = etree.SubElement(world, "body", name=_body_name(robot, link, notes))
     base = robot.floating_base
-    assert base is not None
     if base.normal is None:
         etree.SubElement(body, "freejoint", name=f"{link}_free")
     else:
@@ -78,12 +80,11 @@ _SMALL_M = 0.005
 """Radius [m] of the ball of a contact that is a point, with the point in its middle."""
 
 
-def _add_contacts(robot: Robot, world: Any, bodies: list[Any]) -> None:
+def _add_contacts(robot: FloatingRobot, world: Any, bodies: list[Any]) -> None:
     """Add the balls of the contacts, and raise the base until all are above the floor."""
     from lxml import etree
 
     base = robot.floating_base
-    assert base is not None
     data, lowest = robot.model.createData(), 0.0
     upright = np.eye(3) if base.upright is None else base.upright
     pin.forwardKinematics(robot.model, data, robot.to_model(np.zeros(robot.n)))

@@ -208,7 +208,7 @@ def standing_joints(
     moved = [joint for joint in robot.joint_names if _joint_moves(logs, joint)]
     if not moved:
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
-    if robot.floating_base is not None or not np.array_equal(robot.transmission, np.eye(robot.n)):
+    if not robot.base_is_held or not np.array_equal(robot.transmission, np.eye(robot.n)):
         return {}
     places = {}
     for index, joint in enumerate(robot.joint_names):

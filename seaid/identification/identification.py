@@ -21,7 +21,6 @@ from seaid._progress import Result, counted, track
 from seaid.checks import (
     MOST,
     explained,
-    force_findings,
     log_findings,
     not_measured,
     unseen_motion,
@@ -36,8 +35,8 @@ from seaid.errors import (
     checked,
 )
 from seaid.estimation import EstimatorName
-from seaid.identification.contact_forces import contact_forces
 from seaid.identification.datasets import Source, sources_of
+from seaid.identification.extension import extension_of
 from seaid.identification.model_selection import with_closed_terms
 from seaid.identification.motor_side import (
     cutoff_of,
@@ -56,7 +55,6 @@ from seaid.identification.result import Identification, consistent_bodies
 from seaid.identification.simulated_joints import check_refinable
 from seaid.identification.validation import Fit, Validation, compared
 from seaid.log import Log, reconstruct_motions
-from seaid.regressor import row_scale
 from seaid.robot import Robot
 
 
@@ -310,11 +308,9 @@ def validate(identification: Identification, log: Log) -> Validation:
     result = compared(identification, *motions)
     places = [identification.known.index(joint) for joint in unseen]
     result = replace(result, load=_without_joints(result.load, places))
-    contacts = contact_forces(identification, *motions)
     findings = [*_contradictions(identification, result, places), *not_measured(unseen)]
-    findings += list(_base_contradictions(identification, result))
-    findings += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
-    return replace(result, warnings=tuple(findings), contacts=contacts)
+    result = replace(result, warnings=tuple(findings))
+    return extension_of(identification.known).validated(identification, result)
 
 
 def _without_joints(fit: Fit, joints: Sequence[int]) -> Fit:
@@ -349,34 +345,6 @@ def _contradictions(
         ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
         torque = f"the torque {where[is_unseen[place]]} of {joint}"
         yield from unseen_motion(torque, joint, float(error), ratio)
-
-
-_LEAST_OF_WEIGHT = 0.05
-"""Part of the weight, or of its moment at the lever of the contacts, that counts as the force on
-the base where the ground acts less: in flight it does not act at all."""
-
-
-def _base_contradictions(identification: Identification, result: Validation) -> Iterator[Finding]:
-    """Yield that the force or moment on a floating base is not predicted, worse than in own logs.
-
-    The error is that of the vector of the three forces, or moments, over its deviation from the
-    mean.
-    """
-    if result.base is None:
-        return
-    robot = identification.robot
-    weight = float(np.linalg.norm(robot.model.gravity.linear) * robot.parameters[::10].sum())
-    lever = float(row_scale(robot, 6)[0, 0])
-    fits = [compared(identification, motion).base for motion in identification.motions]
-    for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
-        measured = result.base.measured[:, rows]
-        # Without the mean, which is the weight: it would hide any error.
-        size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
-        rms = float(np.linalg.norm(result.base.rms_error[rows]))
-        error = rms / max(size, _LEAST_OF_WEIGHT * least)
-        known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
-        ratio = rms / max(known) if known else np.inf
-        yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
 
 @checked(IdentificationError)

@@ -205,7 +205,7 @@ def backlash_findings(
 
     Of simulated joints with backlash 12 of 12 have it, of 100 others with weak springs none.
     """
-    for joint in weak if robot.floating_base is None else ():
+    for joint in weak if robot.base_is_held else ():
         if {*DEAD_ZONES, "dahl"} & {*robot.drives[joint].spring}:
             continue
         try:

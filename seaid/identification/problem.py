@@ -18,10 +18,8 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import (
-    FEET_CHECKS,
     Experiment,
     SideSelection,
-    base_findings,
     consequences,
     delay_estimate_findings,
     experiment_of,
@@ -31,17 +29,13 @@ from seaid.checks import (
     joint_checks,
     locked_outputs,
     log_findings,
-    mass_findings,
-    missing_torques,
     model_findings,
     model_sides,
-    observed,
     prediction_errors,
     resolved_widths,
     robot_fit,
     scale_of_bodies,
     selections,
-    sensor_errors,
     shared_findings,
     standstill_findings,
     unknown_scales,
@@ -58,7 +52,6 @@ from seaid.estimation import (
     estimator_named,
     qr_factor_of,
 )
-from seaid.identification.base_estimates import SensorBias, sensor_bias, whole_mass
 from seaid.identification.checking import (
     check_channels,
     findings_of_setup,
@@ -66,8 +59,6 @@ from seaid.identification.checking import (
     without_locked_loads,
     without_standing,
 )
-from seaid.identification.command_delays import MOST_DELAY_ROUNDS, with_estimated_delays
-from seaid.identification.contact_forces import legged_fit
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -75,7 +66,13 @@ from seaid.identification.datasets import (
     datasets_by_log,
     first_motion,
 )
-from seaid.identification.drive_estimates import LOAD, RobotEstimate
+from seaid.identification.drive_estimates import (
+    LOAD,
+    MOST_DELAY_ROUNDS,
+    RobotEstimate,
+    with_estimated_delays,
+)
+from seaid.identification.extension import SensorErrors, extension_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
@@ -251,7 +248,7 @@ class Case:
     used: tuple[str, ...]
     stopped: Mapping[str, Drive]
     datasets: list[Dataset]
-    bias: SensorBias | None = None
+    bias: SensorErrors | None = None
 
     @cached_property
     def condition(self) -> Condition:
@@ -431,7 +428,7 @@ def _run(robot: Robot, sources: Sequence[Source], options: Options, cutoff_hz: f
         check_temperatures(robot, datasets)
     moving = {*selected, *robot.elastic_joints} - {*standing}
     experiment = with_torques_of(experiment_of(robot, moved), moving)
-    channels = (*findings, *base_findings(robot, logs, moved))
+    channels = (*findings, *extension_of(robot).log_findings(robot, logs, moved))
     return Run(read, logs, datasets, moved, locked, standing, moving, experiment, channels)
 
 
@@ -520,12 +517,9 @@ def _with_first_estimates(problem: Problem) -> Problem:
     case = problem.only
     if case is None:
         return problem
-    if case.robot.floating_base is not None:
-        (name,), model = problem.cases, case.condition.model
-        robot, fit = problem.identified(name), problem.two_step[name].fit
-        bias = sensor_bias(robot, case.datasets, model, fit)
-        if bias is not None:
-            problem = _with_case(problem, datasets=[*bias.removed(case.datasets)], bias=bias)
+    bias = _sensor_errors(problem, case)
+    if bias is not None:
+        problem = _with_case(problem, datasets=[*bias.removed(case.datasets)], bias=bias)
     for _ in range(MOST_ROUNDS):
         case = problem.only
         assert case is not None
@@ -535,6 +529,15 @@ def _with_first_estimates(problem: Problem) -> Problem:
         problem = _with_case(problem, robot=robot, nominal=nominal)
         problem = replace(problem, notes=(*problem.notes, *notes))
     return problem
+
+
+def _sensor_errors(problem: Problem, case: Case) -> SensorErrors | None:
+    """Return the errors of sensors that the fit of the only case supports."""
+    extension, (name,) = extension_of(case.robot), problem.cases
+    fit = problem.two_step[name].fit
+    return extension.sensor_errors(
+        problem.identified(name), case.datasets, case.condition.model, fit
+    )
 
 
 def _with_case(problem: Problem, **changes: Any) -> Problem:
@@ -596,11 +599,10 @@ def _setup_findings(problem: Problem, name: str) -> list[Finding]:
         if source != name and finding.severity == "wrong"
     ]
     robot = run.experiment.robot
-    findings += missing_torques(robot, robot.selected(options.torque_joints), case.used)
+    asked = robot.selected(options.torque_joints)
+    findings += extension_of(robot).torque_findings(robot, asked, case.used)
     findings += consequences(findings, standstill_findings(case.stopped, run.standing))
-    if case.bias is not None:
-        bias = case.bias
-        findings += sensor_errors(bias.places, bias.value, bias.errors, bias.hidden, bias.imu)
+    findings += [] if case.bias is None else case.bias.findings()
     findings += problem.notes
 
     def shown_by(robot: Robot) -> list[Finding]:
@@ -665,9 +667,11 @@ def _with_fit(
     findings += consequences(findings, backlash)
     exact = exact_constants(robot, options.known_std)
     findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
-    legged = legged_fit(result, case.datasets, fit, case.bias) if only else None
-    findings += consequences(findings, [] if legged is None else observed(FEET_CHECKS, legged))
-    findings += mass_findings(case.declared, result.motions, *whole_mass(result))
+    extension = extension_of(robot)
+    if only:
+        of_rows = extension.fit_findings(result, case.datasets, fit, case.bias)
+        findings += consequences(findings, of_rows)
+    findings += extension.value_findings(case.declared, result)
     return replace(
         result,
         findings=tuple(findings),

@@ -42,15 +42,16 @@ from seaid.estimation import (
     SharedParameter,
     estimator_named,
 )
-from seaid.identification.command_delays import (
-    with_fixed_delays,
-)
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.datasets import (
     Dataset,
     processing_of,
 )
-from seaid.identification.drive_estimates import RobotEstimate, with_estimate
+from seaid.identification.drive_estimates import (
+    RobotEstimate,
+    with_estimate,
+    with_fixed_delays,
+)
 from seaid.identification.gear import (
     gear_estimates,
     own_estimates,
@@ -177,7 +178,7 @@ class Identification(Result):
 
         Their torque was not used, or their rotor inertia is negative, and not only uncertain.
         """
-        if self.robot.floating_base is not None:
+        if not self.robot.base_is_held:
             return {}
         unused = set(self.robot.joint_names) - set(self.model.torque_joints)
         stands = "it stands still in all logs"

@@ -43,7 +43,6 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.command_delays import with_merged_columns
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import (
     LOAD,
@@ -53,6 +52,7 @@ from seaid.identification.drive_estimates import (
     offset_lever,
     sensed_spring,
     shared_slopes,
+    with_merged_columns,
     without_torque,
 )
 from seaid.identification.motor_constants import (

@@ -350,7 +350,7 @@ def with_passed_reversals(robot: Robot, datasets: Sequence[Dataset], known: Robo
 
     Motions that are read in pieces keep all of their reversals excluded.
     """
-    if not robot.has_controllers or robot.floating_base is not None:
+    if not robot.has_controllers or not robot.base_is_held:
         return list(datasets)
     dry = _dry_accelerations(known, first_motion(datasets[0]))
     return [with_directions(robot, x, dry) if isinstance(x, Motion) else x for x in datasets]

@@ -343,7 +343,7 @@ def _obstacle(
     lacking: Collection[tuple[str, str]],
 ) -> str:
     """Return why both sides at once are not even tried, "" if they are."""
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         return "the base floats"
     if groups := groups_of(robot.drives):
         return f"drives share parameters ({listed(groups)})"

@@ -42,7 +42,6 @@ from seaid.estimation import (
     with_columns,
     with_predicted_columns,
 )
-from seaid.identification.command_delays import with_shared_parameters
 from seaid.identification.datasets import (
     Dataset,
     first_motion,
@@ -61,6 +60,7 @@ from seaid.identification.drive_estimates import (
     sensed_spring,
     spring_of,
     with_shared_drives,
+    with_shared_parameters,
     with_torque_columns,
     with_torque_offsets,
     without_torque,
@@ -551,7 +551,7 @@ def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, 
         or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
-    if not joints and robot.floating_base is None:
+    if not joints and robot.base_is_held:
         raise IdentificationError(
             "no joint has a torque in the logs: describe a motor_torque (a current is one with "
             'unit = "A" and torque_constant_Nm_per_A), or write motor_input in the drives file'

@@ -13,25 +13,24 @@ from seaid._progress import Display, Result, sampled_text
 from seaid.checks import Verdict, verdict_of
 from seaid.errors import Finding, by_severity
 from seaid.identification.drive_estimates import TORQUE_OFFSET
+from seaid.identification.extension import extension_of
 from seaid.identification.gear import for_sensors
 from seaid.identification.motor_constants import CONSTANTS
-from seaid.log import Motion, in_band, smoothed_where
+from seaid.log import Motion, in_band
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
     known_friction,
+    load_side,
     load_torques,
-    measured_contact_torques,
     sensed_torque,
     signals,
     under_load,
     unknown_friction,
     with_gear_torque,
 )
-from seaid.robot import BASE_ROWS
 
 if TYPE_CHECKING:
-    from seaid.identification.contact_forces import ContactForces
     from seaid.identification.result import Identification
     from seaid.simulation import ReplayComparison
 
@@ -79,6 +78,13 @@ class Fit(Display):
     relative_error_with_standstill: Array
     counted_share: Array
 
+    def to_dict(self, names: Iterable[str]) -> dict[str, dict[str, float | None]]:
+        """Return the `NUMBERS` of each column by its name, null where there is no equation."""
+        return {
+            column: {name: _number(getattr(self, name)[index]) for name in NUMBERS}
+            for index, column in enumerate(names)
+        }
+
     @property
     def whole_relative_error(self) -> float:
         """The norm of the errors of all joints over that of their torques."""
@@ -105,14 +111,7 @@ class Validation(Result):
         The motions of the log, several if it has gaps in time: for figures over the motion, and to
         predict the same torques with other values.
     warnings : tuple of Finding
-        Joints whose torque the model does not predict here, though it explains the own logs better,
-        and contacts whose force it does not.
-    contacts : ContactForces or None
-        Contact forces of a robot with a floating base.
-    base : Fit or None
-        Force [N] and moment [N m] of the ground on a floating base, in its frame, as `BASE_ROWS`:
-        by the measured wrenches, zero in flight, and by the model. NaN while a contact has an
-        unknown force; None without an instant at which all are known.
+        Joints whose torque the model does not predict here, though it explains the own logs better.
     """
 
     table_name = "validation_table"
@@ -124,8 +123,6 @@ class Validation(Result):
     load: Fit
     motions: tuple[Motion, ...] = ()
     warnings: tuple[Finding, ...] = ()
-    contacts: ContactForces | None = None
-    base: Fit | None = None
 
     def _in_short(self) -> str:
         sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
@@ -136,19 +133,8 @@ class Validation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `parameters.json`, null for a joint without such an equation."""
-        numbers: dict[str, Any] = {
-            side: {
-                joint: {name: _number(getattr(fit, name)[index]) for name in NUMBERS}
-                for index, joint in enumerate(self.joints)
-            }
-            for side, fit in (("actuator", self.actuator), ("load", self.load))
-        }
-        if self.base is not None:
-            numbers["base"] = {
-                row: {name: _number(getattr(self.base, name)[place]) for name in NUMBERS}
-                for place, row in enumerate(BASE_ROWS)
-            }
-        return numbers if self.contacts is None else numbers | {"contacts": self.contacts.to_dict()}
+        sides = {"actuator": self.actuator, "load": self.load}
+        return {side: fit.to_dict(self.joints) for side, fit in sides.items()}
 
 
 def verdict_with(
@@ -185,33 +171,15 @@ def compared(identification: Identification, *given: Motion) -> Validation:
         )
         for part, side in zip(motions, sides, strict=True)
     ]
-    return Validation(
+    comparison = Validation(
         joints=robot.joint_names,
         time=np.concatenate([motion.time for motion in motions]),
         cutoff_hz=motions[0].cutoff_hz,
-        actuator=_fit(actuator),
-        load=_fit(load),
+        actuator=fit_of(actuator),
+        load=fit_of(load),
         motions=given,
-        base=_base_fit(motions, [side[2] for side in sides]),
     )
-
-
-def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
-    """Return the fit of the rows (T, 6, 2) of the base at instants without unknown forces."""
-    parts = []
-    for motion, forces in zip(motions, rows, strict=True):
-        base = motion.base
-        if base is None:
-            return None
-        # A contact with a flag has no measured wrench: its force is unknown while it touches.
-        known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
-        still = np.zeros((len(known), 6), dtype=bool)
-        raw = np.where(known[:, None, None], forces, np.nan)
-        smooth = smoothed_where(motion, forces.swapaxes(1, 2), np.column_stack([known] * 2))
-        # `smoothed_where` has NaN in transients, and where few samples under the filter count.
-        inside = np.isfinite(smooth[:, 0, 0])
-        parts.append(_Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
-    return _fit(parts) if any(np.any(part.inside) for part in parts) else None
+    return extension_of(identification.known).compared(comparison, [side[2] for side in sides])
 
 
 def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array, BoolArray]:
@@ -261,7 +229,7 @@ def _input_torque(identification: Identification, motion: Motion, joint: str) ->
 def _load(identification: Identification, motion: Motion) -> tuple[Array, Array, Array]:
     """Return measured and computed load torque (T, n) by (8), NaN where it was not used.
 
-    The third array has both (T, 6, 2) for the rows of a floating base.
+    The third array has both (T, r, 2) for all rows of the load side.
 
     For a logged current or voltage, and for gains that are known up to scale, the torque by the
     identified constant counts as measured.
@@ -280,20 +248,20 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
         np.column_stack([theta, constants]),
     )
     made, known = parts[:, :, 0], parts[:, :, 1]
-    of_base = np.stack([torque, payload + made], axis=2)[:, :6]
-    if motion.base is not None and motion.base.wrenches:  # the torque of the joint alone
-        known += measured_contact_torques(identification.known, motion, model)
+    both = np.stack([torque, payload + made], axis=2)
+    # What is compared is the torque of the joint alone.
+    known += load_side(identification.known).contact_torques(motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]
     rows = slice(torque.shape[1] - len(used), None)  # those of a floating base come before them
     measured[:, used] = (torque - known)[:, rows]
     computed[:, used] = (payload + made - known)[:, rows]
-    return measured, computed, of_base
+    return measured, computed, both
 
 
 @dataclass(frozen=True, eq=False)
-class _Traces:
+class Traces:
     """Measured and computed torques (T, n), raw and low-passed, and masks.
 
     `still` (T, n) masks samples with unknown friction; `inside` (T,) those without filter
@@ -308,20 +276,20 @@ class _Traces:
     inside: BoolArray
 
 
-def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> _Traces:
+def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> Traces:
     """Return the torques of a motion for the comparison, without filter transients."""
     samples = np.arange(len(measured))
     transient = round(motion.transient_s * motion.rate_hz)
     inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[~inside] = smooth_computed[~inside] = np.nan
-    return _Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
+    return Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
 
 
-def _fit(parts: Sequence[_Traces]) -> Fit:
+def fit_of(parts: Sequence[Traces]) -> Fit:
     """Return the fit of the torques of all parts together."""
-    names = [field.name for field in fields(_Traces)]
-    whole = _Traces(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    names = [field.name for field in fields(Traces)]
+    whole = Traces(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
     measured, computed = whole.smooth_measured, whole.smooth_computed
     error, raw_error = measured - computed, whole.measured - whole.computed
     every = np.isfinite(error) & whole.inside[:, None]

@@ -407,7 +407,7 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
         for field, values in fields.items()
         if field in _NEEDED or not np.all(np.isnan(values))
     }
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         sensors["base"] = base_log(picked, robot)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
@@ -431,7 +431,7 @@ def _check_sensors(
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in logged.values())
     # The six equations of a floating base have no motor torque, so that motion alone is of use.
-    is_enough = robot.floating_base is not None or bool(set(logged.values()) - _NO_TORQUES)
+    is_enough = not robot.base_is_held or bool(set(logged.values()) - _NO_TORQUES)
     # An elastic joint without its own encoder is identified from the motor's side alone.
     motor_side = {"motor_position", "motor_torque"} <= set(logged.values())
     if positions < (2 if elastic and not motor_side else 1) or not is_enough:

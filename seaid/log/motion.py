@@ -420,7 +420,7 @@ def _motion(
     }
     if "deflection" in others:
         others["deflection_rate"] = spline_derivatives(time, others["deflection"])[1]
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         states = (position[:, :n], velocity[:, :n], acceleration[:, :n])
         others["base"] = base_motion(robot, _base_on(log, time), time, band_hz, states)
     if robot.has_controllers:
@@ -476,7 +476,7 @@ def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> M
         # inf: no reversal is steep enough to be passed; 0: all are passed, and none is late.
         acceleration = dry.get(joint, np.inf) if is_dry(drive) else 0.0
         direction[:, index] = mean_directions(velocity, *bands_hz, acceleration)
-        if not drive.is_elastic and robot.floating_base is None:
+        if not drive.is_elastic and robot.base_is_held:
             known[:, index] = not is_dry(drive) or is_friction_known(
                 velocity, float(fastest[index]), *bands_hz, acceleration, BLUR_OF_COMMANDS
             )

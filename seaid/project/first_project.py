@@ -26,7 +26,8 @@ from seaid.drives import (
     write_drives,
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
-from seaid.identification import check, with_leg_order
+from seaid.identification import check
+from seaid.legged import FloatingRobot, with_leg_order
 from seaid.log import (
     Description,
     Log,
@@ -882,7 +883,8 @@ def _robot_content(
     payloads: Sequence[Payload],
 ) -> dict[str, Any]:
     """Return the content of the template about the robot, with None for what is as usual."""
-    gravity, base = robot.model.gravity.linear.tolist(), robot.floating_base
+    gravity = robot.model.gravity.linear.tolist()
+    base = robot.floating_base if isinstance(robot, FloatingRobot) else None
     return {
         "urdf": _relative(urdf, folder),
         "drives": None if drives is None else _relative(drives, folder),
@@ -957,7 +959,7 @@ def _flag_doubts(robot: Robot, logs: Sequence[Log]) -> dict[str, None]:
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
     """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
-    if robot.floating_base is None or log.base is None:
+    if not isinstance(robot, FloatingRobot) or log.base is None:
         return ()
     return log.base.unflagged(robot.floating_base.contact_links)
 

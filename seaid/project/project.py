@@ -13,7 +13,8 @@ from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
 from seaid.errors import SeaidError, Severity, checked, hints_of, listed, shown, unknown_name
 from seaid.estimation import EstimatorName
-from seaid.identification import Method, find_contacts
+from seaid.identification import Method
+from seaid.legged import find_contacts
 from seaid.log import Log, Repairs, read_log
 from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 

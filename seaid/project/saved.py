@@ -41,7 +41,7 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 3"
+_FORMAT = "seaid run 4"
 """The format of this version; the first one had no checksum, the second findings in estimates."""
 
 _MOST_GROWTH = 20
@@ -371,16 +371,14 @@ def _thinned_validation(validation: Validation) -> Validation:
             for start, length, motion in zip(starts[:-1], lengths, validation.motions, strict=True)
         ]
     )
-    parts = ("actuator", "load", "base", "contacts")
-    thinned: dict[str, Any] = {x: _with_samples(getattr(validation, x), kept) for x in parts}
+    parts = {name: x for name, x in _fields_of(validation).items() if is_dataclass(x)}
+    thinned: dict[str, Any] = {name: _with_samples(x, kept) for name, x in parts.items()}
     motions = tuple(map(_thinned, validation.motions))
     return replace(validation, time=validation.time[kept], motions=motions, **thinned)
 
 
 def _with_samples(value: Any, kept: IndexArray) -> Any:
-    """Return an object of a dataclass with some samples of its arrays (T, ...), or None of None."""
-    if value is None:
-        return None
+    """Return an object of a dataclass with some samples of its arrays (T, ...)."""
     kind: Any = type(value)
     shapes = _documented_shapes(kind)
     names = [name for name, symbols in shapes.items() if symbols[0] == "T"]
@@ -390,8 +388,12 @@ def _with_samples(value: Any, kept: IndexArray) -> Any:
 @cache
 def _classes() -> dict[str, Any]:
     """Return the dataclasses of a run by their names: those in the annotations of its parts."""
+    from seaid.legged import FloatingRobot, LeggedValidation
+
     found: dict[str, Any] = {}
     waiting: list[Any] = [Identification, Validation, ReplayComparison]
+    # Subtypes of the types in the annotations.
+    waiting += [FloatingRobot, LeggedValidation]
     while waiting:
         hint = waiting.pop()
         waiting += get_args(hint)
@@ -439,7 +441,7 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
     if kind == "Path":
         return Path(value["path"])
     content = restored(value["fields"])
-    return _as_annotated(_robot(content) if kind == "Robot" else _classes()[kind](**content))
+    return _as_annotated(_robot(kind, content) if kind in _ROBOTS else _classes()[kind](**content))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
@@ -471,13 +473,17 @@ class _Joint:
     upper: float
 
 
-def _robot(content: Mapping[str, Any]) -> Robot:
+_ROBOTS = ("Robot", "FloatingRobot")
+"""Types whose models and drives are saved as data."""
+
+
+def _robot(kind: str, content: Mapping[str, Any]) -> Robot:
     """Return the robot of `_robot_fields`."""
     joints = [_as_annotated(_Joint(**values)) for values in content["model"]["joints"]]
     # Pinocchio's joint 0 is the base, and joint place + 1 is here: its parent has a lower number.
     if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
-    own_bodies = len(content["body_names"]) - (content["floating_base"] is not None)
+    own_bodies = len(content["body_names"]) - (kind == "FloatingRobot")
     if len(joints) != own_bodies:
         raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
     model = model_of(content["name"], content["model"]["gravity"], [*map(vars, joints)])
@@ -486,7 +492,7 @@ def _robot(content: Mapping[str, Any]) -> Robot:
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
         for joint, drive in drives_from_mapping(tables).items()
     }
-    robot: Robot = _as_annotated(Robot(**{**content, "model": model, "drives": drives}))
+    robot: Robot = _as_annotated(_classes()[kind](**{**content, "model": model, "drives": drives}))
     # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
 

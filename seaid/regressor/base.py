@@ -1,26 +1,24 @@
-"""Base parameters by QR reduction of the numeric regressor (Gautier 1991), left to right.
+"""The regressor of the rigid bodies by Pinocchio, and base parameters by its QR reduction.
+
+The reduction (Gautier 1991) takes columns from left to right.
 
 `cross_check` compares them with the exact ones of `seaid.regressor.exact`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
-from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
+from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
-from seaid.regressor.floating import (
-    floating_regressor,
-    floating_rows,
-    stance_rows,
-    without_contact_forces,
-)
-from seaid.regressor.rigid_body import regressor_at_drives
+from seaid.robot import rows_at_drives
 
 if TYPE_CHECKING:
     from seaid.log import Motion
@@ -40,6 +38,96 @@ _BLOCK = 32
 
 _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
+
+
+def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the joint-torque regressor Y of the rigid bodies: Y[t] @ theta = inverse dynamics.
+
+    Parameters
+    ----------
+    robot : Robot
+    q, v, a : arrays (T, n)
+        Joint positions, velocities and accelerations [rad or m, s], in the robot's joint order.
+
+    Returns
+    -------
+    array (T, n, 10N)
+        For standard parameters theta in the order of `robot.parameter_names`; without payload,
+        friction and rotor inertia.
+
+    Raises
+    ------
+    SeaidError
+        For wrong shapes.
+
+    Examples
+    --------
+    >>> Y = seaid.regressor.base_regressor(robot, q, v, a)
+    >>> torque = Y @ robot.parameters
+    """
+    model, data = robot.model, robot.model.createData()
+    q, v, a = (
+        frozen(name, value, (None, robot.n)) for name, value in zip("qva", (q, v, a), strict=True)
+    )
+    if not len(q) == len(v) == len(a):
+        raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
+    states, N = [robot.to_model(state, k) for k, state in enumerate((q, v, a))], model.nv
+    # `flat` is a view of the memory that every call fills, and exists after the first call.
+    pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
+    # Pinocchio's matrix is column-major: its transposed view is copied as one block.
+    flat = data.jointTorqueRegressor.T.reshape(-1)
+    stacked, compute = np.empty((len(q), 10 * N * N)), pin.computeJointTorqueRegressor
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        compute(model, data, q_t, v_t, a_t)
+        stacked[t] = flat
+    # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
+    Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
+    order = robot.model_order
+    if list(order) == sorted(order) and not robot.dependent_joints:
+        return Y
+    # Columns from the model's order of bodies to the robot's; the rows follow in `from_model`,
+    # which adds those of mimic joints to their leaders'.
+    by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
+    return np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
+
+
+def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10N)."""
+    return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
+
+
+def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
+    model, data = robot.model, robot.model.createData()
+    states = (
+        robot.to_model(np.asarray(state, dtype=np.float64), k) for k, state in enumerate((q, v, a))
+    )
+    torques, rnea = np.empty((len(q), model.nv)), pin.rnea
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        torques[t] = rnea(model, data, q_t, v_t, a_t)
+    return robot.from_model(torques)
+
+
+def torque_slopes(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the derivatives (3, T, n, n) of `joint_torques` by the states q, v and a."""
+    states = [robot.to_model(state, k) for k, state in enumerate((q, v, a))]
+    return np.ascontiguousarray(robot.from_model(slopes_of_model(robot.model, states), axes=2))
+
+
+def slopes_of_model(model: pin.Model, states: Sequence[Array]) -> Array:
+    """Return d tau / d (q, v, a), (3, T, N, N), at states (T, N) each in the order of a model."""
+    data, compute = model.createData(), pin.computeRNEADerivatives
+    q, v, a = (np.ascontiguousarray(state) for state in states)
+    compute(model, data, *np.zeros((3, model.nv)))
+    # Views of memory that Pinocchio overwrites at every instant.
+    views, tables = (data.dtau_dq, data.dtau_dv, data.M), np.empty((len(q), 3, model.nv, model.nv))
+    for table, q_t, v_t, a_t in zip(tables, q, v, a, strict=True):
+        compute(model, data, q_t, v_t, a_t)
+        table[0], table[1], table[2] = views
+    slopes = np.ascontiguousarray(tables.swapaxes(0, 1))
+    # Pinocchio fills only the upper triangle of the mass matrix.
+    slopes[2] = np.triu(slopes[2]) + np.triu(slopes[2], 1).swapaxes(1, 2)
+    return slopes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,18 +227,9 @@ def base_parameters(
     """
     torques = robot.selected(torque_joints)
     known = [robot.index(joint) for joint in torques]
-    if not known and robot.floating_base is None:
-        raise ExcitationError(
-            "torque_joints= names no joint: give those whose torque is known", "torque_joints="
-        )
-    if robot.floating_base is not None:
-        H = _floating_columns(robot, motion, known, seed, stances, measured)
-    else:
-        states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
-        _check_memory(robot, len(states[0]))
-        Y = regressor_at_drives(robot, *states)
-        H = Y[:, known].reshape(-1, Y.shape[2])
-    columns, grouping, gap = _from_base_outward(robot, H)
+    equations = body_equations(robot)
+    H = equations.columns(motion, known, seed, stances, measured)
+    columns, grouping, gap = equations.left_to_right(H, negligible(H) | robot.is_known)
     if not columns and not np.all(robot.is_known):
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from "
@@ -159,52 +238,77 @@ def base_parameters(
     return base_of_columns(robot, columns, grouping, gap)
 
 
+@dataclass(frozen=True, eq=False)
+class BodyEquations:
+    """How the bodies of a robot act on its equations, those of joints if its base is held.
+
+    A package that knows another kind of robot registers its equations for the type of that robot.
+    """
+
+    robot: Robot
+
+    def columns(
+        self, motion: Motion | None, known: Joints, seed: int, stances: Stances, measured: Links
+    ) -> Array:
+        """Return the columns (rows, m) over a motion, or over random states.
+
+        The other arguments are those of `base_parameters`, with joints `known` by their indices.
+        """
+        if not known:
+            raise ExcitationError(
+                "torque_joints= names no joint: give those whose torque is known", "torque_joints="
+            )
+        robot = self.robot
+        states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
+        _check_memory(robot, len(states[0]))
+        Y = regressor_at_drives(robot, *states)
+        return np.asarray(Y[:, known].reshape(-1, Y.shape[2]))
+
+    def left_to_right(self, H: Array, zero: BoolArray) -> tuple[list[int], Array, float]:
+        """Return `left_to_right` in the order in which columns are kept."""
+        return left_to_right(H, zero)
+
+    def random_rows(
+        self, known: Joints, stances: Stances, measured: Links, seed: int = 1
+    ) -> Iterator[tuple[JointStates, Array, Callable[[Array], Array]]]:
+        """Yield random states of joints, the rows (T, r, m) of bodies there, and a function.
+
+        The function removes from rows what nothing determines, as forces that are not measured.
+        """
+        states = random_states(self.robot, seed, len(known))
+        yield states, regressor_at_drives(self.robot, *states)[:, known], np.asarray
+
+    def body_columns(self, motion: Motion, known: Joints, columns: IndexArray) -> Array:
+        """Return some columns (T, r, c) of the bodies along a motion."""
+        return regressor_at_drives(self.robot, *motion.joint_states)[:, known][:, :, columns]
+
+    def check_stances(self, stances: Stances) -> None:
+        """Raise RobotError for stances that the robot cannot have."""
+
+    def with_all_rows(self, columns: Array) -> Array:
+        """Return columns (T, k, ...) of k joints with the rows (T, r, ...) of other equations."""
+        return columns
+
+
+JointStates = tuple[Array, Array, Array]
+"""Positions, velocities and accelerations of joints, each (T, n)."""
+
+Joints = Sequence[int]
+Links = Sequence[str]
+Stances = Sequence[Links]
+"""Joints by their indices, links of contacts, and sets of these that touch the ground together."""
+
+
+@singledispatch
+def body_equations(robot: Robot) -> BodyEquations:
+    """Return how the bodies of this kind of robot act on its equations."""
+    return BodyEquations(robot)
+
+
 def _structural_states(robot: Robot, seed: int, known: Sequence[int]) -> tuple[Array, Array, Array]:
     """Return random states: two rows per parameter if all torques are known."""
     is_whole = len(known) == len(robot.body_names)
     return random_states(robot, seed, len(known), count=_WHOLE_STATES if is_whole else None)
-
-
-def _from_base_outward(robot: Robot, H: Array) -> tuple[list[int], Array, float]:
-    """Return `left_to_right` of the columns of all bodies, a floating base before the others."""
-    zero = negligible(H) | robot.is_known
-    if robot.floating_base is None:
-        return left_to_right(H, zero)
-    order = np.roll(np.arange(H.shape[1]), 10)  # the base is the last body
-    columns, grouping, gap = left_to_right(H[:, order], zero[order])
-    base_columns = [int(order[column]) for column in columns]
-    return base_columns, grouping[:, np.argsort(order)], gap
-
-
-def _floating_columns(
-    robot: Robot,
-    motion: Motion | None,
-    known: Sequence[int],
-    seed: int,
-    stances: Sequence[Sequence[str]],
-    measured: Sequence[str],
-) -> Array:
-    """Return the regressor (rows, m) of base and joints over a motion, or over random stances."""
-    if motion is not None:
-        base = motion.base
-        assert base is not None
-        Y = floating_regressor(robot, *motion.joint_states, base.states)
-        rows = [
-            without_contact_forces(
-                robot,
-                motion.joint_position,
-                base.contacts,
-                known,
-                floating_rows(robot, Y, known),
-                up=base.up,
-            )
-        ]
-    else:
-        rows = []
-        for place, links in enumerate(stances):
-            _, Y, reduced = stance_rows(robot, links, seed_of(seed) + place, known, measured)
-            rows.append(reduced(Y))
-    return np.concatenate([block.reshape(-1, block.shape[2]) for block in rows])
 
 
 def _check_memory(robot: Robot, samples: int) -> None:

@@ -17,8 +17,14 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.drives import Drive, ParameterName
-from seaid.regressor.base import BaseParameters, grouped_text, left_to_right
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
+from seaid.regressor.base import (
+    BaseParameters,
+    grouped_text,
+    joint_torques,
+    left_to_right,
+    rigid_body_regressor,
+    torque_slopes,
+)
 from seaid.robot import Robot
 
 _FRICTION = ("viscous", "coulomb", "offset", "quadratic", "asymmetric")

@@ -19,9 +19,8 @@ import sympy as sp
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M, s_K
 from seaid.errors import SymbolicError
-from seaid.regressor.base import random_states
+from seaid.regressor.base import joint_torques, random_states, rigid_body_regressor
 from seaid.regressor.exact.geometry import number
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.regressor.sensor_equations import (
     BACK_EMF,
     MOTOR_SIGNALS,

@@ -25,6 +25,7 @@ from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
     base_parameters,
+    body_equations,
     four_digits,
     grouped_text,
     left_to_right,
@@ -45,7 +46,7 @@ from seaid.regressor.sensor_equations import (
     plain,
     system_of,
 )
-from seaid.robot import HANGING, Robot, check_held
+from seaid.robot import Robot, check_held
 
 Sensor = Literal[
     "motor_position",
@@ -175,7 +176,7 @@ def identifiability(
     >>> print(seaid.identifiability(robot, sensors))
     """
     seed = seed_of(seed)
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         if sensors is not None or conditions:
             check_held(robot, "identifiability with sensors= or conditions=")
         return _stance_result(robot, stances, seed)
@@ -210,7 +211,7 @@ def identifiability(
 
 def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
     """Return what some stances of a floating base determine of its bodies."""
-    _check_stances(robot, stances)
+    body_equations(robot).check_stances(stances)
     base = base_parameters(robot, stances=stances, seed=seed)
     again = base_parameters(robot, stances=stances, seed=seed + len(stances))
     alone = np.count_nonzero(base.grouping, axis=1) == 1
@@ -229,16 +230,6 @@ def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) ->
         gap=base.gap,
         agree=again.columns == base.columns,
     )
-
-
-def _check_stances(robot: Robot, stances: Sequence[Sequence[str]]) -> None:
-    """Raise RobotError for links of stances that are no contacts of the robot."""
-    assert robot.floating_base is not None
-    known = robot.floating_base.contact_links
-    for links in stances:
-        for link in () if links == HANGING else links:
-            if link not in known:
-                raise RobotError(f"stances=: {unknown_name('contact', link, known)}", "stances=")
 
 
 def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:

@@ -19,6 +19,7 @@ from seaid.checks import POOR, excluded_instants, inconsistent_bodies, regressio
 from seaid.drives import PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
 from seaid.identification import compared, verdict_with
+from seaid.legged import FloatingRobot
 from seaid.log import row_samples
 from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
 from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
@@ -196,15 +197,17 @@ def _notes(result: Identification) -> Iterator[Finding]:
     for side, count in result.excluded.items():
         # An instant has one equation (7) per motor; (8) has one per torque and axis of the base.
         rows = instants * (_load_rows(result) if side == "load" else 1)
-        has_contacts = side == "load" and result.robot.floating_base is not None
+        has_contacts = side == "load" and not result.robot.base_is_held
         if rows:
             yield from excluded_instants(place_name(side), count / rows, has_contacts)
 
 
 def _load_rows(result: Identification) -> int:
     """Return the number of load-side equations at an instant."""
-    base = result.robot.floating_base
-    return len(result.model.torque_joints) + (0 if base is None else int(base.free_axes.sum()))
+    robot, count = result.robot, len(result.model.torque_joints)
+    if isinstance(robot, FloatingRobot):
+        count += int(robot.floating_base.free_axes.sum())
+    return count
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:

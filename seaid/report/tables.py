@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from seaid.estimation import Estimate
     from seaid.frequency import FrequencyResponse
     from seaid.identification import (
-        ContactForces,
         Fit,
         Identification,
         StaticCalibration,
     )
+    from seaid.legged import ContactForces
     from seaid.report.comparison import Comparison
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
@@ -145,7 +145,7 @@ def response_table(response: FrequencyResponse) -> Table:
 
 def whole_body_table(identification: Identification) -> Table:
     """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
-    from seaid.identification import whole_body
+    from seaid.legged import whole_body
 
     rows = [
         (
@@ -175,6 +175,17 @@ _FORCES = (
     "standard_error",
     "friction_used",
 )
+
+
+def contact_tables(runs: Sequence[Run]) -> list[Table]:
+    """Return the contact forces of those validations that have any."""
+    from seaid.legged import LeggedValidation
+
+    return [
+        contact_table(run.name, run.result.contacts)
+        for run in runs
+        if isinstance(run.result, LeggedValidation) and run.result.contacts is not None
+    ]
 
 
 def contact_table(name: str, forces: ContactForces) -> Table:
@@ -409,7 +420,9 @@ def whole_rows(run: Run) -> list[ErrorRow]:
 
 def base_rows(run: Run) -> list[ErrorRow]:
     """Return the prediction errors of the force and the moment on a floating base."""
-    fit = run.result.base
+    from seaid.legged import LeggedValidation
+
+    fit = run.result.base if isinstance(run.result, LeggedValidation) else None
     return [
         _error_row(run, "base", name, "N" if index < 3 else "N m", fit, index)
         for index, name in enumerate(BASE_ROWS)

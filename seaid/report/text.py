@@ -15,6 +15,7 @@ import numpy as np
 from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName, joint_of, parameter_of
 from seaid.errors import listed
+from seaid.legged import FloatingRobot
 from seaid.log import has_holes
 from seaid.report import formats, tables
 from seaid.report.formats import (
@@ -144,7 +145,7 @@ def robot_table(robot: Robot) -> Text:
             kinds, robot.body_names, robot.parameters[::10], strict=False
         )
     ]
-    if robot.floating_base is not None:
+    if isinstance(robot, FloatingRobot):
         kind = "free" if robot.floating_base.normal is None else "planar"
         rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
     columns = (*words("joint", "type", "drive", "body"), *numbers("mass [kg]"))
@@ -452,7 +453,7 @@ def validation_table(result: Validation) -> Text:
     made = [tables.error_table([*joints, *tables.whole_rows(run)])]
     title = "Unseen motion: relative error below the cutoff"
     nothing = "Unseen motion: no joint has a torque that could be compared"
-    contacts = [] if result.contacts is None else [tables.contact_table("motion", result.contacts)]
+    contacts = tables.contact_tables([Run("motion", result, False)])
     return joined(
         [
             *([] if joints else [nothing]),

@@ -68,8 +68,8 @@ class Robot(Display):
         The file.
     known_bodies : tuple of str
         Bodies whose parameters are known and not identified.
-    floating_base : FloatingBase or None
-        The base, if nothing holds it; `model` is that of the joints on a held base.
+    floating_base : None
+        `seaid.legged.FloatingRobot` has one, and is the type of robots that nothing holds.
     locked : mapping {joint: position}
         Joints that stand still elsewhere than at zero [rad or m].
     joints_of_file : tuple of str
@@ -103,14 +103,17 @@ class Robot(Display):
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
-        base = self.floating_base
-        kind = "" if base is None else ", floating base" if base.normal is None else ", planar base"
-        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}{kind}"
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def base_is_held(self) -> bool:
+        """Whether something holds the base, so that forces on it determine nothing."""
+        return True
 
     @property
     def standing_joints(self) -> tuple[str, ...]:
@@ -166,12 +169,7 @@ class Robot(Display):
         return (*self.is_prismatic, *(joint.is_prismatic for joint in self.dependent_joints))
 
     def joint_of(self, body: int) -> str:
-        """Return the independent joint that moves a body by its index: for most, the one above.
-
-        For a floating base, which none moves, it is the first.
-        """
-        if self.floating_base is not None and body == len(self.body_names) - 1:
-            return self.joint_names[0]
+        """Return the independent joint that moves a body by its index: for most, the one above."""
         return (*self.joint_names, *(joint.leader for joint in self.dependent_joints))[body]
 
     @property
@@ -370,7 +368,10 @@ def load_robot(
     )
     if moves:
         root = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
-        robot = replace(robot, floating_base=root)
+        # The type registers what it adds to all packages between this one and its own.
+        from seaid.legged import on_floating_base
+
+        robot = on_floating_base(robot, root)
     elif contacts or imu_link:
         raise RobotError(
             "contacts= and imu_link= are those of a floating base: give base='floating' with them",
@@ -424,7 +425,7 @@ def check_held(
     robot: Robot, what: str, error: type[SeaidError] = RobotError, why: str = ""
 ) -> None:
     """Raise an error if the base of a robot floats, for what needs a base that is held."""
-    if robot.floating_base is not None:
+    if not robot.base_is_held:
         because = f" ({why})" if why else ""
         raise error(
             f"{what} needs a robot with a fixed base, and that of '{robot.name}' floats{because}: "

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from seaid import checks
 from seaid.checks import CODES, Observation, observed
-from seaid.checks.echoes import consequences
+from seaid.checks.codes import consequences
 from seaid.errors import Finding, LogError
 
 DRIFT, HOLES = CODES["drift"], CODES["holes"]

@@ -13,7 +13,7 @@ import pytest
 
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
-from seaid.checks.echoes import consequences
+from seaid.checks.codes import consequences
 from seaid.checks.experiment import _FIELDS_OF, with_torques_of
 from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding

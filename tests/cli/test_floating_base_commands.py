@@ -12,7 +12,7 @@ import pytest
 import seaid
 from seaid.cli.kinds import contact_text, contacts_of
 from tests.cli.test_cli import done, refused, run
-from tests.identification.test_floating_base import STANDING, swayed
+from tests.legged.test_floating_base import STANDING, swayed
 
 FEET = "FL_foot,FR_foot,RL_foot,RR_foot"
 GO2 = ("go2", "--base", "floating", "--contact", FEET)

@@ -15,8 +15,8 @@ from seaid.excitation import Excitation, Limits, design_excitation, joint_limits
 from seaid.excitation import search as search_module
 from seaid.excitation.problem import Problem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters
-from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot
 from tests.representatives import quick_first
 

@@ -14,7 +14,7 @@ from seaid.errors import ExcitationError
 from seaid.excitation import Excitation, Limits, design_excitation
 from seaid.excitation.basis import FourierBasis
 from seaid.excitation.limits import DRIVE_KINDS, drive_limits, drive_load_gradient, drive_loads
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import simulate_motion
 

@@ -29,10 +29,10 @@ from seaid.excitation.basis import FourierBasis
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
 from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.objective import drive_target, stacked_regressor
+from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model
 from seaid.regressor.regression import motor_regressor
-from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot
 from tests import terms
 from tests.excitation.test_target import assert_gradient

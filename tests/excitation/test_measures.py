@@ -14,8 +14,8 @@ from seaid.errors import ExcitationError
 from seaid.excitation.criteria import pivoted_base, scaled_condition_and_d_value
 from seaid.excitation.design import excitation_measures
 from seaid.excitation.objective import load_target, stacked_regressor
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters
-from seaid.regressor.rigid_body import rigid_body_regressor
 from tests.experiments import arm, leg, leg_motion, leg_trajectory
 
 TIME: Array = np.linspace(0.0, 6.0, 400)

@@ -9,8 +9,8 @@ from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.excitation import criteria
 from seaid.excitation.criteria import pivoted_base
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import random_states
-from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot
 from tests.excitation.robots import robots
 

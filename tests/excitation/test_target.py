@@ -23,8 +23,8 @@ from seaid.excitation.objective import (
     regressor_pull_back,
     stacked_regressor,
 )
+from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.regressor.regression import motor_regressor
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 

@@ -20,7 +20,7 @@ from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot.robot import load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (

@@ -10,9 +10,9 @@ import pytest
 
 from seaid.errors import RobotError
 from seaid.excitation.criteria import pivoted_base
+from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import base_parameters, cross_check
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import MODELS
 

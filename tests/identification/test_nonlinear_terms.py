@@ -24,8 +24,8 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
 from seaid.project.running import summary_of
 from seaid.project.saved import Run
+from seaid.regressor import joint_torques
 from seaid.regressor.regression import motor_regressor, signals
-from seaid.regressor.rigid_body import joint_torques
 from seaid.regressor.structural_identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import with_named_friction

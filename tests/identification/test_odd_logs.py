@@ -19,7 +19,7 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot
 
 PENDULUM = """

@@ -19,7 +19,7 @@ from seaid._arrays import Array
 from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.command_delays import with_estimated_delays
+from seaid.identification.drive_estimates import with_estimated_delays
 from seaid.identification.sensitivity import Fit, _scores
 from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque

@@ -134,7 +134,7 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
     [
         (b"", "damaged"),
         (b"PK\x03\x04 no archive", "damaged"),
-        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 3'"),
+        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 4'"),
         ({"format": "seaid run 2"}, "damaged"),
         (
             {"format": "seaid run 2", "identification": {"is": "Popen", "fields": {}}},

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, RobotError
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import (
     base_parameters,
     grouped_text,
@@ -16,7 +17,6 @@ from seaid.regressor.base import (
     negligible,
     random_states,
 )
-from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import motion_of
 

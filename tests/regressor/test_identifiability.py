@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
+from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.exact.codegen import Value
 from seaid.regressor.exact.geometry import exact_tree
 from seaid.regressor.exact.newton_euler import regressor_program
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.regressor.structural_identifiability import (
     SENSORS,
     Identifiability,

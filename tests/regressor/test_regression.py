@@ -14,6 +14,7 @@ from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.log.filtering import in_band, low_pass, row_samples, standstill
 from seaid.log.motion import Motion
+from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
 from seaid.regressor.regression import (
@@ -24,7 +25,6 @@ from seaid.regressor.regression import (
     spring_regressor,
     stacked,
 )
-from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot, load_robot
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 

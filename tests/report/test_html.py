@@ -55,7 +55,7 @@ from seaid.report.html_verdict import (
 from seaid.report.tables import ErrorRow
 from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_found, arm_log, arm_result, leg
-from tests.identification.test_floating_base import swayed
+from tests.legged.test_floating_base import swayed
 from tests.report_pages import HOSTILE, made_up, prediction
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
 from tests.terms import arm as two_joints

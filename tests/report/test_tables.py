@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from seaid.identification import ContactForces
+from seaid.legged import ContactForces
 from seaid.report import formats, tables
 from seaid.report.comparison import comparison_of
 from seaid.report.formats import Cell, Column, Measured, Table, figures, shares, table_of, words

@@ -17,7 +17,7 @@ from scripts.example_robots import example_urdfs
 from seaid._arrays import Array
 from seaid.errors import RobotError, SeaidWarning
 from seaid.excitation.criteria import regressor_gradient
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor, torque_slopes
+from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, plant_of
 from tests.experiments import drive_errors, drive_scores, wiggle

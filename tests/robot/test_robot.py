@@ -11,7 +11,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Payload, Robot, load_robot
 
 Load = Callable[..., Robot]

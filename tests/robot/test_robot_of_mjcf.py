@@ -9,7 +9,7 @@ import pytest
 
 from seaid.drives import StiffDrive
 from seaid.errors import RobotError, SeaidWarning
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot import load_robot, nominal_model
 
 mujoco = pytest.importorskip("mujoco")

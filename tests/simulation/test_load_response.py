@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot.robot import Payload, load_robot
 from seaid.simulation.plant import TorqueJacobians, response_to, torque_jacobians
 from tests.experiments import DATA

@@ -203,7 +203,7 @@ def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, Ba
     inference = Inference({}, _meanings(table, robot), robot)
     take_bare_names(inference)
     samples, guess = _all_samples(table, inference), BaseGuess()
-    if robot is not None and robot.floating_base is not None:
+    if robot is not None and not robot.base_is_held:
         guess = infer_base(table, replace(inference, data=samples), robot)
         inference.meanings |= guess.meanings
     inference.data |= _signal_columns(samples, inference)

@@ -17,8 +17,8 @@ import sympy as sp
 
 from seaid._arrays import Array
 from seaid.errors import SeaidError
+from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import random_states
-from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Robot, load_robot
 from seaid.symbolic import (
     complete_model,

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from flint import nmod_mat
 
+from seaid.legged.floating import force_counts
 from seaid.regressor.exact.geometry import exact_tree
-from seaid.regressor.floating import force_counts
 from seaid.robot import HANGING, Contact, Robot
 from tests.regressor.modular.arithmetic import ResidueNumbers, Residues, echelon
 from tests.regressor.modular.dynamics import PRIME, BodyMotion, Words, modular_dynamics

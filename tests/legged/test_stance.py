@@ -18,14 +18,10 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.limits import joint_limits
-from seaid.excitation.stance import (
+from seaid.legged.stance import (
     StanceModel,
     inverse_dynamics,
     stance_model,
-    stance_plan,
-    stance_pull_back,
-    stance_rows_of,
-    worst_stance_use,
 )
 from seaid.robot import Robot
 
@@ -64,7 +60,7 @@ def moved(model: StanceModel, seed: int = 0) -> tuple[Any, Array, Array]:
 
 
 def turn(base: Array) -> Array:
-    from seaid.regressor import roll_pitch_yaw
+    from seaid.legged.floating import roll_pitch_yaw
 
     return roll_pitch_yaw(base, base)[0]
 
@@ -73,7 +69,7 @@ def turn(base: Array) -> Array:
 def test_feet_stay_and_forces_hold_the_robot(balls: bool) -> None:
     model, fine = standing(balls), np.linspace(0, 1, 173)
     basis, coefficients, time = moved(model)
-    joints, plan = stance_plan(model, basis, coefficients, time)
+    joints, plan = model.plan(basis, coefficients, time)
     base, q = plan.base.sample(fine)[0], joints.sample(fine)[0]
     R = turn(np.column_stack([base[:, :3], base[:, 3:]]))
     feet = base[:, None, :3] + np.einsum("tij,tkj->tki", R, foot_positions(go2(), q))
@@ -112,23 +108,21 @@ def test_gradients_are_those_of_finite_differences() -> None:
         0.2, 0.8, 20
     )  # at rest the tangential forces are 0, where friction has a kink
     states = basis.states(time, coefficients)
-    G = rng.normal(size=stance_rows_of(model, states).shape)
-    slopes = stance_pull_back(model, states, G)
+    G = rng.normal(size=model.observed_rows(states).shape)
+    slopes = model.pull_back(states, G)
     maps = basis.matrices(time)
-    use, by_x = worst_stance_use(model, states, range(0, 20, 1), maps, np.ones(6))
+    use, by_x = model.worst_use(states, range(0, 20, 1), maps, np.ones(6))
     for kind in range(3):
         change, size = rng.normal(size=states[kind].shape), 1e-5
         values = []
         for sign in (1, -1):
             other = [state.copy() for state in states]
             other[kind] += sign * size * change
-            values.append(np.sum(G * stance_rows_of(model, (other[0], other[1], other[2]))))
+            values.append(np.sum(G * model.observed_rows((other[0], other[1], other[2]))))
         slope = (values[0] - values[1]) / (2 * size)
         assert np.sum(slopes[kind] * change) == pytest.approx(slope, rel=1e-3, abs=1e-2)
     change = 1e-5 * rng.normal(size=coefficients.shape)
-    near = worst_stance_use(
-        model, basis.states(time, coefficients + change), range(20), maps, np.ones(6)
-    )
+    near = model.worst_use(basis.states(time, coefficients + change), range(20), maps, np.ones(6))
     expected = np.einsum("cmx,xm->c", by_x, change)
     assert np.max(np.abs(near[0] - use - expected)) < 1e-3 * np.max(np.abs(expected))
 

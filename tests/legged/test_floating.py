@@ -15,8 +15,7 @@ import seaid
 from scripts.example_robots import example_urdf, example_urdfs
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
-from seaid.log import BaseLog
-from seaid.regressor.floating import (
+from seaid.legged.floating import (
     BaseStates,
     contact_equations,
     contact_map,
@@ -26,7 +25,8 @@ from seaid.regressor.floating import (
     stance_states,
     without_contact_forces,
 )
-from seaid.regressor.load import stances_of
+from seaid.legged.load_side import stances_of
+from seaid.log import BaseLog
 from seaid.robot import Contact, Robot, floating_model
 from tests.regressor.modular.stances import columns_of_stances
 

@@ -19,11 +19,11 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, LogError, SeaidError
-from seaid.identification import whole_body
-from seaid.identification.base_estimates import _Axes, _limits, _significant
+from seaid.legged import whole_body
+from seaid.legged.base import _Axes, _limits, _significant
+from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog, reconstruct_motion
-from seaid.regressor import load_columns, load_torques, rigid_body_regressor
-from seaid.regressor.floating import contact_map, floating_regressor
+from seaid.regressor import load_columns, load_regression, load_torques, rigid_body_regressor
 from seaid.robot import BASE_ROWS, Robot
 from tests.representatives import quick_first
 
@@ -624,13 +624,13 @@ def test_columns_of_the_accelerometer_have_the_rows_of_the_regression(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also if a regression has so many columns that it is computed in pieces."""
-    from seaid.regressor import accelerometer_rows, load
+    from seaid.legged import load_side
 
-    monkeypatch.setattr(load, "_PIECE_NUMBERS", 200_000)
+    monkeypatch.setattr(load_side, "_PIECE_NUMBERS", 200_000)
     found = found_standing()
     motion, model = found.motions[0], found.model
-    rows = load.load_regression(STANDING, motion, model, {})
-    others = accelerometer_rows(STANDING, motion, model)
+    rows = load_regression(STANDING, motion, model, {})
+    others = load_side.accelerometer_rows(STANDING, motion, model)
     np.testing.assert_array_equal(rows.time, others.time)
     np.testing.assert_array_equal(rows.joint, others.joint)
     assert np.any(np.diff(rows.time) < 0)

@@ -15,8 +15,8 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import SeaidError
+from seaid.legged.floating import floating_regressor, floating_rows
 from seaid.log import BaseLog
-from seaid.regressor.floating import floating_regressor, floating_rows
 from seaid.robot import Contact, Robot
 from tests.regressor.modular.stances import columns_of_stances
 

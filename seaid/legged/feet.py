@@ -26,11 +26,11 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid.checks import codes
-from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, in_description
+from seaid.checks import CODES, FEW, MOST, RARE, SURE, TWICE, Observation, in_description, observed
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows, ordinary, scaled_svd, with_further_columns
+from seaid.legged.floating import FloatingRobot, contact_map
+from seaid.legged.load_side import late_flag_rows, radius_rows
 from seaid.log import (
     LEAST_LIFT,
     POSITION_BAND,
@@ -42,15 +42,40 @@ from seaid.log import (
     in_band,
     smoothed_where,
 )
-from seaid.regressor import (
-    LoadModel,
-    Regression,
-    contact_map,
-    late_flag_rows,
-    radius_rows,
-    stacked,
-)
+from seaid.regressor import LoadModel, Regression, stacked
 from seaid.robot import Contact, FloatingBase, Robot
+
+CONTACT_FLAGS = CODES["contact-flags"]
+CONTACT_FORCES = CODES["contact-forces"]
+GEOMETRY = CODES["geometry"]
+SOFT_FEET = CODES["soft-feet"]
+SWAPPED_JOINTS = CODES["swapped-joints"]
+TOTAL_MASS = CODES["total-mass"]
+UNIDENTIFIABLE = CODES["unidentifiable"]
+
+FOOT_RISES_M_S, FOOT_SLIDES_M_S, FOOT_LIFTS_M = 0.08, 0.2, 0.015
+"""Vertical and horizontal speed [m/s] of a foot that does not stand, and the way [m] up or down
+without a stop that a foot on the ground does not make, however soft it is. Feet of a simulated Go2
+that walks and slips a little are faster during at most 0.4 % of their stance, and with exchanged
+flags during 8 % (`scripts/benchmarks/legged_findings.py`)."""
+
+FOOT_LEVEL_M, FOOT_REST_S = 0.005, 0.3
+"""Difference in height [m] to the standing feet of a foot that stands, and time [s] for which a
+foot in the air is not at this height. It is the largest delay of a flag, too."""
+
+FEET_REST_M_S = 0.03
+"""Speed [m/s] (rms) of feet on the ground below which no other order of legs is sought."""
+
+FOOT_TOUCHES_S = 0.06
+"""Time [s] in which the force of a foot that lands or leaves is less than a threshold of 20 N, on
+soft feet of a simulated Go2 that trots (`scripts/benchmarks/legged_findings.py`)."""
+
+LENGTH_M = 0.001
+"""Error [m] of the place of a contact that matters: 1 mm is 0.2 % of the mass of a Go2."""
+
+JUDGED_INSTANTS, JUDGED_PARTS, MOST_LEGS = 500, 20, 4
+"""Instants at which orders of legs are compared, the parts of the time in which one has to be the
+better one, and the legs whose orders are all tried."""
 
 # Before a fit: flags of contacts, and the order of legs
 
@@ -59,7 +84,7 @@ from seaid.robot import Contact, FloatingBase, Robot
 class FeetInMotion:
     """The feet of a robot with a floating base in one motion of its logs."""
 
-    robot: Robot
+    robot: FloatingRobot
     motion: Motion
     logs: Sequence[Log]
 
@@ -72,7 +97,6 @@ class FeetInMotion:
     @cached_property
     def contacts(self) -> list[Contact]:
         """The k contacts with a flag, as points or balls."""
-        assert self.robot.floating_base is not None
         flagged = self.base.contacts.keys()
         contacts = (x for x in self.robot.floating_base.contacts if x.link in flagged)
         return [replace(contact, is_flat=False) for contact in contacts]
@@ -120,7 +144,7 @@ class FeetInMotion:
     def mean_squares(self, velocities: Array, flags: BoolArray, some: IndexArray) -> Array:
         """Return the mean squared speeds of standing feet in successive parts of some instants."""
         squares = flags * np.sum(self.over_ground(velocities, flags, some) ** 2, axis=2)
-        parts = (np.array_split(x, tol.JUDGED_PARTS) for x in (squares, flags))
+        parts = (np.array_split(x, JUDGED_PARTS) for x in (squares, flags))
         return np.array(
             [np.sum(x) / max(np.sum(stand), 1) for x, stand in zip(*parts, strict=True)]
         )
@@ -176,7 +200,7 @@ def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
         yield from _resting(feet, feet.base.up)
 
 
-MOTION_CHECKS = (Observation(codes.CONTACT_FLAGS, _contradicted_flags),)
+MOTION_CHECKS = (Observation(CONTACT_FLAGS, _contradicted_flags),)
 """What is looked for in the motion of the feet."""
 
 
@@ -184,15 +208,15 @@ def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
     """Yield a contact that moves while its flag says that it stands."""
     vertical, along = (speed[:, k] for speed in feet.speeds)
     standing, has_vertical = feet.flags[:, k] & feet.judged, feet.base.up is not None
-    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), along > tol.FOOT_SLIDES_M_S
+    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), along > FOOT_SLIDES_M_S
     for moving, speed, how, is_doubtful in (
         (rises, vertical, "is in the air: it rises and falls", True),
         (slides & standing, along, "slips" if has_vertical else "moves", not has_vertical),
     ):
         share = float(moving.sum()) / max(int(standing.sum()), 1)
-        if share >= tol.FEW:
+        if share >= FEW:
             rms = float(np.sqrt(np.mean(speed[moving] ** 2)))
-            yield codes.CONTACT_FLAGS.finding(
+            yield CONTACT_FLAGS.finding(
                 f"{link} is flagged as standing and {how}, with {rms:.2g} m/s during {share:.1%} "
                 f"of its stance, first at t = {feet.motion.time[np.argmax(moving)]:.3f} s",
                 link,
@@ -211,10 +235,10 @@ def lifted(vertical: Array, standing: BoolArray, rate_hz: float) -> BoolArray:
 
     One that moves by less may sink into the ground, or be soft.
     """
-    rises = standing & (vertical > tol.FOOT_RISES_M_S)
+    rises = standing & (vertical > FOOT_RISES_M_S)
     for start, end in runs(rises):
         # sum |v_z| / rate is the way up or down.
-        if np.sum(vertical[start:end]) < tol.FOOT_LIFTS_M * rate_hz:
+        if np.sum(vertical[start:end]) < FOOT_LIFTS_M * rate_hz:
             rises[start:end] = False
     return np.asarray(rises)
 
@@ -227,29 +251,28 @@ def _resting(feet: FeetInMotion, up: Array) -> Iterator[Finding]:
     apart = np.abs(height - _median_of_standing(height, flags, np.inf)[:, None])
     for k, link in enumerate(feet.links):
         in_air = feet.judged & ~flags[:, k]
-        rests_s = np.diff(runs(in_air & (apart[:, k] < tol.FOOT_LEVEL_M)))[:, 0] / rate_hz
-        rests_s = rests_s[rests_s > tol.FOOT_REST_S]
+        rests_s = np.diff(runs(in_air & (apart[:, k] < FOOT_LEVEL_M)))[:, 0] / rate_hz
+        rests_s = rests_s[rests_s > FOOT_REST_S]
         if not len(rests_s):
             continue
         longest_s = float(np.max(rests_s))
         share = float(np.sum(rests_s)) * rate_hz / float(np.sum(in_air))
-        yield codes.CONTACT_FLAGS.finding(
+        yield CONTACT_FLAGS.finding(
             f"{link} is flagged as in the air and rests on the level of the others for "
             f"{longest_s:.2g} s, {share:.0%} of that time in all: forces on it would go into the "
             "bodies",
             link,
-            "wrong" if share > tol.RARE else "doubtful",
+            "wrong" if share > RARE else "doubtful",
             {"longest rest [s]": longest_s, "share": share},
             "check the sign, the threshold and the delay of its flag",
         )
 
 
-def foot_places(robot: Robot, q: Array, links: Sequence[str]) -> Array:
+def foot_places(robot: FloatingRobot, q: Array, links: Sequence[str]) -> Array:
     """Return the places (T, k, 3) of contacts in the frame of the base.
 
     The moment of a force F at r on the base is r x F: its rows of the contact map have r.
     """
-    assert robot.floating_base is not None
     points = [replace(robot.floating_base.contact_of(x), is_flat=False) for x in links]
     A = contact_map(robot, q, points)[:, 3:6].reshape(len(q), 3, -1, 3)
     # the rows of [r]x are (0, -z, y), (z, 0, -x), (-y, x, 0)
@@ -266,7 +289,7 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             continue
         duration_s = sum(float(is_up.sum()) / motion.rate_hz for motion, _, is_up in lifts)
         least_s = LEAST_LIFT / (POSITION_BAND * min(motion.cutoff_hz for motion in flagged))
-        yield codes.UNIDENTIFIABLE.note(
+        yield UNIDENTIFIABLE.note(
             f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
             "used: next to a change of contact the positions have a corner, and half a period of "
             "the cutoff or less would determine the mass at this foot alone. That mass counts as "
@@ -276,6 +299,17 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
             certainty="certain",
         )
+
+
+def feet_findings(
+    robot: FloatingRobot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> list[Finding]:
+    """Return what contradicts itself in the contacts of logs, by their motions."""
+    findings = []
+    for motion in motions:
+        findings += observed(MOTION_CHECKS, FeetInMotion(robot, motion, logs))
+    lifts = Observation(UNIDENTIFIABLE, partial(unused_lifts, robot.floating_base))
+    return findings + observed((lifts,), motions)
 
 
 # How the channels and flags have to be read
@@ -301,7 +335,7 @@ class _Reading:
 
     def is_slower(self, other: _Reading) -> bool:
         """Whether feet are slower in most parts of the time than in another reading."""
-        return bool(np.mean(self.squares <= other.squares) >= 1 - tol.RARE)
+        return bool(np.mean(self.squares <= other.squares) >= 1 - RARE)
 
 
 def _best_readings(tried: Iterator[_Reading]) -> list[_Reading]:
@@ -311,10 +345,10 @@ def _best_readings(tried: Iterator[_Reading]) -> list[_Reading]:
     not rest, and less in most of the time.
     """
     as_given = next(tried)
-    if as_given.speed < tol.FEET_REST_M_S:
+    if as_given.speed < FEET_REST_M_S:
         return []
     ranked = sorted([as_given, *tried], key=lambda reading: reading.speed)
-    is_half = ranked[0].speed ** 2 <= tol.MOST * as_given.speed**2
+    is_half = ranked[0].speed ** 2 <= MOST * as_given.speed**2
     return [as_given, *ranked[:2]] if is_half and ranked[0].is_slower(as_given) else []
 
 
@@ -326,11 +360,11 @@ def _spread(places: IndexArray, most: int) -> IndexArray:
 def _late(feet: FeetInMotion) -> Iterator[Finding]:
     """Yield that all flags are late, or early, if standing feet rest at other times."""
     rate_hz, flags = feet.motion.rate_hz, feet.flags
-    most = int(tol.FOOT_REST_S * rate_hz)
+    most = int(FOOT_REST_S * rate_hz)
     inside = np.arange(most, len(flags) - most)
-    if len(inside) < tol.JUDGED_PARTS or np.all(flags == flags[0]):
+    if len(inside) < JUDGED_PARTS or np.all(flags == flags[0]):
         return
-    some, step = _spread(inside, 4 * tol.JUDGED_INSTANTS), max(most // 20, 1)
+    some, step = _spread(inside, 4 * JUDGED_INSTANTS), max(most // 20, 1)
     velocities, count = feet.velocities[some], most // step
     readings = _best_readings(
         _Reading(feet.mean_squares(velocities, flags[some + shift], some), late=shift)
@@ -345,7 +379,7 @@ def _late(feet: FeetInMotion) -> Iterator[Finding]:
         source = feet.source_of(link)
         whole = source if isinstance(source, Mapping) else {"columns": source}
         sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
-    yield codes.CONTACT_FLAGS.wrong(
+    yield CONTACT_FLAGS.wrong(
         f"the flags of the contacts are {'late' if late_s > 0 else 'early'} by about "
         f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
         f"{readings[1].speed:.2g} m/s without this delay",
@@ -377,11 +411,11 @@ def best_order(feet: FeetInMotion) -> LegOrder | None:
     """
     links, standing = feet.links, feet.flags.sum(axis=1)
     used = np.flatnonzero(feet.base.used & (standing >= 2))
-    if len(used) < tol.JUDGED_PARTS:
+    if len(used) < JUDGED_PARTS:
         return None
     differing = used[standing[used] < len(links)]  # all flags are equal while all feet stand
-    used = used if len(differing) < tol.JUDGED_PARTS else differing
-    readings = _best_readings(_tried_orders(feet, _spread(used, tol.JUDGED_INSTANTS)))
+    used = used if len(differing) < JUDGED_PARTS else differing
+    readings = _best_readings(_tried_orders(feet, _spread(used, JUDGED_INSTANTS)))
     if not readings or not readings[1].is_slower(readings[2]):
         return None
     as_given, best, _ = readings
@@ -392,7 +426,7 @@ def best_order(feet: FeetInMotion) -> LegOrder | None:
 def _tried_orders(feet: FeetInMotion, some: IndexArray) -> Iterator[_Reading]:
     """Yield the readings by each order of joints and of flags, first that of the log."""
     as_given = tuple(range(len(feet.links)))
-    flag_orders = [*permutations(as_given)] if len(as_given) <= tol.MOST_LEGS else [as_given]
+    flag_orders = [*permutations(as_given)] if len(as_given) <= MOST_LEGS else [as_given]
     for joints in _orders(_legs(feet), feet.robot.n):
         velocities = feet.velocities_at(some, joints)
         for order in flag_orders:
@@ -404,7 +438,7 @@ def _orders(legs: Sequence[IndexArray], n: int) -> Iterator[list[int]]:
     """Yield orders of the joints (n,), first that of the log."""
     as_given = list(range(n))
     yield as_given
-    if not 2 <= len(legs) <= tol.MOST_LEGS:
+    if not 2 <= len(legs) <= MOST_LEGS:
         return
     joints = np.concatenate(legs)
     grouped = np.sort(joints).reshape(-1, len(legs)).T  # a row per leg, a column per kind of joint
@@ -436,7 +470,7 @@ def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
         return
     moved = {names[j]: names[source] for j, source in enumerate(order.joints) if j != source}
     if moved:
-        yield codes.SWAPPED_JOINTS.wrong(
+        yield SWAPPED_JOINTS.wrong(
             f"legs are exchanged: standing feet move with {order.speed_as_given:.2g} m/s (rms), "
             f"and with {order.speed:.2g} m/s if the channels of these joints are meant: "
             f"{listed(f'{joint} by those of {source}' for joint, source in moved.items())}",
@@ -446,7 +480,7 @@ def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())
         flags = {x: {"contact": as_toml(feet.source_of(y))} for x, y in order.contacts.items()}
-        yield codes.CONTACT_FLAGS.wrong(
+        yield CONTACT_FLAGS.wrong(
             f"the flags of contacts are exchanged: the feet stand as if that of {exchanged} were "
             "meant",
             next(iter(order.contacts)),
@@ -477,7 +511,7 @@ class LeggedFit:
 
     Attributes
     ----------
-    robot : Robot
+    robot : FloatingRobot
         With the bodies that count as known.
     motions, fit, model, springs
         The motions, the rows of the fit, their columns, and the springs of its drives.
@@ -492,7 +526,7 @@ class LeggedFit:
         Empty if feet have force sensors, or no flags.
     """
 
-    robot: Robot
+    robot: FloatingRobot
     motions: Sequence[Motion]
     fit: FittedRows
     model: LoadModel
@@ -535,7 +569,7 @@ class LeggedFit:
 def _beyond_chance(estimate: Estimate) -> float:
     """Return the standard errors of Student's t that are as rare as sure ones of a normal value."""
     freedom = estimate.degrees_of_freedom
-    return tol.SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(tol.SURE)))
+    return SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(SURE)))
 
 
 def _radius(fit: LeggedFit) -> Iterator[Finding]:
@@ -544,7 +578,6 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     A ball that would reach the joint above it is none: something else is in its moments.
     """
     base = fit.robot.floating_base
-    assert base is not None
     radii = {x.link: x.radius_m for x in base.contacts if not x.is_flat}
     above_m = [float(np.linalg.norm(base.frame(link)[2])) for link in radii]
     largest_m = min([length_m for length_m in above_m if length_m > 0], default=math.inf)
@@ -555,11 +588,11 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     def regress(motion: Motion) -> Regression:
         return radius_rows(fit.robot, motion, fit.model, fit.springs, fit.theta, fit.bodies)
 
-    for _, change_m, error_m in fit.sure_columns(regress, ("radius",), tol.LENGTH_M):
+    for _, change_m, error_m in fit.sure_columns(regress, ("radius",), LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if 0 < fitted_m < largest_m:
-            yield codes.GEOMETRY.finding(
+            yield GEOMETRY.finding(
                 f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
                 f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
                 "of the contact forces would go into the bodies",
@@ -576,20 +609,20 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
         return
     # The specific force of a base that comes to rest again is about g on average.
     gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in fit.bases])
-    least_N = tol.FEW * fit.mass_kg * float(gravity)
-    regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=tol.FOOT_TOUCHES_S)
+    least_N = FEW * fit.mass_kg * float(gravity)
+    regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=FOOT_TOUCHES_S)
     times = ("before a landing", "after it leaves")
     pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
         texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error in pushes]
-        yield codes.CONTACT_FLAGS.finding(
+        yield CONTACT_FLAGS.finding(
             f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
-            f"fading within {tol.FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
+            f"fading within {FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
             "total mass",
             evidence={f"{when} [N]": value for when, value, _ in pushes},
             remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
             "... in the description of the log), or make each flag longer by "
-            f"{tol.FOOT_TOUCHES_S:g} s at both ends",
+            f"{FOOT_TOUCHES_S:g} s at both ends",
         )
 
 
@@ -605,10 +638,10 @@ def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
     load_N = float(np.concatenate([forces for _, forces in parts]).mean())
     sinking_m = compliance * load_N
-    if compliance < _beyond_chance(estimate) * error or sinking_m < tol.LENGTH_M:
+    if compliance < _beyond_chance(estimate) * error or sinking_m < LENGTH_M:
         return
     evidence = {"compliance [m/N]": compliance, "standard error [m/N]": error}
-    yield codes.SOFT_FEET.finding(
+    yield SOFT_FEET.finding(
         f"the feet sink in by {1e3 * sinking_m:.2g} mm under their mean load of {load_N:.3g} N, by "
         f"{1e3 * compliance:.3g} +- {1e3 * error:.1g} mm/N: the contact forces act elsewhere than "
         "at rigid feet, which makes the mass some tenths of a per cent wrong, and no standard "
@@ -619,7 +652,7 @@ def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
     )
 
 
-def _heights(robot: Robot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
+def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
     """Return the heights of standing feet as rows of their load, and the loads (R,); None without.
 
     Both are about the mean of the feet, and less what their own heights and the slope of the ground
@@ -686,23 +719,19 @@ def mass_findings(
     `robot` has that of its file. The mass is NaN where it is not determined.
     """
     nominal_kg = float(np.sum((robot.parameters + robot.payload_parameters)[::10]))
-    sure_kg, ratio = tol.SURE * error_kg, mass_kg / nominal_kg if nominal_kg > 0 else 1.0
+    sure_kg, ratio = SURE * error_kg, mass_kg / nominal_kg if nominal_kg > 0 else 1.0
     evidence = {"mass [kg]": mass_kg, "standard error [kg]": error_kg}
     evidence["robot file [kg]"] = nominal_kg
     if mass_kg < -sure_kg:
-        yield codes.TOTAL_MASS.wrong(
+        yield TOTAL_MASS.wrong(
             f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
             evidence=evidence,
             remedy="force sensors have the force of the ground on the robot, and torques act on "
             f"the robot along its joint angles: turn their signs round{_turned_forces(motions)}",
             certainty="certain",
         )
-    elif (
-        mass_kg > 0
-        and not 1 / tol.TWICE < ratio < tol.TWICE
-        and abs(mass_kg - nominal_kg) > sure_kg
-    ):
-        yield codes.TOTAL_MASS.finding(
+    elif mass_kg > 0 and not 1 / TWICE < ratio < TWICE and abs(mass_kg - nominal_kg) > sure_kg:
+        yield TOTAL_MASS.finding(
             f"the mass of the whole robot is {mass_kg:.3g} kg, {ratio:.2g} of that "
             f"of the robot file, {nominal_kg:.3g} kg",
             evidence=evidence,
@@ -721,9 +750,9 @@ def _turned_forces(motions: Sequence[Motion]) -> str:
 
 
 FEET_CHECKS = (
-    Observation(codes.GEOMETRY, _radius),
-    Observation(codes.CONTACT_FLAGS, _pushing_feet),
-    Observation(codes.SOFT_FEET, _sinking_feet),
+    Observation(GEOMETRY, _radius),
+    Observation(CONTACT_FLAGS, _pushing_feet),
+    Observation(SOFT_FEET, _sinking_feet),
 )
 """What the rows of a fit contradict in the feet."""
 
@@ -735,8 +764,8 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
     """
     for link, foot in feet.items():
         error, scale = foot["relative_error"], foot["scale"]
-        if error is not None and error > tol.RARE:
-            yield codes.CONTACT_FORCES.finding(
+        if error is not None and error > RARE:
+            yield CONTACT_FORCES.finding(
                 f"the measured force at {link} is not that of torques and motion: they differ by "
                 f"{error:.0%}, and least with the measured one times {scale:.2g}",
                 link,
@@ -745,9 +774,9 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
                 "the link, in the frame of the link), and its zero in the air",
             )
         pulled = foot["pulled"]
-        if pulled is not None and pulled > tol.FEW:
+        if pulled is not None and pulled > FEW:
             least_N, error_N = foot["least_normal"], foot["standard_error"]
-            yield codes.CONTACT_FORCES.finding(
+            yield CONTACT_FORCES.finding(
                 f"{link} would have to pull at the ground: its predicted normal force is clearly "
                 f"below zero in {pulled:.0%} of its stance, and is {least_N:.3g} N at least, with "
                 f"a standard error of {error_N:.2g} N",

@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 
 import seaid
 from scripts.identify_biped import FEET, plant, simulate, standing_plan, write_biped
+from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog
-from seaid.regressor.floating import contact_map, floating_regressor
 
 
 def test_biped_is_two_legs_and_a_trunk(tmp_path: Path) -> None:

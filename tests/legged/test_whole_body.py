@@ -9,9 +9,9 @@ import pytest
 
 import seaid
 from seaid.errors import IdentificationError, LogError
-from seaid.identification import whole_body
-from tests.checks.test_legged import flags, walked
-from tests.identification.test_floating_base import STANDING, found_standing, go2
+from seaid.legged import whole_body
+from tests.legged.test_feet import flags, walked
+from tests.legged.test_floating_base import STANDING, found_standing, go2
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base

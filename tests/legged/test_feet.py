@@ -16,9 +16,11 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.checks.base import base_findings
-from seaid.checks.check import observed
-from seaid.checks.feet import (
+from seaid.checks import observed
+from seaid.errors import Finding, LogError, SeaidError
+from seaid.identification import extension_of
+from seaid.legged import with_leg_order
+from seaid.legged.feet import (
     FEET_CHECKS,
     MOTION_CHECKS,
     FeetInMotion,
@@ -26,12 +28,19 @@ from seaid.checks.feet import (
     foot_places,
     lifted,
 )
-from seaid.errors import Finding, LogError, SeaidError
-from seaid.identification import with_leg_order
+from seaid.legged.floating import contact_map
+from seaid.legged.load_side import radius_rows
 from seaid.log import BaseLog, Description, LogDescription, turned_to_world
 from seaid.log.description import Source, VectorSource
-from seaid.regressor import contact_map, load_model_of, load_regression, radius_rows
-from tests.identification.test_floating_base import go2
+from seaid.regressor import load_model_of, load_regression
+from tests.legged.test_floating_base import go2
+
+
+def log_findings(
+    robot: seaid.Robot, logs: list[seaid.Log], motions: list[list[seaid.Motion]]
+) -> list[Finding]:
+    """Return what contradicts itself in the base and the feet of logs."""
+    return [*extension_of(robot).log_findings(robot, logs, motions)]
 
 
 @cache
@@ -55,7 +64,7 @@ def found(**changed: Any) -> list[Finding]:
     assert base is not None
     log = replace(walked(), base=replace(base, **changed))
     motion = seaid.reconstruct_motion(go2(), log, cutoff_hz=10.0)
-    return base_findings(go2(), [log], [[motion]])
+    return log_findings(go2(), [log], [[motion]])
 
 
 def flags() -> dict[str, Array]:
@@ -188,7 +197,7 @@ def test_jumps_of_a_pose_are_taken_out() -> None:
     np.testing.assert_allclose(repaired.specific_force[kept], right.specific_force[kept], atol=0.2)
     finding = next(
         each
-        for each in base_findings(go2(), [changed], [])
+        for each in log_findings(go2(), [changed], [])
         if each.code == "base-jumps" and "position" in str(each)
     )
     assert finding.evidence["jumps"] == 2
@@ -229,7 +238,7 @@ def test_exchanged_legs_are_named_with_their_columns(
         base=replace(base, contacts=own),
     )
     motion = seaid.reconstruct_motion(robot, swapped, cutoff_hz=10.0)
-    legs_found, *flags_found = base_findings(robot, [swapped], [[motion]])
+    legs_found, *flags_found = log_findings(robot, [swapped], [[motion]])
     assert (legs_found.code, legs_found.severity) == ("swapped-joints", "wrong")
     moved = [leg for leg in legs if of[leg] != leg]
     for leg in moved:

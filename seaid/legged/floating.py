@@ -1,4 +1,6 @@
-"""The equations of a floating base: its regressor, and contact forces eliminated from its rows.
+"""The robot whose base moves: its type, and the equations of its base and joints.
+
+Importing the type registers what such a robot adds to packages that know nothing of it.
 
 The rows are those of the base (force and moment on it, in its frame) and of the joints:
 M v' + h = S^T tau + sum J_c^T f_c. Contact forces that were not measured are unknown at every
@@ -10,7 +12,7 @@ contact forces as further unknowns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
@@ -19,15 +21,93 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
-from seaid.robot import HANGING, floating_model, rows_at_drives
+from seaid.excitation import standing_robot
+from seaid.identification import extension_of
+from seaid.regressor import body_equations, load_side
+from seaid.robot import HANGING, Contact, FloatingBase, Robot, floating_model, rows_at_drives
 
 if TYPE_CHECKING:
-    from seaid.robot import Contact, Robot
+    from seaid.excitation import JointLimits, Limits, Stance, StandingRobot
+    from seaid.identification import Extension
+    from seaid.regressor import BodyEquations, LoadSide
 
 _G = 9.81
 
 BaseStates = tuple[Array, Array, Array]
 """Angular velocity [rad/s] and acceleration, specific force [m/s^2] of the base, each (T, 3)."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FloatingRobot(Robot):
+    """A robot whose base nothing holds, or a guide lets move in a plane.
+
+    Attributes
+    ----------
+    floating_base : FloatingBase
+        The base, whose body is the last of the robot's; `model` is that of the joints on a held
+        base.
+    """
+
+    floating_base: FloatingBase = field(kw_only=True)
+
+    def _in_short(self) -> str:
+        kind = "floating" if self.floating_base.normal is None else "planar"
+        return f"{super()._in_short()}, {kind} base"
+
+    @property
+    def base_is_held(self) -> bool:
+        """Whether something holds the base: never."""
+        return False
+
+    def joint_of(self, body: int) -> str:
+        """Return the joint that moves a body, the first one for the base, which none moves."""
+        return super().joint_of(0 if body == len(self.body_names) - 1 else body)
+
+
+def on_floating_base(robot: Robot, base: FloatingBase) -> FloatingRobot:
+    """Return an assembled robot, whose last body is that of the base, on this base."""
+    values = {x.name: getattr(robot, x.name) for x in fields(Robot)}
+    return FloatingRobot(**{**values, "floating_base": base})
+
+
+def floating(robot: Robot) -> FloatingRobot:
+    """Return a robot whose base is known to move, as one of its type."""
+    assert isinstance(robot, FloatingRobot)
+    return robot
+
+
+@extension_of.register(FloatingRobot)
+def _(robot: FloatingRobot) -> Extension:
+    from seaid.legged.extension import LeggedExtension
+
+    return LeggedExtension()
+
+
+@body_equations.register(FloatingRobot)
+def _(robot: FloatingRobot) -> BodyEquations:
+    from seaid.legged.load_side import FloatingBodies
+
+    return FloatingBodies(robot)
+
+
+@load_side.register(FloatingRobot)
+def _(robot: FloatingRobot) -> LoadSide:
+    from seaid.legged.load_side import FloatingLoadSide
+
+    return FloatingLoadSide(robot)
+
+
+@standing_robot.register(FloatingRobot)
+def _(
+    robot: FloatingRobot,
+    stance: Stance,
+    bounds: JointLimits,
+    limits: Limits | None,
+    torque_joints: str | Sequence[str] | None,
+) -> StandingRobot:
+    from seaid.legged.stance import stance_model
+
+    return stance_model(robot, stance, bounds, limits, torque_joints)
 
 
 def floating_regressor(

@@ -1,0 +1,160 @@
+"""What a floating base adds to `identify` and `validate`: checks, sensors, and contact forces."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.checks import is_wrong, observed, unseen_motion
+from seaid.errors import Finding
+from seaid.estimation import FittedRows
+from seaid.identification import (
+    Dataset,
+    Extension,
+    Fit,
+    Identification,
+    SensorErrors,
+    Traces,
+    Validation,
+    compared,
+    fit_of,
+)
+from seaid.legged.base import base_findings, missing_torques, sensor_bias, whole_body
+from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
+from seaid.legged.feet import FEET_CHECKS, feet_findings, force_findings, mass_findings
+from seaid.legged.floating import floating, row_scale
+from seaid.log import Log, Motion, smoothed_where
+from seaid.regressor import LoadModel
+from seaid.robot import BASE_ROWS, Robot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LeggedValidation(Validation):
+    """Predicted torques of a log of a robot with a floating base, and the forces of the ground.
+
+    Attributes
+    ----------
+    contacts : ContactForces or None
+        The forces on each contact, predicted by `validate`; None without contacts in the log.
+    base : Fit or None
+        Force [N] and moment [N m] of the ground on the base, in its frame, as `BASE_ROWS`: by the
+        measured wrenches, zero in flight, and by the model. NaN while a contact has an unknown
+        force; None without an instant at which all are known.
+    """
+
+    contacts: ContactForces | None = None
+    base: Fit | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers for `parameters.json`, null for a joint without such an equation."""
+        numbers: dict[str, Any] = super().to_dict()
+        if self.base is not None:
+            numbers["base"] = self.base.to_dict(BASE_ROWS)
+        return numbers if self.contacts is None else numbers | {"contacts": self.contacts.to_dict()}
+
+
+class LeggedExtension(Extension):
+    """The additions of robots with a floating base."""
+
+    def log_findings(
+        self, robot: Robot, logs: Sequence[Log], motions: Sequence[Sequence[Motion]]
+    ) -> list[Finding]:
+        """Return what contradicts itself in bases and contacts of logs, and their motions."""
+        findings = base_findings(floating(robot), logs)
+        if is_wrong(findings):
+            return findings
+        return findings + feet_findings(floating(robot), logs, list(chain(*motions)))
+
+    def torque_findings(
+        self, robot: Robot, asked: Sequence[str], used: Collection[str]
+    ) -> Iterator[Finding]:
+        """Return the note on joints without torque, of which only the equations are missing."""
+        return missing_torques(asked, used)
+
+    def sensor_errors(
+        self, robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
+    ) -> SensorErrors | None:
+        """Return the errors of accelerometer and force sensors."""
+        return sensor_bias(robot, datasets, model, fit)
+
+    def fit_findings(
+        self,
+        result: Identification,
+        datasets: Sequence[Dataset],
+        fit: FittedRows,
+        errors: SensorErrors | None,
+    ) -> list[Finding]:
+        """Return what the rows of a fit contradict in the feet."""
+        legged = legged_fit(result, datasets, fit, errors)
+        return [] if legged is None else observed(FEET_CHECKS, legged)
+
+    def value_findings(self, declared: Robot, result: Identification) -> Iterator[Finding]:
+        """Return what contradicts the total mass."""
+        mass = whole_body(result)[0]
+        return mass_findings(declared, result.motions, mass.value, mass.standard_error)
+
+    def compared(self, comparison: Validation, rows: Sequence[Array]) -> LeggedValidation:
+        """Return the comparison with the rows of the base, which are the first six."""
+        values = {x.name: getattr(comparison, x.name) for x in fields(Validation)}
+        base = _base_fit(comparison.motions, [row[:, :6] for row in rows])
+        return LeggedValidation(**values, base=base)
+
+    def validated(self, identification: Identification, comparison: Validation) -> Validation:
+        """Return the comparison of an unseen log with the contact forces in it."""
+        assert isinstance(comparison, LeggedValidation)
+        contacts = contact_forces(identification, *comparison.motions)
+        findings = [*comparison.warnings, *_contradictions(identification, comparison)]
+        findings += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
+        return replace(comparison, warnings=tuple(findings), contacts=contacts)
+
+
+def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:
+    """Return the fit of the rows (T, 6, 2) of the base at instants without unknown forces."""
+    parts = []
+    for motion, forces in zip(motions, rows, strict=True):
+        base = motion.base
+        if base is None:
+            return None
+        # A contact with a flag has no measured wrench: its force is unknown while it touches.
+        known = base.used & ~np.any([*base.contacts.values(), ~base.used], axis=0)
+        still = np.zeros((len(known), 6), dtype=bool)
+        raw = np.where(known[:, None, None], forces, np.nan)
+        smooth = smoothed_where(motion, forces.swapaxes(1, 2), np.column_stack([known] * 2))
+        # `smoothed_where` has NaN in transients, and where few samples under the filter count.
+        inside = np.isfinite(smooth[:, 0, 0])
+        parts.append(Traces(raw[:, :, 0], raw[:, :, 1], smooth[:, 0], smooth[:, 1], still, inside))
+    return fit_of(parts) if any(np.any(part.inside) for part in parts) else None
+
+
+_LEAST_OF_WEIGHT = 0.05
+"""Part of the weight, or of its moment at the lever of the contacts, that counts as the force on
+the base where the ground acts less: in flight it does not act at all."""
+
+
+def _contradictions(identification: Identification, result: LeggedValidation) -> Iterator[Finding]:
+    """Yield that the force or moment on a floating base is not predicted, worse than in own logs.
+
+    The error is that of the vector of the three forces, or moments, over its deviation from the
+    mean.
+    """
+    if result.base is None:
+        return
+    robot = identification.robot
+    weight = float(np.linalg.norm(robot.model.gravity.linear) * robot.parameters[::10].sum())
+    lever = float(row_scale(robot, 6)[0, 0])
+    own = (compared(identification, motion) for motion in identification.motions)
+    fits = [comparison.base for comparison in own if isinstance(comparison, LeggedValidation)]
+    for kind, rows, least in (("force", slice(3), weight), ("moment", slice(3, 6), weight * lever)):
+        measured = result.base.measured[:, rows]
+        # Without the mean, which is the weight: it would hide any error.
+        size = float(np.linalg.norm(np.nanstd(measured, axis=0)))
+        rms = float(np.linalg.norm(result.base.rms_error[rows]))
+        error = rms / max(size, _LEAST_OF_WEIGHT * least)
+        known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
+        ratio = rms / max(known) if known else np.inf
+        yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
