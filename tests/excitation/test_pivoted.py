@@ -34,9 +34,9 @@ def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.Mon
     robot, rows = robots()[name], criteria._random_rows
 
     def rounded_otherwise(
-        robot: Robot, known: list[int], seed: int, stance: Sequence[str] | None
+        robot: Robot, known: list[int], seed: int, stances: Sequence[Sequence[str]]
     ) -> Array:
-        H, rng = rows(robot, known, seed, stance), np.random.default_rng(seed)
+        H, rng = rows(robot, known, seed, stances), np.random.default_rng(seed)
         return H * (1.0 + 1e-14 * rng.uniform(-1.0, 1.0, H.shape))
 
     expected = pivoted_base(robot).columns

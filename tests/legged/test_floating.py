@@ -17,6 +17,7 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.legged.floating import (
     BaseStates,
+    FloatingRobot,
     contact_equations,
     contact_map,
     floating_regressor,
@@ -407,6 +408,7 @@ def test_stances_of_a_log_have_the_flat_feet_whose_wrench_is_measured() -> None:
             wrenches=held,
         )
         log = seaid.Log(time, robot.joint_names, q, q, q, base=base)
+        assert isinstance(robot, FloatingRobot)
         return stances_of(robot, [seaid.reconstruct_motion(robot, log, cutoff_hz=3.0)])
 
     assert stances(left=stand, right=stand) == ((soles,), soles)

@@ -19,9 +19,9 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, LogError, SeaidError
-from seaid.legged import whole_body
+from seaid.legged import FloatingRobot, LeggedValidation, whole_body
 from seaid.legged.base import _Axes, _limits, _significant
-from seaid.legged.floating import contact_map, floating_regressor
+from seaid.legged.floating import contact_map, floating, floating_regressor
 from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import load_columns, load_regression, load_torques, rigid_body_regressor
 from seaid.robot import BASE_ROWS, Robot
@@ -29,8 +29,16 @@ from tests.representatives import quick_first
 
 
 @cache
-def go2() -> Robot:
-    return seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.contacts)
+def go2() -> FloatingRobot:
+    file = example_urdf("go2.urdf")
+    return floating(seaid.load_robot(file, base="floating", contacts=GO2.contacts))
+
+
+def validated(identification: seaid.Identification, log: seaid.Log) -> LeggedValidation:
+    """Return the validation with its contact forces."""
+    result = seaid.validate(identification, log)
+    assert isinstance(result, LeggedValidation)
+    return result
 
 
 @cache
@@ -359,7 +367,7 @@ def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
     # the identified parameters lack the mass at a foot that always stands
     for robot, basis in ((STANDING, "robot file"), (STANDING.without_nominal(), "none")):
         found = seaid.identify(robot, log, cutoff_hz=4.0)
-        contacts = seaid.validate(found, measured).contacts
+        contacts = validated(found, measured).contacts
         assert contacts is not None
         assert contacts.basis == (basis,) * 4
         assert (basis == "none") == bool(np.all(np.isnan(contacts.predicted)))
@@ -367,7 +375,7 @@ def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
             assert np.max(contacts.relative_error) < 2e-3
             np.testing.assert_allclose(contacts.scale, 1.0, atol=2e-3)
     found = seaid.identify(STANDING.without_nominal(), measured, cutoff_hz=4.0)
-    validation = seaid.validate(found, measured)
+    validation = validated(found, measured)
     assert validation.contacts is not None
     assert validation.contacts.basis == ("identified",) * 4
     assert np.max(validation.contacts.relative_error) < 2e-3
@@ -499,7 +507,7 @@ def test_a_force_sensor_that_is_always_loaded_stands_next_to_others() -> None:
 def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     found = seaid.identify(go2().without_nominal(), noisy(walked(), 1))
     forces = simulate(go2(), plant(go2()), 12.0, 5, has_forces=True)
-    validation = seaid.validate(found, noisy(forces, 2))
+    validation = validated(found, noisy(forces, 2))
     contacts = validation.contacts
     assert contacts is not None
     assert contacts.basis == ("identified",) * 4
@@ -510,9 +518,10 @@ def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     seaid.write_report(found, tmp_path / "go2.html", validation)
     assert "Contact forces [N] of the validation" in (tmp_path / "go2.html").read_text()
     seaid.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
-    again = seaid.load_run(tmp_path / "go2.npz").validations["other"].contacts
-    assert again is not None
-    np.testing.assert_array_equal(again.relative_error, contacts.relative_error)
+    again = seaid.load_run(tmp_path / "go2.npz").validations["other"]
+    assert isinstance(again, LeggedValidation)
+    assert again.contacts is not None
+    np.testing.assert_array_equal(again.contacts.relative_error, contacts.relative_error)
 
 
 @pytest.mark.slow  # 8 s of MuJoCo with contacts, and 90 parameters of 18 equations
@@ -565,7 +574,7 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
         for seconds, seed in ((12.0, 1), (6.0, 2))
     )
     found = seaid.identify(robot.without_nominal(), own)
-    result = seaid.validate(found, other)
+    result = validated(found, other)
     assert result.base is not None
     assert result.base.relative_error[:3].max() < 0.02
     assert result.warnings == ()
@@ -583,7 +592,7 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
     for kind in ("force", "moment"):
         assert any(f"does not predict the {kind} on the base" in text for text in texts)
     flagged = noisy(simulate(robot, model, 4.0, seed=3), 3)
-    assert seaid.validate(found, flagged).base is None
+    assert validated(found, flagged).base is None
 
 
 @cache

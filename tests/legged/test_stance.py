@@ -18,6 +18,7 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.limits import joint_limits
+from seaid.legged.floating import floating
 from seaid.legged.stance import (
     StanceModel,
     inverse_dynamics,
@@ -48,7 +49,9 @@ def standing(balls: bool = False) -> StanceModel:
     stance = seaid.Stance(GO2.feet, posture=CROUCH.tolist())
     robot = go2(balls)
     columns = seaid.base_parameters(robot, stances=[GO2.feet]).columns
-    return replace(stance_model(robot, stance, joint_limits(robot), None, None), columns=columns)
+    return replace(
+        stance_model(floating(robot), stance, joint_limits(robot), None, None), columns=columns
+    )
 
 
 def moved(model: StanceModel, seed: int = 0) -> tuple[Any, Array, Array]:

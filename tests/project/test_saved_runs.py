@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import seaid
 from seaid.errors import SeaidError
 from seaid.identification import compared, identify, validate
 from seaid.identification.result import Identification
+from seaid.legged import LeggedValidation
 from seaid.project.saved import FILE, _checksum, _thinned_validation, load_run, save_run
 from seaid.robot import load_robot
 from tests import experiments
@@ -97,7 +98,9 @@ def test_motions_are_thinned_without_a_change_of_the_fit(tmp_path: Path) -> None
 def test_the_torques_of_a_base_are_thinned_as_those_of_joints() -> None:
     found, _ = leg()
     whole = compared(found, *found.motions)
-    thinned = _thinned_validation(replace(whole, base=whole.load))
+    values = {x.name: getattr(whole, x.name) for x in fields(whole)}
+    thinned = _thinned_validation(LeggedValidation(**values, base=whole.load))
+    assert isinstance(thinned, LeggedValidation)
     assert thinned.base is not None
     assert len(thinned.base.measured) == len(thinned.time) < len(whole.time)
     assert np.array_equal(thinned.base.measured, thinned.load.measured, equal_nan=True)
