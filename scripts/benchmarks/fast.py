@@ -60,7 +60,7 @@ class Row:
 def regressor() -> tuple[Work, Work]:
     """Return the stacked regressor of an arm, and the calls of Pinocchio alone."""
     import pinocchio as pin
-    from seaid.regressor.rigid_body import rigid_body_regressor
+    from seaid.regressor import rigid_body_regressor
 
     import seaid
     from scripts.example_robots import example_urdf

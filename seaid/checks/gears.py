@@ -139,22 +139,19 @@ def encoder_slope(experiment: Experiment, j: int) -> float:
     return float(scaled_svd(H).solve(experiment.motor[0][:, j])[1] / experiment.lever[j])
 
 
-_OFF_CENTRE = {False: 0.01, True: 1e-4}
-"""{whether a joint slides: error [rad or m] between two encoders that is none of the ratio}. A code
-disc with a radius of 10 mm has the former if it is mounted 0.1 mm off its centre."""
-
-
 def other_slope(experiment: Experiment, j: int) -> float | None:
     """Return the slope between two encoders over the gear ratio, None if it is that of the gear.
 
-    Springs and errors of encoders explain a slight difference, noise one of a hundredth.
+    Springs and errors of gears explain a slight difference that is not many of its errors.
     """
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    error = abs(slope - 1) * float(np.ptp(experiment.joint[0][:, j]))
-    is_slight = (
-        abs(slope - 1) < tol.SLIGHT and error < _OFF_CENTRE[experiment.robot.is_prismatic[j]]
-    )
-    return None if is_slight or abs(slope - 1) < tol.FEW or not 1e-6 < slope < 1e6 else slope
+    if abs(slope - 1) >= tol.SLIGHT:
+        return slope if 1e-6 < slope < 1e6 else None
+    if abs(slope - 1) < tol.FEW or j not in experiment.encoder_ratios:
+        return None
+    ratio, error = experiment.encoder_ratios[j]
+    is_sure = abs(ratio - experiment.ratio[j]) > tol.SIGNIFICANT * error
+    return ratio / float(experiment.ratio[j]) if is_sure else None
 
 
 _LARGEST_RATIO = {False: 1e3, True: 1e5}

@@ -189,7 +189,8 @@ def test_a_spring_whose_encoder_is_too_coarse_has_no_backlash(tmp_path: Path) ->
 
 @pytest.mark.slow  # several identifications of a joint with other terms
 def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_did() -> None:
-    sensed = with_torque("hip_roll", np.full(len(leg_log(3).time), 0.03))
+    off_Nm = 0.05  # eight of its standard errors; half of that is no more than a drift may be
+    sensed = with_torque("hip_roll", np.full(len(leg_log(3).time), off_Nm))
     (finding,) = findings(identify(named(), sensed))
     assert finding.code == "missing-term"
     assert "friction_offset" not in identify(named(), sensed).drives["hip_roll"].names
@@ -198,8 +199,8 @@ def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_di
     assert note.severity == "note"
     assert "'offset' is included and explains" in str(note)
     estimate = found.drives["hip_roll"]
-    error = estimate.value("friction_offset") - 0.03
-    assert abs(error) < 3.3 * estimate.standard_error("friction_offset") < 0.03
+    error = estimate.value("friction_offset") - off_Nm
+    assert abs(error) < 3.3 * estimate.standard_error("friction_offset") < off_Nm
     assert found.known.drives["hip_roll"].friction == (*NAMED, "offset")
     assert found.known.drives["hip_yaw"].friction == NAMED
 
