@@ -60,10 +60,10 @@ class Row:
 def regressor() -> tuple[Work, Work]:
     """Return the stacked regressor of an arm, and the calls of Pinocchio alone."""
     import pinocchio as pin
-    from seaid.regressor import rigid_body_regressor
 
     import seaid
     from scripts.example_robots import example_urdf
+    from seaid.regressor import rigid_body_regressor
 
     robot = seaid.load_robot(example_urdf("xarm7.urdf"))
     data = robot.model.createData()
