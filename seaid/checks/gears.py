@@ -150,8 +150,8 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     if abs(slope - 1) < tol.FEW or j not in experiment.encoder_ratios:
         return None
     ratio, error = experiment.encoder_ratios[j]
-    is_sure = abs(ratio - experiment.ratio[j]) > tol.SIGNIFICANT * error
-    return ratio / float(experiment.ratio[j]) if is_sure else None
+    size, given = abs(ratio), float(experiment.ratio[j])  # an encoder may have the opposite sign
+    return size / given if abs(size - given) > tol.SIGNIFICANT * error else None
 
 
 _LARGEST_RATIO = {False: 1e3, True: 1e5}
