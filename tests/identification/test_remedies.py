@@ -203,6 +203,7 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "joint encoders times the gear": ("unit", of("", ("joint_position",), RATIO)),
     "tendon": ("coupled-joints", columns_of(coupled)),
     "ratio off by 2 %": ("gear-ratio", drives(gear_ratio=1.02 * RATIO)),
+    "motor encoder with another sign": ("sign", of("elbow", ("motor_position",), -1.0)),
     "motor encoder in counts": ("unit", of("elbow", ("motor_position",), 4096 / (2 * np.pi))),
     "joint encoders in counts": ("unit", of("", ("joint_position",), 2**14 / (2 * np.pi))),
 }
