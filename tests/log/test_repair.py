@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import theilslopes
 
 from seaid._arrays import Array
 from seaid.errors import LogError
@@ -17,7 +16,6 @@ from seaid.log.long_log import _overlapping
 from seaid.log.reading import repaired as repaired_channels
 from seaid.log.repair import Channel, Repair, Repairs
 from seaid.log.repair.channels import interpolated, on_time
-from seaid.log.repair.clocks import _median_slope
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14
@@ -140,18 +138,6 @@ def test_one_clock_a_joint(offset: float, drift: float, seed: int) -> None:
     if abs(drift) * 8.0 > 2 / RATE:
         assert "clock drift" in kinds(found)
         assert np.std(error) < speed * 3e-4  # the jitter of the stamps is 2e-4 s
-
-
-@given(
-    st.lists(st.tuples(st.integers(0, 20), st.integers(-5, 5)), min_size=2, max_size=30).filter(
-        lambda pairs: len({x for x, _ in pairs}) > 1
-    )
-)
-def test_the_slope_of_a_clock_is_that_of_theil_and_sen(pairs: list[tuple[int, int]]) -> None:
-    x, y = np.array(pairs, dtype=float).T
-    expected = theilslopes(y, x)
-    half = 0.5 * (expected.high_slope - expected.low_slope)
-    assert _median_slope(x, y) == pytest.approx((expected.slope, half), rel=1e-12)
 
 
 def test_clocks_that_cannot_belong_together_are_refused() -> None:

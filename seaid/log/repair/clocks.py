@@ -5,10 +5,8 @@ Stamps of a log may repeat, come late or be set back, and every joint may have i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
 
@@ -226,6 +224,8 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     The line has the median slope through the medians of blocks (Theil 1950, Sen 1968), so late and
     repeated stamps do not affect it.
     """
+    from scipy.stats import theilslopes
+
     known = np.isfinite(clock) & np.isfinite(reference)
     clock, reference = clock[known], reference[known]
     if len(clock) < 2:
@@ -234,27 +234,13 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at = np.array([np.median(reference[block]) for block in blocks])
     apart = np.array([np.median(difference[block]) for block in blocks])
-    slope, error = _median_slope(at, apart)
+    slope, _, low, high = theilslopes(apart, at)
     middle = float(np.median(reference))
     detrended = difference - slope * (reference - middle)
     # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
     offset = float(np.median(detrended))
     jitter = float(np.median(np.abs(detrended - offset)))
-    return ClockLine(offset, slope, error, middle, jitter)
-
-
-def _median_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Return the median slope of pairs of points, and half of its 95 % interval (Sen 1968)."""
-    later = x[:, None] > x
-    slopes = np.sort((y[:, None] - y)[later] / (x[:, None] - x)[later])
-    # The number of rising less that of falling pairs has the variance k (k - 1) (2 k + 5) / 18 of
-    # all points, less the same of each group of equal values.
-    groups = np.concatenate([np.unique(values, return_counts=True)[1] for values in (x, y)])
-    total, *equal = (k * (k - 1) * (2 * k + 5) / 18 for k in (len(x), *groups))
-    half = NormalDist().inv_cdf(0.975) * math.sqrt(total - sum(equal))
-    ranks = [round((len(slopes) - half) / 2) - 1, round((len(slopes) + half) / 2)]
-    low, high = slopes[np.clip(ranks, 0, len(slopes) - 1)]
-    return float(np.median(slopes)), float(high - low) / 2
+    return ClockLine(offset, float(slope), float(high - low) / 2, middle, jitter)
 
 
 def is_paired(line: ClockLine, step: float) -> bool:
