@@ -54,7 +54,6 @@ from seaid.regressor import (
     actuator_regression,
     actuator_rows,
     input_signals,
-    known_friction,
     load_model_of,
     motor_regressor,
     signals,
@@ -282,7 +281,8 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
     """Return the search on the actuator side of an elastic joint, with all of its columns."""
     pairs = [actuator_equation(robot, motion, joint) for motion in motions]
     regressor = pairs[0][0]
-    samples = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
+    rows = [actuator_rows(robot, motion, joint, regressor) for motion in motions]
+    samples, known, _ = map(list, zip(*rows, strict=True))
     count = sum(map(len, samples))
     return _Search(
         regressor=regressor,
@@ -295,7 +295,7 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
         zeta=[np.zeros(len(motion.time)) for motion in motions],
         y=np.zeros(count),
         others=np.empty((count, 0)),
-        known=[known_friction(robot, motion, joint, regressor) for motion in motions],
+        known=known,
     )
 
 

@@ -276,8 +276,7 @@ def _drive_rows(
     """Return the rows of a drive's equation at the given signals."""
     index = robot.index(joint)
     y, H = regressor.evaluate(by_name)
-    known = known_friction(robot, motion, joint, regressor)
-    kept, excluded = actuator_rows(robot, motion, joint, regressor)
+    kept, known, excluded = actuator_rows(robot, motion, joint, regressor)
     return Regression(
         names=regressor.names,
         units=regressor.units,
@@ -334,18 +333,20 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
 
 def actuator_rows(
     robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
-) -> tuple[IndexArray, int]:
+) -> tuple[IndexArray, Array, int]:
     """Return the samples that become rows of an actuator side, and the number of excluded ones.
+
+    Between them stands where friction is known, of all samples (T,), see `known_friction`.
 
     The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
     """
     if not _has_motor(regressor):
         # Without derivatives there are no filter transients of speed and acceleration at the ends.
-        return row_samples(replace(motion, transient_s=0.0)), 0
+        return row_samples(replace(motion, transient_s=0.0)), np.ones(len(motion.time)), 0
     rows = row_samples(motion)
     known = known_friction(robot, motion, joint, regressor)
     kept = rows[in_band_at(motion, known, rows) >= LEAST_KNOWN]
-    return kept, len(rows) - len(kept)
+    return kept, known, len(rows) - len(kept)
 
 
 LEAST_KNOWN = 0.2
