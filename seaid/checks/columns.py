@@ -305,8 +305,6 @@ def _missing_terms(
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]
-    if not is_dry(drive) and _is_of_samples(side, joint, trials):
-        terms = ["coulomb"]
     names = " and ".join(f"'{term}'" for term in terms)
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
@@ -346,8 +344,11 @@ def _lines_of_terms(
 def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:
     """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
     drive = side.robot.drives[joint]
-    # What a drive with dry friction lacks is an effect of the sampling then, and no term.
-    is_sampled = is_dry(drive) and _is_of_samples(side, joint, trials)
+    # Next to dry friction a width of up to twice that which the logs resolve is that of an encoder
+    # step or of a sample.
+    width = trials[0].alternative.values.get("coulomb_width", np.inf)
+    is_resolved = width > TWICE * side.widths.get(joint, 0.0)
+    is_sampled = is_dry(drive) and len(trials) == 1 and not is_resolved
     # the width of a term that was added by itself is one of a coarse grid
     is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
     if is_sampled or is_coarse or share <= MATTERS:
@@ -361,15 +362,6 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     after = before * float(np.sqrt(max(1 - share, 0.0)))
     is_exact = 1 - share < POOR and not side.robot.known_bodies
     return (is_exact or before > MOST) and after < MOST
-
-
-def _is_of_samples(side: Side, joint: str, trials: Sequence[Trial]) -> bool:
-    """Whether the width of Coulomb friction is that of an encoder step or of a sample.
-
-    That is up to twice the width that the logs resolve.
-    """
-    width = trials[0].alternative.values.get("coulomb_width", np.inf)
-    return len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
 
 
 _FOLLOWS = {

@@ -154,12 +154,6 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     return size / given if abs(size - given) > tol.SIGNIFICANT * error else None
 
 
-_LARGEST_RATIO = {False: 1e3, True: 1e5}
-"""{whether a joint slides: ratio [rad/rad or rad/m] above which a slope between two encoders is a
-unit, such as counts}. Strain wave gears have up to 320, planetary gears in series some hundred, and
-a screw of 1 mm behind a gear of ten 6e4 rad/m."""
-
-
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
     for j in experiment.used:
@@ -173,7 +167,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             by, factors = " by its two encoders,", near(slope)
             evidence = {"slope between the encoders over the gear ratio": slope}
         for factor in factors:
-            if ratio * factor > _LARGEST_RATIO[experiment.robot.is_prismatic[j]]:
+            if ratio * factor > tol.LARGEST_RATIO[experiment.robot.is_prismatic[j]]:
                 continue
             factor_of = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
             # the side without an encoder was computed from the motor's

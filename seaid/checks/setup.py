@@ -321,12 +321,8 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
-_FEWEST_COUNTS = 256
-"""Counts per turn of the coarsest encoder: a degree is further from a power of two."""
-
-
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2}
-"""The same of the positions of sliding joints."""
+"""{unit of the position of a sliding joint: the factor that repairs it}."""
 
 
 def _units_by(slope: float, is_length: bool) -> Mapping[str, float]:
@@ -334,7 +330,7 @@ def _units_by(slope: float, is_length: bool) -> Mapping[str, float]:
     if is_length or not slope:
         return _LENGTHS if is_length else _ANGLES
     counts = 2 ** round(math.log2(2 * math.pi * max(slope, 1 / slope)))
-    is_count = counts >= _FEWEST_COUNTS
+    is_count = counts >= tol.FEWEST_COUNTS
     return _ANGLES | ({f"counts, {counts} per turn": 2 * math.pi / counts} if is_count else {})
 
 
@@ -360,7 +356,7 @@ def _in_units(
         yield multiplied(codes.UNIT, experiment, factors, channels, message, evidence=evidence)
 
 
-def _angles(experiment: Experiment) -> Iterator[Transform]:
+def _positions(experiment: Experiment) -> Iterator[Transform]:
     """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
     for j in experiment.used:
         joint, slope = experiment.robot.joint_names[j], gears.other_slope(experiment, j)
@@ -661,7 +657,7 @@ MISTAKES = {
         *(bodies.zeros, bodies.payloads),
     ),
     _is_severe: (bodies.quarter_turns, _all_channels, _times, gears.geared_encoders),
-    _is_severe_by_joint: (_signs, _angles, _exchanges),
+    _is_severe_by_joint: (_signs, _positions, _exchanges),
     _has_other_ratios: (gears.gear_ratios,),
     _has_encoders_apart: (gears.coupled_motors, gears.linkages),
 }

@@ -174,3 +174,12 @@ at most. Bodies that leave more explain nothing."""
 LEAST_GAIN, TIE = 2.0, 1.0
 """Gains of a log likelihood: two standard errors, below which two poses explain the same, and what
 makes no difference between two poses."""
+
+LARGEST_RATIO = {False: 1e3, True: 1e5}
+"""{whether a joint slides: ratio [rad/rad or rad/m] above which a slope between two encoders is a
+unit, such as counts}. Strain wave gears have up to 320, planetary gears in series some hundred, and
+a screw of 1 mm behind a gear of ten 6e4 rad/m."""
+
+FEWEST_COUNTS = 256
+"""Counts per turn of the coarsest encoder. A slope by degrees, 360 per turn, is a third from the
+nearest power of two, and is no count."""

@@ -1251,10 +1251,8 @@ def _without_noise_of_rotors(layout: Layout, point: LogPoint, logs: Sequence[Log
     much noise of the encoders once more changes the estimate by as much again (Cook and Stefanski
     1994).
     """
-    rng, places = (
-        np.random.default_rng(0),
-        list(map(layout.identification.known.index, layout.unseen)),
-    )
+    rng = np.random.default_rng(0)
+    places = [layout.identification.known.index(joint) for joint in layout.unseen]
     bias = -point.step.change
     for _ in range(_STATE_DRAWS):
         noisy = [_with_motor_noise(log, places, rng) for log in logs]
