@@ -350,7 +350,7 @@ class Constant:
     """A constant with a relative standard deviation, and a robot in which it is larger by `STEP`.
 
     `joint` is "" if it is common to all joints, or that of a body. `inputs` are the joints whose
-    logged inputs are larger instead.
+    inputs are larger: logged ones, and the gains of controllers in the robot.
     """
 
     name: str
@@ -360,7 +360,7 @@ class Constant:
     inputs: tuple[str, ...] = ()
 
     def scaled(self, data: Recorded) -> Recorded:
-        """Return a log or motion with the larger inputs, itself for a constant of the robot."""
+        """Return a log or motion with the larger logged inputs, itself without any."""
         if not self.inputs:
             return data
         factor = 1 + STEP * np.isin(data.joint_names, self.inputs)
@@ -410,7 +410,8 @@ def _has_unknown_scale(drive: Drive) -> bool:
 def constants_of(robot: Robot, known_std: Mapping[str, float]) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
     if known_std.get("torque"):
-        yield Constant("torque", "", known_std["torque"], robot, robot.joint_names)
+        larger = _with_larger_gains(robot, robot.joint_names)
+        yield Constant("torque", "", known_std["torque"], larger, robot.joint_names)
     if known_std.get("payload"):
         heavier = replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier)
@@ -433,7 +434,7 @@ def _constants_of_drive(
         if not std or (is_delay and "command_delay" not in drive.known):
             continue  # the latter is the range of an unknown delay
         if name == STD_OF_TORQUE:
-            yield Constant(name, joint, std, robot, (joint,))
+            yield Constant(name, joint, std, _with_larger_gains(robot, [joint]), (joint,))
         elif is_delay:
             later = _with_constant(robot, joint, name, value + STEP * std)  # value may be zero
             yield Constant(name, joint, 1.0, later)
@@ -441,6 +442,18 @@ def _constants_of_drive(
             relative = std / abs(value) if name in drive.std else std
             larger = _with_constant(robot, joint, name, (1 + STEP) * value)
             yield Constant(name, joint, relative, larger)
+
+
+def _with_larger_gains(robot: Robot, joints: Sequence[str]) -> Robot:
+    """Return the robot whose controllers at some joints give a torque larger by `STEP`."""
+    commanded = {x: y for x in joints if (y := robot.drives[x].controller) is not None}
+    larger = {
+        joint: replace(controller.times(1 + STEP), is_up_to_scale=controller.is_up_to_scale)
+        for joint, controller in commanded.items()
+    }
+    return robot.with_drives(
+        {joint: replace(robot.drives[joint], controller=larger[joint]) for joint in larger}
+    )
 
 
 def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:

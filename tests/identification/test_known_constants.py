@@ -127,7 +127,8 @@ def test_a_drive_has_its_own_standard_deviations_in_its_table() -> None:
     ("std", "message"),
     [
         ({"motor_inertia_kg_m2": 0.1}, "no constant is named 'motor_inertia_kg_m2'"),
-        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be zero or more"),
+        ({"gear_ratio": 0.0}, "standard deviation of 'gear_ratio' must be more than zero"),
+        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be more than zero"),
     ],
 )
 def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], message: str) -> None:
