@@ -57,8 +57,8 @@ from seaid.simulation import (
 )
 
 if TYPE_CHECKING:
-    from seaid.identification.sensitivity import Constant
     from seaid.identification.result import Identification
+    from seaid.identification.sensitivity import Constant
 
 
 _START_BAND = 0.5
