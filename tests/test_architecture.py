@@ -134,7 +134,7 @@ ONE_IMPORTER = {
         *("identification.instrumental", "identification.simultaneous"),
         *("identification.consistency", "frequency.linear_joints"),
         "excitation.multisine",
-        *("regressor.exact.lagrangian", "regressor.exact.newton_euler"),
+        "regressor.exact.lagrangian",
         *("regressor.exact.recursion", "regressor.motor_only"),
         "symbolic.independence",
     ),

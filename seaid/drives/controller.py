@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +13,6 @@ from seaid.errors import RobotError, shown, unknown_name
 
 if TYPE_CHECKING:
     from seaid._arrays import Array, BoolArray
-    from seaid.drives.drives import Drive
-
-NORMAL_95 = 1.96
-
-
-STATED_DELAY_S = 12.5e-3
-"""An unknown delay [s] of commands is within this of its nominal value, with 95 %, if the drive
-states no standard deviation: two or three samples of a bus at 200 Hz."""
 
 DELAY_PARAMETER = "command_delay"
 """The parameter of the delay of commands."""
@@ -158,53 +150,6 @@ def _is_within(value: Any, low: float, high: float) -> bool:
     """Whether a value is a number within limits."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and low <= value <= high
-
-
-def stated_delay_s(drive: Drive) -> float:
-    """Return within what a delay is of its nominal value [s], with 95 %; 0 if exactly known."""
-    known = drive.controller is None or "command_delay" in drive.known
-    std = drive.std.get("command_delay_s")
-    return (0.0 if known else STATED_DELAY_S) if std is None else NORMAL_95 * std
-
-
-def delay_std_s(drive: Drive) -> float:
-    """Return the standard deviation [s] of a delay before an identification."""
-    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
-
-
-def is_stated(std_s: float, stated_s: float) -> bool:
-    """Return whether a delay with a standard error is as stated, and not estimated."""
-    return bool(np.isclose(std_s, stated_s, rtol=1e-6))
-
-
-def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
-    """Return what logs with the gain sets of some drives of a joint determine of its delay T.
-
-    To first order T adds (K_d + F_v) T to the armature and K_p T to the viscous friction.
-    """
-    within = max(map(stated_delay_s, drives))
-    if not within:
-        return ""
-    pairs = []
-    for drive in drives:
-        laws = drive.law
-        assert laws is not None
-        # F_v of the motor is F_v N^2 at the joint.
-        friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
-        pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
-        pairs += [pair] * (pair not in pairs)
-    text = "; and ".join(
-        f"armature + {slope:.3g} T" + (f" and viscous friction + {gain:.4g} T" if gain else "")
-        for slope, gain in pairs
-    )
-    start = f"{joint}: with the delay T of its commands, to first order, {text}"
-    if len(pairs) > 1:
-        return f"{start}: these {len(pairs)} gain sets separate them"
-    (slope, gain), ms = pairs[0], 1e3 * within
-    return (
-        f"{start}: alone they are uncertain by {slope * within:.2g} and {gain * within:.2g} for T "
-        f"within {ms:.3g} ms; a log with another gain set separates them"
-    )
 
 
 def controller_of(controller: Any) -> Controller:

@@ -8,15 +8,15 @@ serve only simulation, planning and as initial values of an identification.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
-from itertools import chain, product
+from itertools import chain
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
-from seaid.drives.controller import DELAY_PARAMETER, Controller, controller_of, delay_std_s
+from seaid.drives.controller import Controller, controller_of
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COMMANDS,
@@ -33,7 +33,6 @@ from seaid.drives.terms import (
     JointFrictionTerm,
     MotorInput,
     ParallelSpringTerm,
-    ParameterName,
     SpringTerm,
     between_encoders,
     harmonics_of,
@@ -716,122 +715,3 @@ def total_ratio(drive: Drive) -> float:
 
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
 """The drive of a joint without a drive in the description: its torque is known at the joint."""
-
-
-# A motor, its gear and its spring have parameters by their type, which drives of a group share; a
-# joint has its own by its mounting: zeros of encoders, offsets of torques, levels over positions.
-SHARED = frozenset(PARAMETERS) - {
-    *("friction_offset", "coulomb_position_slope", "coulomb_position_curvature"),
-    *("spring_offset", "deflection_zero", DELAY_PARAMETER),
-    *("parallel_stiffness", "parallel_preload", "joint_viscous_friction", "joint_coulomb_friction"),
-}
-"""Parameters that the drives of a group share; drives of one bus have one delay anyway."""
-
-
-def shared_columns(
-    drives: Mapping[str, Drive], names: Sequence[str], joint: str = ""
-) -> dict[ParameterName, list[int]]:
-    """Return {shared parameter, with its group as owner: the places of its columns, two or more}.
-
-    `joint` owns names without one. A condition has parameters of its own if they are specific.
-    """
-    places: dict[ParameterName, list[int]] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
-        drive = drives.get(name.owner or joint)
-        if drive is not None and drive.shared and name.quantity in SHARED:
-            places.setdefault(name.at(drive.shared), []).append(place)
-    return {name: columns for name, columns in places.items() if len(columns) > 1}
-
-
-@dataclass(frozen=True)
-class Bus:
-    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
-
-    places: tuple[int, ...]
-    nominal_s: float
-    std_s: float
-
-
-def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
-    """Return the groups of columns; drives with one nominal delay are on one bus.
-
-    `joint` owns names without one. A condition has delays of its own if they are specific to it.
-    """
-    places: dict[tuple[float, str | None], list[int]] = {}
-    stds: dict[tuple[float, str | None], float] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
-        if name.quantity != DELAY_PARAMETER:
-            continue
-        drive = drives[name.owner or joint]
-        key = (drive.command_delay_s or 0.0, name.condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
-
-
-def groups_of(drives: Mapping[str, Drive]) -> dict[str, list[str]]:
-    """Return {group: its joints} of drives."""
-    names = dict.fromkeys(drive.shared for drive in drives.values() if drive.shared)
-    return {name: [joint for joint, x in drives.items() if x.shared == name] for name in names}
-
-
-def with_groups(
-    drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
-) -> dict[str, Drive]:
-    """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
-    group_of: dict[str, str] = {}
-    for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
-        if joint not in drives:
-            raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
-        if not group:
-            raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
-        if joint in group_of:
-            raise RobotError(
-                f"share=: {joint} is in '{group_of[joint]}' and in '{group}': name it in one group",
-                "share=",
-            )
-        group_of[joint] = group
-    changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
-    check_groups(changed, "share=")
-    return changed
-
-
-def check_groups(drives: Mapping[str, Drive], where: str, is_whole: bool = True) -> None:
-    """Raise RobotError for groups whose drives cannot share their parameters.
-
-    Where the drives are not the whole robot, a group may be that of one of them.
-    """
-    for group, joints in groups_of(drives).items():
-        if is_whole and len(joints) == 1:
-            raise RobotError(
-                f"{where}: [{joints[0]}] is alone in the group '{group}': write shared = '{group}' "
-                "at the other joints with this motor too, or remove it"
-            )
-        first, *others = ((joint, _kind(drives[joint])) for joint in joints)
-        for searched in first[1]["searched parameters"]:
-            raise RobotError(
-                f"{where}: [{joints[0]}] shares '{group}', and its equation is nonlinear in the "
-                f"unknown {searched}, where only linear parameters are shared: give its value "
-                f"(known = ['{searched}']), or remove its term or the group"
-            )
-        for (joint, kind), what in product(others, first[1]):
-            if kind[what] != first[1][what]:
-                raise RobotError(
-                    f"{where}: [{joints[0]}] and [{joint}] share '{group}' and differ in {what}, "
-                    f"{shown(first[1][what])} and {shown(kind[what])}: correct one of them, or "
-                    "give them groups of their own"
-                )
-
-
-def _kind(drive: Drive) -> dict[str, Any]:
-    """Return in what the drives of a group are alike."""
-    known = {name: drive.own_values[name] for name in drive.known if name in SHARED}
-    names = [name for name in drive.parameter_names if name in SHARED and name not in known]
-    return {
-        "type": "series_elastic" if drive.is_elastic else "stiff",
-        "unit of the spring": drive.spring_units[0] if drive.is_elastic else "",
-        "motor_input": drive.motor_input,
-        "known parameters": known | {"motor_inertia": drive.motor_inertia_kg_m2},
-        "unknown parameters": names,
-        "searched parameters": [name for name in names if PARAMETERS[name].starts],
-    }

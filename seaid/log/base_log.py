@@ -360,7 +360,8 @@ def base_motion(
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     log, jumped = _without_jumps(log)
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
-    imu = imu_motion(robot, *joints)
+    states = [robot.to_model(state, order) for order, state in enumerate(joints)]
+    imu = imu_motion(base, robot.model, robot.model_order, states)
     gravity = robot.model.gravity.linear
     R, w = _turning(smooth, time, imu)
     # A planar base cannot turn about the axes in its plane: rates about them are noise of the IMU.

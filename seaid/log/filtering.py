@@ -3,31 +3,29 @@
 Noise in the regressor biases least squares towards zero (attenuation, Fuller 1987): noise in the
 accelerations reduces inertias by its share of their power, which grows with the fifth power of the
 cutoff. A cutoff below the bandwidth of the motion, on the other hand, discards excitation. The
-cutoff is therefore selected from the spectra of the positions. Of filtered samples few are
-independent: `row_samples` selects those that become rows of a regression.
+cutoff is therefore selected from the spectra of the positions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray, white_noise
+from seaid._arrays import Array, BoolArray, white_noise
 
 if TYPE_CHECKING:
-    from seaid.drives import Drive
-    from seaid.log.motion import Motion
+    pass
 
 
 _ROUNDING = 1e-6
 
-_UNFILTERED = 0.4
+UNFILTERED = 0.4
 """Cutoff over the sampling rate from which there is no low pass."""
 
 ROWS_PER_PERIOD = 4.0
@@ -42,7 +40,7 @@ It decays with exp(-2 pi f t / sqrt 2), by 0.012 in each.
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
-    if cutoff_hz >= _UNFILTERED * rate_hz:
+    if cutoff_hz >= UNFILTERED * rate_hz:
         return signals
     from scipy import fft
 
@@ -67,6 +65,59 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
 def _warped(rate_hz: float, cutoff_hz: float) -> float:
     """Return the frequency of the bilinear transform, s = (z - 1) / (z + 1), at the cutoff."""
     return math.tan(math.pi * cutoff_hz / rate_hz)
+
+
+def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice) -> Array:
+    """Return `low_pass` at the samples of a slice, by sums over the blocks between them.
+
+    The low pass forward and backward has the kernel phi_0 at lag zero and Re(c p^|l|) elsewhere,
+    with the pole p. Its sums to both sides of a sample are those of its block, and p^step times
+    those of the next sample: they need one product of matrices, and a recursion over the rows.
+    """
+    centre, c, p = _kernel(float(rate_hz), float(cutoff_hz))
+    first, step = lattice.start, lattice.step
+    blocks = (lattice.stop - 1 - first) // step
+    last = first + blocks * step
+    # The odd continuation of `low_pass` at both ends.
+    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
+    before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
+    after = np.concatenate([signals[last:], 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]])
+    # p^l, which NumPy computes in a twentieth of the time as an exponential.
+    powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
+    # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
+    within = signals[first:last].reshape(blocks, step, -1)
+    sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
+    sums[0, 1:] = _weighted(powers[step:0:-1], within)
+    sums[1, :0:-1] = _weighted(powers[:step], within)
+    # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
+    far, near = powers[len(before) : 0 : -1], powers[: len(after)]
+    sums[0, 0] = _weighted(far, before) + far[0] * p / (1 - p) * before[0]
+    sums[1, 0] = _weighted(near, after) + near[-1] * p / (1 - p) * after[-1]
+    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., twice as many terms at each turn.
+    q, terms = p**step, 1
+    while terms <= blocks and abs(q) > np.finfo(float).eps:
+        sums[:, terms:] += q * sums[:, :-terms]
+        q, terms = q * q, 2 * terms
+    outer = (c * (sums[0] + sums[1, ::-1])).real
+    return np.asarray(outer + (centre - c.real) * signals[first : last + 1 : step])
+
+
+def _weighted(weights: Array, signals: Array) -> Array:
+    """Return the sums (..., c) of signals (..., step, c) with complex weights (step,)."""
+    parts = np.stack([weights.real, weights.imag]) @ signals
+    return np.asarray(parts[..., 0, :] + 1j * parts[..., 1, :])
+
+
+@cache
+def _kernel(rate_hz: float, cutoff_hz: float) -> tuple[float, complex, complex]:
+    """Return phi_0, c and p of the kernel of the low pass in both directions."""
+    K = _warped(rate_hz, cutoff_hz)
+    # K^4 / (K^4 + s^4) is the gain with s of `_warped`. Its residue at the pole s, s^4 = -K^4, is
+    # -s / 4, with dz/ds = 2 / (1 - s)^2 and z = p = (1 + s) / (1 - s); twice it, for the conjugate
+    # pole, is c p / 2 dz/ds. At z = 0 there is a residue for lag zero.
+    s = K * complex(-1, 1) / math.sqrt(2)
+    c = s / (s**2 - 1)
+    return c.real + K**4 / (1 + K**4), c, (1 + s) / (1 - s)
 
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
@@ -108,6 +159,13 @@ def moving(speed: Array) -> Array:
     return np.where(np.abs(speed) < STILL_RAD_S, 0.0, speed)
 
 
+STANDSTILL = 0.01
+"""A motor below this fraction of its largest speed stands still: the sign of its friction is
+unknown."""
+
+REST_RAD_S = 1e-9
+"""Speed [rad/s] below which a motor always stands still: the rounding errors of the filters."""
+
 _PASSES = 3.0
 """Acceleration at a reversal, over that of dry friction alone, from which a joint passes through
 it. With less than that of friction it sticks, and with little more it is slow on one side: with 2
@@ -125,7 +183,7 @@ def mean_directions(velocity: Array, rate_hz: float, band_hz: float, dry: float)
     """
     velocity = moving(velocity)
     slope = _slopes(velocity, rate_hz)
-    passes = (slope > _PASSES * dry) & (band_hz < _UNFILTERED * rate_hz)
+    passes = (slope > _PASSES * dry) & (band_hz < UNFILTERED * rate_hz)
     late_s = np.zeros(len(velocity))
     # w = -s t + g |t| about a reversal at t = 0. The low-passed w(0) is g E|tau| and its slope -s,
     # so that its zero is g E|tau| / s late: 0.94 ms for g = 5, s = 30 rad/s^2 and 20 Hz.
@@ -167,7 +225,7 @@ def is_friction_known(
         # one reversal, through which the joint passes, is no rest
         if np.sum(turns[first:end]) == 1 and np.any(passes[first:end]):
             rest[first:end] = False
-    reach = round(blur * rate_hz / (2 * np.pi * min(band_hz, _UNFILTERED * rate_hz)))
+    reach = round(blur * rate_hz / (2 * np.pi * min(band_hz, UNFILTERED * rate_hz)))
     count = np.convolve(rest, np.ones(2 * reach + 1))[reach : reach + len(rest)]
     return np.asarray(count < 0.5)
 
@@ -466,181 +524,3 @@ def _noise_of_steps(samples: Array, rate_hz: float) -> tuple[float, float]:
     # f(0) = 2 / (pi mean(r)), for |v| of a normal speed v.
     density = max(float(zeta(3)) / (np.pi**3 * steps_hz), 1 / (6 * rate_hz))
     return step**2 * density, step**2 / 12
-
-
-STANDSTILL = 0.01
-"""A motor below this fraction of its largest speed stands still: the sign of its friction is
-unknown."""
-
-REST_RAD_S = 1e-9
-"""Speed [rad/s] below which a motor always stands still: the rounding errors of the filters."""
-
-STANDSTILL_SHARE = 0.05
-"""Share of standstill in the window of the low pass above which a sample is excluded."""
-
-STRIBECK_SHARE = 0.01
-"""The same for Stribeck friction, which the samples next to standstill determine."""
-
-
-BRIDGED_SHARE = 0.2
-"""Share of interpolated gaps in the window of the low pass above which a sample is excluded.
-
-On the simulated leg with two gaps of 0.09 s the error of the drives is 1.5 times that without gaps
-if all rows are kept, and 1.05 times at 0.1 to 0.3 (ten draws); gaps of 10 ms need no exclusion.
-"""
-
-
-_AT_ONCE = 8
-"""Columns that are filtered at a time: they stay in the processor's cache."""
-
-
-def in_band(motion: Motion, columns: Array) -> Array:
-    """Return columns (T, ...) filtered by the low pass at the motion's cutoff."""
-    return in_band_at(motion, columns, np.arange(len(columns)))
-
-
-def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
-    """Return some samples of `in_band`.
-
-    Where they are far apart, as rows are, only their own values are computed. Elsewhere zero
-    columns, half of those of a chain, are skipped.
-    """
-    shape = columns.shape[1:]
-    table = np.reshape(columns, (len(columns), -1))
-    step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
-    if step >= _FAR_APART and motion.cutoff_hz < _UNFILTERED * motion.rate_hz:
-        first, last = int(np.min(samples)), int(np.max(samples))
-        numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
-        filtered = _low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
-        return filtered.reshape(len(samples), *shape)
-    used = np.flatnonzero(np.any(table != 0, axis=0))
-    filtered = np.zeros((len(samples), table.shape[1]))
-    for start in range(0, len(used), _AT_ONCE):
-        part = used[start : start + _AT_ONCE]
-        filtered[:, part] = low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)[samples]
-    return filtered.reshape(len(samples), *shape)
-
-
-_FAR_APART = 8
-"""Samples from one row to the next from which a sum over blocks costs less than a recursion."""
-
-
-def _low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice) -> Array:
-    """Return `low_pass` at the samples of a slice, by sums over the blocks between them.
-
-    The low pass forward and backward has the kernel phi_0 at lag zero and Re(c p^|l|) elsewhere,
-    with the pole p. Its sums to both sides of a sample are those of its block, and p^step times
-    those of the next sample: they need one product of matrices, and a recursion over the rows.
-    """
-    centre, c, p = _kernel(float(rate_hz), float(cutoff_hz))
-    first, step = lattice.start, lattice.step
-    blocks = (lattice.stop - 1 - first) // step
-    last = first + blocks * step
-    # The odd continuation of `low_pass` at both ends.
-    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
-    before = np.concatenate([2 * signals[:1] - signals[pad:0:-1], signals[:first]])
-    after = np.concatenate([signals[last:], 2 * signals[-1:] - signals[-2 : -pad - 2 : -1]])
-    # p^l, which NumPy computes in a twentieth of the time as an exponential.
-    powers = np.exp(np.log(p) * np.arange(max(step, len(before), len(after)) + 1))
-    # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
-    within = signals[first:last].reshape(blocks, step, -1)
-    sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
-    sums[0, 1:] = _weighted(powers[step:0:-1], within)
-    sums[1, :0:-1] = _weighted(powers[:step], within)
-    # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
-    far, near = powers[len(before) : 0 : -1], powers[: len(after)]
-    sums[0, 0] = _weighted(far, before) + far[0] * p / (1 - p) * before[0]
-    sums[1, 0] = _weighted(near, after) + near[-1] * p / (1 - p) * after[-1]
-    # s_m + q s_(m-1) + q^2 s_(m-2) + ..., twice as many terms at each turn.
-    q, terms = p**step, 1
-    while terms <= blocks and abs(q) > np.finfo(float).eps:
-        sums[:, terms:] += q * sums[:, :-terms]
-        q, terms = q * q, 2 * terms
-    outer = (c * (sums[0] + sums[1, ::-1])).real
-    return np.asarray(outer + (centre - c.real) * signals[first : last + 1 : step])
-
-
-def _weighted(weights: Array, signals: Array) -> Array:
-    """Return the sums (..., c) of signals (..., step, c) with complex weights (step,)."""
-    parts = np.stack([weights.real, weights.imag]) @ signals
-    return np.asarray(parts[..., 0, :] + 1j * parts[..., 1, :])
-
-
-@cache
-def _kernel(rate_hz: float, cutoff_hz: float) -> tuple[float, complex, complex]:
-    """Return phi_0, c and p of the kernel of the low pass in both directions."""
-    K = _warped(rate_hz, cutoff_hz)
-    # K^4 / (K^4 + s^4) is the gain with s of `_warped`. Its residue at the pole s, s^4 = -K^4, is
-    # -s / 4, with dz/ds = 2 / (1 - s)^2 and z = p = (1 + s) / (1 - s); twice it, for the conjugate
-    # pole, is c p / 2 dz/ds. At z = 0 there is a residue for lag zero.
-    s = K * complex(-1, 1) / math.sqrt(2)
-    c = s / (s**2 - 1)
-    return c.real + K**4 / (1 + K**4), c, (1 + s) / (1 - s)
-
-
-def row_samples(motion: Motion) -> IndexArray:
-    """Return the samples that become rows: decimated, without filter transients and gaps."""
-    step = decimation(motion.rate_hz, motion.cutoff_hz)
-    transient = round(motion.transient_s * motion.rate_hz)
-    rows = np.arange(transient, len(motion.time) - transient, step)
-    if motion.bridged is None:
-        return rows
-    # The low pass of a mask of 0 and 1 is the share of the filter's weight on the gaps.
-    return rows[in_band_at(motion, motion.bridged.astype(float), rows) <= BRIDGED_SHARE]
-
-
-PIECE_SAMPLES = 16_000
-"""Samples of a motion whose columns are in memory at a time, without the overlap."""
-
-
-def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motion, float, float]]:
-    """Yield the pieces of a motion, which overlap, and the time span [start, end) [s] of each.
-
-    The rows of all spans are those of the whole motion, since the overlap takes the transients of
-    the filter.
-    """
-    count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
-    step = decimation(motion.rate_hz, motion.cutoff_hz)
-    length = step * -(-samples // step)  # whole rows
-    # Standstill is a share of the largest speed: with that of a piece, other rows would be
-    # excluded.
-    motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
-    for start in range(0, count, length):
-        end, part = start + length, slice(max(start - overlap, 0), start + length + overlap)
-        until = float(motion.time[end]) if end < count else np.inf
-        yield motion.samples(part), float(motion.time[start]), until
-
-
-def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:
-    """Return the mask (T,) of samples at which a motor's friction is unknown because it stands.
-
-    The low pass averages over the neighbourhood of a sample: the sample counts if standstill makes
-    up more than `share` of that average. A reversal without a stop is no standstill.
-    """
-    speed = np.abs(motion.motor_velocity[:, index])
-    return _still(motion, speed, still_speed(motion, index), share)
-
-
-def still_speed(motion: Motion, index: int) -> float:
-    """Return the speed [rad/s] below which a motor counts as standing."""
-    speed = motion.motor_velocity[:, index]
-    fastest = np.max(np.abs(speed)) if motion.fastest is None else motion.fastest[0, index]
-    return max(STANDSTILL * float(fastest), REST_RAD_S)
-
-
-def still_share(drive: Drive) -> float:
-    """Return the share of standstill that is allowed for a drive with dry friction."""
-    return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
-
-
-def joint_standstill(motion: Motion, index: int) -> BoolArray:
-    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
-    speed = np.abs(motion.joint_velocity[:, index])
-    fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
-    least = max(STANDSTILL * float(fastest), REST_RAD_S)
-    return _still(motion, speed, least, STANDSTILL_SHARE)
-
-
-def _still(motion: Motion, speed: Array, least: float, share: float) -> BoolArray:
-    still = (speed < least).astype(float)
-    return np.asarray((still > 0) | (in_band(motion, still) > share))

@@ -1,6 +1,5 @@
 from .floating_base import BASE_ROWS as BASE_ROWS
 from .floating_base import HANGING as HANGING
-from .floating_base import BaseKind as BaseKind
 from .floating_base import Contact as Contact
 from .floating_base import FloatingBase as FloatingBase
 from .floating_base import ImuMotion as ImuMotion
@@ -18,6 +17,7 @@ from .inertia import is_physical as is_physical
 from .inertia import out_of_range as out_of_range
 from .inertia import parameter_names as parameter_names
 from .inertia import pseudo_inertia as pseudo_inertia
+from .pinocchio_model import BaseKind as BaseKind
 from .pinocchio_model import DependentJoint as DependentJoint
 from .pinocchio_model import Payload as Payload
 from .pinocchio_model import floating_model as floating_model

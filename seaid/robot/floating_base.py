@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,13 +25,8 @@ from seaid._progress import Display
 from seaid.errors import RobotError, unknown_name
 
 if TYPE_CHECKING:
-    from seaid.robot.pinocchio_model import Assembly
-    from seaid.robot.robot import Robot
+    from seaid.robot.pinocchio_model import Assembly, BaseKind
     from seaid.robot.urdf import UrdfJoint
-
-BaseKind = Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"]
-"""Whether something holds the base of a robot, or guides it in a plane: that of a planar joint at
-the root of the file, or one of the axes of the base."""
 
 _NORMALS: dict[BaseKind, tuple[float, float, float]] = {
     "planar_yz": (1.0, 0.0, 0.0),
@@ -230,20 +225,21 @@ class ImuMotion(NamedTuple):
     angular_velocity: Array
 
 
-def imu_motion(robot: Robot, q: Array, v: Array, a: Array) -> ImuMotion:
-    """Return how the joints (T, n) of a robot with a floating base move its IMU."""
-    base = robot.floating_base
-    assert base is not None
+def imu_motion(
+    base: FloatingBase, model: pin.Model, order: Sequence[int], states: Sequence[Array]
+) -> ImuMotion:
+    """Return how joints move the IMU of a base, whose model has the bodies in an `order`.
+
+    The states q, q', q'' (T, n) are those of the model.
+    """
     body, rotation, place = base.frame(base.imu_link or base.link)
     if body < 0:
         still = np.zeros((1, 3))
         return ImuMotion(rotation[None], place[None], still, still, still)
-    model = pin.Model(robot.model)
-    joint = 1 + robot.model_order.index(body)
+    model, joint = pin.Model(model), 1 + order.index(body)
     imu = pin.Frame("imu of seaid", joint, 0, pin.SE3(rotation, place), pin.FrameType.OP_FRAME)
     frame, data = model.addFrame(imu, False), model.createData()
-    motion, axes = np.empty((len(q), 7, 3)), pin.LOCAL_WORLD_ALIGNED
-    states = (robot.to_model(state, order) for order, state in enumerate((q, v, a)))
+    motion, axes = np.empty((len(states[0]), 7, 3)), pin.LOCAL_WORLD_ALIGNED
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         pin.forwardKinematics(model, data, q_t, v_t, a_t)
         placement = pin.updateFramePlacement(model, data, frame)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -27,8 +27,11 @@ from seaid.robot.inertia import (
 )
 
 if TYPE_CHECKING:
-    from seaid.robot.floating_base import BaseKind
     from seaid.robot.urdf import UrdfJoint, UrdfTree
+
+BaseKind = Literal["fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"]
+"""Whether something holds the base of a robot, or guides it in a plane: that of a planar joint at
+the root of the file, or one of the axes of the base."""
 
 TURNING = ("revolute", "continuous")
 _MOVING = (*TURNING, "prismatic")

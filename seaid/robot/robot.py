@@ -17,11 +17,12 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidError, checked, shown, unknown_name
-from seaid.robot.floating_base import BaseKind, Contact, FloatingBase, floating_base
+from seaid.robot.floating_base import Contact, FloatingBase, floating_base
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
     Assembly,
+    BaseKind,
     DependentJoint,
     Payload,
     assemble,

@@ -23,8 +23,8 @@ from seaid.identification.instrumental import (
     split_instruments,
 )
 from seaid.identification.two_step import Condition, estimate_two_step
-from seaid.log.filtering import in_band
 from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log.rows import in_band
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression
 from seaid.regressor.regression import actuator_regression, known_friction, motor_regressor

@@ -11,7 +11,8 @@ from seaid.errors import LogError
 from seaid.excitation.trajectory import load_trajectory
 from seaid.identification.identification import identify, validate
 from seaid.identification.validation import compared
-from seaid.log.filtering import low_pass, row_samples
+from seaid.log.filtering import low_pass
+from seaid.log.rows import row_samples
 from seaid.regressor.regression import known_friction, motor_regressor
 from seaid.report.formats import explained_as
 from seaid.report.html import runs_of

@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.log.filtering import (
     decimation,
-    in_band,
-    in_band_at,
     is_friction_known,
     low_pass,
     mean_directions,
     spline_derivatives,
 )
 from seaid.log.motion import Motion
+from seaid.log.rows import in_band, in_band_at
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ

@@ -13,9 +13,9 @@ import seaid
 from seaid._arrays import Array
 from seaid.checks import excluded_findings
 from seaid.errors import LogError
-from seaid.log.filtering import row_samples
 from seaid.log.log import Log
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
+from seaid.log.rows import row_samples
 from seaid.log.usable_parts import FROZEN, REST, REST_S, holes, usable
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion

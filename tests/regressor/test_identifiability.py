@@ -21,9 +21,8 @@ from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
-from seaid.regressor.exact.codegen import Value
 from seaid.regressor.exact.geometry import exact_tree
-from seaid.regressor.exact.newton_euler import regressor_program
+from seaid.regressor.exact.program import Value, regressor_program
 from seaid.regressor.structural_identifiability import (
     SENSORS,
     Identifiability,

@@ -12,8 +12,9 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
-from seaid.log.filtering import in_band, low_pass, row_samples, standstill
+from seaid.log.filtering import low_pass
 from seaid.log.motion import Motion
+from seaid.log.rows import in_band, row_samples, standstill
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
@@ -271,7 +272,7 @@ def test_a_long_motion_is_evaluated_piece_by_piece(
         for joint in robot.elastic_joints
     }
     whole = load_regression(robot, long, columns, springs)
-    monkeypatch.setattr("seaid.log.filtering.PIECE_SAMPLES", most)
+    monkeypatch.setattr("seaid.log.rows.PIECE_SAMPLES", most)
     monkeypatch.setattr("seaid.regressor.regression.PIECE_SAMPLES", most)
     found = load_regression(robot, long, columns, springs)
     assert found.excluded == whole.excluded > 0

@@ -34,7 +34,6 @@ from seaid.drives import (
     u_M,
 )
 from seaid.errors import SeaidWarning, SymbolicError, unknown_name
-from seaid.regressor.exact.codegen import Numeric, Program, Value, numeric
 from seaid.regressor.exact.geometry import ExactTree, exact_tree, independent_tree
 from seaid.regressor.exact.grouping import (
     ExactBaseParameters,
@@ -46,7 +45,14 @@ from seaid.regressor.exact.grouping import (
     without_columns,
 )
 from seaid.regressor.exact.lagrangian import lagrangian_table, torque_rows
-from seaid.regressor.exact.newton_euler import Entries, regressor_program
+from seaid.regressor.exact.program import (
+    Entries,
+    Numeric,
+    Program,
+    Value,
+    numeric,
+    regressor_program,
+)
 from seaid.regressor.exact.recursion import null_space
 from seaid.robot import Robot, check_held, coupled_groups, incomplete_group, parameter_names
 from seaid.symbolic import MAX_TERMS

@@ -1,6 +1,6 @@
 """Inverse dynamics of a robot modulo a prime: torques and regressor, vectorised over instants.
 
-The same Newton-Euler equations as in `seaid.regressor.exact.newton_euler`, evaluated instead of
+The same Newton-Euler equations as in `seaid.regressor.exact.program`, evaluated instead of
 written down: in the aligned frame of a body, force m a + B h and moment h x a + I e + w x I w.
 """
 

@@ -1,0 +1,165 @@
+"""The rows of a regression: which samples of a motion become rows, and columns in its band.
+
+Of filtered samples few are independent, and at standstill the friction of a motor is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, IndexArray
+from seaid.log.filtering import (
+    REST_RAD_S,
+    STANDSTILL,
+    UNFILTERED,
+    decimation,
+    filter_overlap,
+    low_pass,
+    low_pass_at,
+)
+
+if TYPE_CHECKING:
+    from seaid.drives import Drive
+    from seaid.log.motion import Motion
+
+STANDSTILL_SHARE = 0.05
+"""Share of standstill in the window of the low pass above which a sample is excluded."""
+
+STRIBECK_SHARE = 0.01
+"""The same for Stribeck friction, which the samples next to standstill determine."""
+
+
+BRIDGED_SHARE = 0.2
+"""Share of interpolated gaps in the window of the low pass above which a sample is excluded.
+
+On the simulated leg with two gaps of 0.09 s the error of the drives is 1.5 times that without gaps
+if all rows are kept, and 1.05 times at 0.1 to 0.3 (ten draws); gaps of 10 ms need no exclusion.
+"""
+
+_AT_ONCE = 8
+"""Columns that are filtered at a time: they stay in the processor's cache."""
+
+
+def in_band(motion: Motion, columns: Array) -> Array:
+    """Return columns (T, ...) filtered by the low pass at the motion's cutoff."""
+    return in_band_at(motion, columns, np.arange(len(columns)))
+
+
+def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
+    """Return some samples of `in_band`.
+
+    Where they are far apart, as rows are, only their own values are computed. Elsewhere zero
+    columns, half of those of a chain, are skipped.
+    """
+    shape = columns.shape[1:]
+    table = np.reshape(columns, (len(columns), -1))
+    step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
+    if step >= _FAR_APART and motion.cutoff_hz < UNFILTERED * motion.rate_hz:
+        first, last = int(np.min(samples)), int(np.max(samples))
+        numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
+        filtered = low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
+        return filtered.reshape(len(samples), *shape)
+    used = np.flatnonzero(np.any(table != 0, axis=0))
+    filtered = np.zeros((len(samples), table.shape[1]))
+    for start in range(0, len(used), _AT_ONCE):
+        part = used[start : start + _AT_ONCE]
+        filtered[:, part] = low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)[samples]
+    return filtered.reshape(len(samples), *shape)
+
+
+_FAR_APART = 8
+"""Samples from one row to the next from which a sum over blocks costs less than a recursion."""
+
+
+def row_samples(motion: Motion) -> IndexArray:
+    """Return the samples that become rows: decimated, without filter transients and gaps."""
+    step = decimation(motion.rate_hz, motion.cutoff_hz)
+    transient = round(motion.transient_s * motion.rate_hz)
+    rows = np.arange(transient, len(motion.time) - transient, step)
+    if motion.bridged is None:
+        return rows
+    # The low pass of a mask of 0 and 1 is the share of the filter's weight on the gaps.
+    return rows[in_band_at(motion, motion.bridged.astype(float), rows) <= BRIDGED_SHARE]
+
+
+PIECE_SAMPLES = 16_000
+"""Samples of a motion whose columns are in memory at a time, without the overlap."""
+
+
+def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motion, float, float]]:
+    """Yield the pieces of a motion, which overlap, and the time span [start, end) [s] of each.
+
+    The rows of all spans are those of the whole motion, since the overlap takes the transients of
+    the filter.
+    """
+    count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
+    step = decimation(motion.rate_hz, motion.cutoff_hz)
+    length = step * -(-samples // step)  # whole rows
+    # Standstill is a share of the largest speed: with that of a piece, other rows would be
+    # excluded.
+    motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
+    for start in range(0, count, length):
+        end, part = start + length, slice(max(start - overlap, 0), start + length + overlap)
+        until = float(motion.time[end]) if end < count else np.inf
+        yield motion.samples(part), float(motion.time[start]), until
+
+
+def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:
+    """Return the mask (T,) of samples at which a motor's friction is unknown because it stands.
+
+    The low pass averages over the neighbourhood of a sample: the sample counts if standstill makes
+    up more than `share` of that average. A reversal without a stop is no standstill.
+    """
+    speed = np.abs(motion.motor_velocity[:, index])
+    return _still(motion, speed, still_speed(motion, index), share)
+
+
+def still_speed(motion: Motion, index: int) -> float:
+    """Return the speed [rad/s] below which a motor counts as standing."""
+    speed = motion.motor_velocity[:, index]
+    fastest = np.max(np.abs(speed)) if motion.fastest is None else motion.fastest[0, index]
+    return max(STANDSTILL * float(fastest), REST_RAD_S)
+
+
+def still_share(drive: Drive) -> float:
+    """Return the share of standstill that is allowed for a drive with dry friction."""
+    return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
+
+
+def joint_standstill(motion: Motion, index: int) -> BoolArray:
+    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
+    speed = np.abs(motion.joint_velocity[:, index])
+    fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
+    least = max(STANDSTILL * float(fastest), REST_RAD_S)
+    return _still(motion, speed, least, STANDSTILL_SHARE)
+
+
+def _still(motion: Motion, speed: Array, least: float, share: float) -> BoolArray:
+    still = (speed < least).astype(float)
+    return np.asarray((still > 0) | (in_band(motion, still) > share))
+
+
+def inside_transients(motion: Motion) -> BoolArray:
+    """Return the samples (T,) that are no filter transients."""
+    samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
+    return np.asarray((samples >= transient) & (samples < len(samples) - transient))
+
+
+def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
+    """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
+    # Normalised convolution (Knutsson and Westin 1993): the low pass of the counted samples over
+    # that of their mask, so that the values at a boundary are not drawn to zero.
+    weight = in_band(motion, counts.astype(float))[:, :, None]
+    counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smooth = in_band(motion, counted) / weight
+    kept = counts & inside_transients(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
+    return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
+
+
+_WEIGHT = 0.25
+"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""
