@@ -253,8 +253,8 @@ class Scene:
     """The pairs of convex bodies that may collide, on the joints of a robot; from `load_scene`.
 
     `pairs` names the two links, or the link and the box, of each of the P pairs checked; `ignored`
-    names the pairs excluded because they are closer in nearly every random posture. `clearance_m` is the
-    minimum distance [m] of a planned motion.
+    names the pairs excluded because they are closer in nearly every random posture. `clearance_m`
+    is the minimum distance [m] of a planned motion.
     """
 
     robot: Robot
