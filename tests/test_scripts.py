@@ -331,6 +331,7 @@ RUN_ELSEWHERE = {
     "identify_tulip_leg.py": "tests/test_scripts.py",
     "real_data.py": "tests/test_scripts.py",
     "ship_measured_logs.py": "tests/test_scripts.py",
+    "architecture.py": "tests/test_documents.py",
     "warnings_page.py": "tests/test_documents.py",
 }
 """Scripts that other tests run."""

@@ -2,7 +2,7 @@
 
 What each stands for, what usually causes it, and what to do, is in `codes.toml`. A `Symptom` says
 that something is off, and not why; a `Cause` spoils the fit of its joint. `CODES` has them in the
-order of the page `docs/warnings.md`, whose table is made from both files
+order of the page `docs/warnings.md`, whose sections are made from both files
 (`python -m scripts.warnings_page`). Each code is given in one place.
 
 Findings follow from others: those of a wrong set-up, of noise, and symptoms of a cause. A result is

@@ -216,12 +216,7 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
 
 
 def _sentence(text: str) -> str:
-    return _capital(text) + ("" if text.endswith(".") else ".")
-
-
-def _capital(text: str) -> str:
-    """Return a text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 _ZEROS = ("spring_offset", "deflection_zero", "torque_offset")
