@@ -7,6 +7,7 @@ from .channels import strength_findings as strength_findings
 from .channels import without_torque as without_torque
 from .check import Code as Code
 from .check import Observation as Observation
+from .check import guarded as guarded
 from .check import in_description as in_description
 from .check import observed as observed
 from .check import only_joint as only_joint

@@ -18,6 +18,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import (
+    CODES,
     Experiment,
     SideSelection,
     consequences,
@@ -25,6 +26,7 @@ from seaid.checks import (
     experiment_of,
     explained,
     fit_findings,
+    guarded,
     is_wrong,
     joint_checks,
     locked_outputs,
@@ -552,13 +554,15 @@ def concluded(problem: Problem, name: str) -> Identification:
     robot, datasets, model = case.robot, case.datasets, case.condition.model
     findings, only = _setup_findings(problem, name), problem.only is not None
     factors = None if only else motor_factors(problem.fits, name)
-    values = value_findings(estimate, case.nominal, robot, factors)
+    values, lacking = value_findings(estimate, case.nominal, robot, factors), problem.lacking
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
-    values, lacking = without_echoes(values, problem.lacking, datasets[0].cutoff_hz)
-    findings += consequences(findings, model_findings(lacking, findings))
+    with guarded(CODES["missing-term"], findings):
+        values, lacking = without_echoes(values, lacking, datasets[0].cutoff_hz)
+        findings += consequences(findings, model_findings(lacking, findings))
     if only and not is_wrong(findings):
         steps = problem.two_step[name]
-        findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
+        with guarded(CODES["estimator-disagrees"], findings):
+            findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
     if only:
         # Only now, since the findings above compare estimates by the noise of the logs alone.
         constants = options.known_std, options.executor
@@ -567,15 +571,17 @@ def concluded(problem: Problem, name: str) -> Identification:
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None
     result = identification_of(robot, model, estimate, datasets, consistent, case.declared)
-    values += [*shared_findings(estimate.shared), *estimate.findings, *result.findings]
+    with guarded(CODES["drives-differ"], values):
+        values += shared_findings(estimate.shared)
+    values += [*estimate.findings, *result.findings]
     result = with_value_findings(_with_fit(problem, name, result, weak, findings), values)
     result = consistent_bodies(result) if options.feasible and not only else result
-    unclear = (
-        *delay_estimate_findings(case.run.experiment.robot, result.load_side),
-        *unknown_scales(result.robot, result.load_side, problem.unscaled),
-    )
+    findings = [*result.findings]
+    with guarded(CODES["command-delay"], findings):
+        findings += delay_estimate_findings(case.run.experiment.robot, result.load_side)
+    with guarded(CODES["gain-scale"], findings):
+        findings += unknown_scales(result.robot, result.load_side, problem.unscaled)
     scaled = with_free_scale(result.robot, problem.unscaled)
-    findings = [*result.findings, *unclear]
     return replace(
         result,
         robot=scaled,

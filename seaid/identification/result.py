@@ -14,6 +14,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
+    CODES,
     SURE,
     JointCheck,
     JointFit,
@@ -23,6 +24,7 @@ from seaid.checks import (
     excluded_findings,
     fixed_findings,
     gear_findings,
+    guarded,
     noise_findings,
     offset_findings,
     rigid_gear,
@@ -241,31 +243,35 @@ def value_findings(
     """
     fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
     findings: list[Finding] = []
-    for joint, estimate in sides.drives.items():
-        drive, before = robot.drives[joint], nominal.drives[joint].known
-        findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
-        if joint in sides.actuators:
-            findings += noise_findings(sides.actuators[joint].estimate)
-        findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
-    return [*findings, *offset_findings(robot, sides.fit), *noise_findings(sides.load)]
+    with guarded(CODES["poorly-identified"], findings):
+        for joint, estimate in sides.drives.items():
+            drive, before = robot.drives[joint], nominal.drives[joint].known
+            findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
+            if joint in sides.actuators:
+                findings += noise_findings(sides.actuators[joint].estimate)
+            findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    with guarded(CODES["torque-offset"], findings):
+        findings += offset_findings(robot, sides.fit)
+    with guarded(CODES["drift"], findings):
+        findings += noise_findings(sides.load)
+    return findings
 
 
 def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
     """Return an identification with the findings of its values, bodies, gears and channels."""
     described = [processing.sources or {} for processing in result.processing] or [{}]
-    findings = [
-        *values,
-        *(
-            finding
-            for gear in result.gears.values()
-            if "gear_stiffness" in gear.names  # else the gear is rigid within the errors
-            for finding in noise_findings(gear)
-        ),
-        *(() if result.feasible is None else result.feasible.warnings),
-        *excluded_findings(result.processing),
-        *unused_findings(result.known, result.drives, result.model.torque_joints, result.motions),
-        *gear_findings(result.known, result.drive_side, result.gears, described),
-    ]
+    drives, findings = result.drives, [*values]
+    with guarded(CODES["gear-compliance"], findings):
+        for gear in result.gears.values():
+            if "gear_stiffness" in gear.names:  # else the gear is rigid within the errors
+                findings += noise_findings(gear)
+    findings += () if result.feasible is None else result.feasible.warnings
+    findings += excluded_findings(result.processing)
+    with guarded(CODES["unused-channel"], findings):
+        joints, motions = result.model.torque_joints, result.motions
+        findings += unused_findings(result.known, drives, joints, motions)
+    with guarded(CODES["gear-compliance"], findings):
+        findings += gear_findings(result.known, result.drive_side, result.gears, described)
     return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
 
 
