@@ -651,7 +651,7 @@ def _is_severe_by_joint(experiment: Experiment) -> bool:
 
 def _has_encoders_apart(experiment: Experiment) -> bool:
     """Whether the encoders of a joint contradict each other."""
-    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.SLIGHT)
+    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.FEW)
 
 
 def _has_other_ratios(experiment: Experiment) -> bool:
