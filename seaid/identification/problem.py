@@ -574,7 +574,10 @@ def concluded(problem: Problem, name: str) -> Identification:
     with guarded(CODES["drives-differ"], values):
         values += shared_findings(estimate.shared)
     values += [*estimate.findings, *result.findings]
-    result = with_value_findings(_with_fit(problem, name, result, weak, findings), values)
+    motors = (side for side in lacking if side.side.is_motor)
+    doubtful = {joint for side in motors for _, joint in side.doubtful}
+    fitted = _with_fit(problem, name, result, findings, weak, doubtful)
+    result = with_value_findings(fitted, values)
     result = consistent_bodies(result) if options.feasible and not only else result
     findings = [*result.findings]
     with guarded(CODES["command-delay"], findings):
@@ -637,11 +640,17 @@ _DIFFERENT = (
 
 
 def _with_fit(
-    problem: Problem, name: str, result: Identification, weak: set[str], findings: list[Finding]
+    problem: Problem,
+    name: str,
+    result: Identification,
+    findings: list[Finding],
+    weak: set[str],
+    lacking: set[str],
 ) -> Identification:
     """Return a result with how well it explains the experiment, and the findings about that.
 
-    The springs of `weak` joints look so, and may have backlash.
+    The springs of `weak` joints look so, and may have backlash; the motor equations of `lacking`
+    joints lack a term.
     """
     case, options, sides = problem.cases[name], problem.options, problem.two_step[name]
     robot, run, experiment, only = case.robot, case.run, case.experiment, problem.only is not None
@@ -658,7 +667,7 @@ def _with_fit(
         runs = np.unique(fit.rows.run[own]).astype(int).tolist()
         logs = dict(zip(runs, numbers, strict=False))
     shown = robot.joint_names, fit, actuators, experiment, bodies, own
-    explains = robot_fit(*shown, locked=run.locked, weak=weak, logs=logs)
+    explains = robot_fit(*shown, locked=run.locked, weak=weak, lacking=lacking, logs=logs)
     predicted = prediction_errors(experiment, case.condition.model.base, result.load)
     explains = replace(explains, predicted=predicted)
     of_fit = [
