@@ -14,6 +14,7 @@ from .check import only_joint as only_joint
 from .codes import CODES as CODES
 from .codes import consequences as consequences
 from .codes import is_wrong as is_wrong
+from .codes import merged as merged
 from .codes import that_matter as that_matter
 from .columns import Side as Side
 from .columns import backlash as backlash

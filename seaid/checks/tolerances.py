@@ -113,8 +113,9 @@ of it."""
 GRID_DEG, NEAREST_DEG = 30.0, 1.0
 """First and last step of the search for the zero of a joint [degrees]."""
 
-MOST_NAMED, MOST_LISTED = 6, 12
-"""Joints that the verdict names per code, and those that a warning names."""
+MOST_NAMED, MOST_LISTED, MOST_ALIKE = 6, 12, 3
+"""Joints that the verdict names per code, those that a warning names, and those with warnings of
+one code that are listed one by one: fifteen that lack the same are read as one."""
 
 PER_CENT = 100.0
 """Least number of parts that a rating is logged in."""

@@ -25,6 +25,7 @@ from seaid.checks import (
     is_wrong,
     joint_checks,
     log_findings,
+    merged,
     model_findings,
     model_sides,
     observed,
@@ -45,7 +46,6 @@ from seaid.errors import (
     IdentificationError,
     LogError,
     SeaidError,
-    by_severity,
     checked,
     listed,
 )
@@ -119,7 +119,7 @@ def check(
         sources = list(with_regressed_angles(robot, in_memory, unseen, cutoff_hz))
     findings = log_findings(robot, in_memory)
     if any(finding.code == "time-unit" for finding in findings):
-        return SetupCheck(tuple(findings), FrozenMapping({}, "joint"))
+        return SetupCheck(merged(findings), FrozenMapping({}, "joint"))
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     by_log = [list(map(first_motion, group)) for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
@@ -127,7 +127,7 @@ def check(
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _quick_fit_findings(robot, in_memory, motions, findings)
-    return SetupCheck(by_severity(findings), joint_checks(experiment, motions))
+    return SetupCheck(merged(findings), joint_checks(experiment, motions))
 
 
 def findings_of_setup(

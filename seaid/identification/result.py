@@ -25,6 +25,7 @@ from seaid.checks import (
     fixed_findings,
     gear_findings,
     guarded,
+    merged,
     noise_findings,
     offset_findings,
     rigid_gear,
@@ -171,7 +172,15 @@ class Identification(Result):
 
     @cached_property
     def warnings(self) -> tuple[Finding, ...]:
-        """Findings about the experiment, the data and the values, the worst first."""
+        """Findings about the experiment, the data and the values, the worst first.
+
+        Those of one code at many joints are one.
+        """
+        return merged(self.weighed_findings)
+
+    @cached_property
+    def weighed_findings(self) -> tuple[Finding, ...]:
+        """The findings of each joint, as severe as they are next to all others, the worst first."""
         return by_severity(that_matter(self.findings, self.joint_fits))
 
     @cached_property
@@ -194,7 +203,7 @@ class Identification(Result):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether to use the result, by its warnings."""
-        return verdict_of(self.warnings, self.joint_fits)
+        return verdict_of(self.weighed_findings, self.joint_fits)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
