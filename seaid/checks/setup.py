@@ -500,7 +500,7 @@ def _refinement(experiment: Experiment, j: int) -> float:
     # z . (u + (f - 1) x) = 0 for a factor f on the torque x, of which u is unexplained now:
     # f = 1 - z . u / z . x.
     inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
-    return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
+    return 1 / inverse if 1 / tol.TWICE < inverse < tol.TWICE else 1.0
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -512,7 +512,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     if middle <= 0 or len(used) < 2:
         return
     # torques in another unit change the apparent rotor inertias too, masses do not
-    of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
+    of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
     yield _scale(experiment, used, middle, "the torques of all joints are", float(of_masses))
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
@@ -712,15 +712,11 @@ def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
             yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 
-_LONGEST_M = 20.0
-"""Distance [m] between two joints that no robot has; that of 2 cm in mm."""
-
-
 def _sizes(logged: channels.Logged) -> Iterator[Finding]:
     """Yield that the lengths of the robot file are in mm."""
     model = logged.robot.model
     longest = max(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
-    if longest > _LONGEST_M:
+    if longest > tol.LONGEST_M:
         yield codes.GEOMETRY.finding(
             f"two joints of the robot file are {longest:.3g} m apart: its lengths are in mm, not m",
             severity="wrong",
