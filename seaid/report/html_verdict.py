@@ -155,7 +155,7 @@ def notices_of(
 def _notice(finding: Finding) -> Notice:
     """Return a finding as a notice; a remedy of several lines has a text to copy."""
     first, _, rest = finding.remedy.strip().partition("\n")
-    joints = (finding.joint,) if finding.joint else ()
+    joints = (finding.joint,) if finding.joint else finding.joints
     return Notice(
         finding.code, finding.severity, (_sentence(finding.message),), joints, first, rest
     )
