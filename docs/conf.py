@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -43,7 +44,16 @@ default_role = "code"
 python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-autodoc_type_aliases = {name: f"seaid.{name}" for name in seaid.__all__}
+PACKAGES = [name for name in seaid.__all__ if isinstance(getattr(seaid, name), ModuleType)]
+autodoc_type_aliases = {  # types that are only returned are in their packages
+    **{
+        name: f"seaid.{package}.{name}"
+        for package in PACKAGES
+        for name in getattr(getattr(seaid, package), "__all__", ())
+        if name[0].isupper()
+    },
+    **{name: f"seaid.{name}" for name in seaid.__all__},
+}
 smartquotes = False
 nitpicky = True
 nitpick_ignore_regex = [
@@ -110,7 +120,7 @@ def _fill(app: Any, name: str, source: list[str]) -> None:
 _ARRAY = re.compile(
     r"~?numpy\.ndarray\[tuple\[~?typing\.Any, \.\.\.\], ~?numpy\.dtype\[[~.\w]+\]\]"
 )
-_OURS = re.compile(r"TypeAliasForwardRef\('([^']+)'\)|(?<![~\w.])(seaid\.[A-Z]\w*)")
+_OURS = re.compile(r"TypeAliasForwardRef\('([^']+)'\)|(?<![~\w.])(seaid\.(?:\w+\.)?[A-Z]\w*)")
 
 
 def _shorten(

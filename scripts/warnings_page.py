@@ -1,4 +1,4 @@
-"""Write the table of all codes into `docs/warnings.md`, from `seaid.checks.CODES`.
+"""Write a section for each code into `docs/warnings.md`, from `seaid.checks.CODES`.
 
 python -m scripts.warnings_page
 """
@@ -12,23 +12,25 @@ from seaid.checks import CODES
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/warnings.md"
 
-_TABLE = re.compile(
-    r"(?<=\| code \| meaning \| usual cause \| what to do \|\n)(\|(---\|)+\n)(\|.*\n)+"
+_SECTIONS = re.compile(
+    r"(?<=<!-- codes: python -m scripts.warnings_page -->\n).*(?=<!-- end -->)", re.S
 )
 
 
-def page_with_table(page: str) -> str:
-    """Return the text of the page with the table of all codes."""
-    rows = [
-        f"| `{code.name}` | {code.meaning} | {code.cause} | {code.advice} |\n"
+def page_with_sections(page: str) -> str:
+    """Return the text of the page with a section for each code, whose heading is its name."""
+    sections = "".join(
+        f"\n### {code.name}\n\n"
+        f"{code.meaning[:1].upper()}{code.meaning[1:]}.\n\n"
+        f"**Cause:** {code.cause}\n\n**Advice:** {code.advice}\n"
         for code in CODES.values()
-    ]
-    return _TABLE.sub(lambda found: found[1] + "".join(rows), page)
+    )
+    return _SECTIONS.sub(lambda _: f"{sections}\n", page)
 
 
 def main() -> None:
     """Write the page."""
-    PAGE.write_text(page_with_table(PAGE.read_text("utf-8")), "utf-8")
+    PAGE.write_text(page_with_sections(PAGE.read_text("utf-8")), "utf-8")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ import pytest
 
 import seaid
 from scripts import design_table
-from scripts.warnings_page import page_with_table
+from scripts.architecture import PICTURE, picture
+from scripts.warnings_page import page_with_sections
 from seaid.drives.terms import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
 from seaid.log.description import description_for
@@ -67,7 +68,11 @@ ALL_BLOCKS = [
 
 def test_every_code_of_a_finding_is_explained() -> None:
     text = (ROOT / "docs/warnings.md").read_text("utf-8")
-    assert text == page_with_table(text)  # python -m scripts.warnings_page
+    assert text == page_with_sections(text)  # python -m scripts.warnings_page
+
+
+def test_the_picture_of_the_packages_is_that_of_their_imports() -> None:
+    assert PICTURE.read_text("utf-8") == picture()  # python -m scripts.architecture
 
 
 def of_language(*languages: str) -> list[object]:

@@ -316,6 +316,7 @@ SHORT_FORMS = {
     "identify_biped.py": ("--duration 2 --output OUT",),
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
+    "mutants.py": ("--count 1 --only estimation/parameters --workers 1",),
     "so101.py": ("--logs OUT/none",),
 }
 """Arguments of the short forms of each script; OUT is the folder of the test."""
@@ -330,6 +331,7 @@ RUN_ELSEWHERE = {
     "identify_tulip_leg.py": "tests/test_scripts.py",
     "real_data.py": "tests/test_scripts.py",
     "ship_measured_logs.py": "tests/test_scripts.py",
+    "architecture.py": "tests/test_documents.py",
     "warnings_page.py": "tests/test_documents.py",
 }
 """Scripts that other tests run."""

@@ -149,8 +149,8 @@ def asked_by(requirement: str) -> set[str]:
 
 
 def test_environment_of_the_project_has_all_extras_so_that_they_resolve_together() -> None:
-    # one is built from its sources, the other large: make test-hebi, make test-simulators
-    installed = asked_by("seaid[dev]") | {"hebi-py", "drake"}
+    # one is built from its sources, the others are large: make test-hebi, make test-simulators
+    installed = asked_by("seaid[dev]") | {"hebi-py", "drake", "newton", "newton-usd-schemas"}
     for extra in PROJECT["optional-dependencies"]:
         assert asked_by(f"seaid[{extra}]") <= installed, extra
 

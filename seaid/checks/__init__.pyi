@@ -7,12 +7,14 @@ from .channels import strength_findings as strength_findings
 from .channels import without_torque as without_torque
 from .check import Code as Code
 from .check import Observation as Observation
+from .check import guarded as guarded
 from .check import in_description as in_description
 from .check import observed as observed
 from .check import only_joint as only_joint
 from .codes import CODES as CODES
 from .codes import consequences as consequences
 from .codes import is_wrong as is_wrong
+from .codes import merged as merged
 from .codes import that_matter as that_matter
 from .columns import Side as Side
 from .columns import backlash as backlash

@@ -70,7 +70,7 @@ def _best_gravity(experiment: Experiment) -> Array | None:
     change = scaled_svd(np.column_stack(columns)).solve(experiment.unexplained, tol.SLIGHT)
     # The length of gravity is known: only the direction of the sum counts.
     norm = float(np.linalg.norm(now + change))
-    return np.asarray((now + change) / norm) if norm > 0.3 else None
+    return np.asarray((now + change) / norm) if norm > tol.FIRST_ORDER else None
 
 
 def _first_order(experiment: Experiment, ahead: Experiment, step: float) -> float:
@@ -87,7 +87,7 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints."""
     for joint in experiment.robot.joint_names[1:]:
         factor = 1 + _first_order(experiment, _with_length(experiment, joint, 1 + tol.FEW), tol.FEW)
-        if abs(factor - 1) >= tol.SLIGHT and 0.3 < factor < 3.0:
+        if abs(factor - 1) >= tol.SLIGHT and tol.FIRST_ORDER < factor < 1 / tol.FIRST_ORDER:
             yield Transform(
                 codes.GEOMETRY,
                 f"the distance of {joint} from the joint before it is {factor:.3g} times that of "
@@ -154,11 +154,11 @@ def _with_zeros(experiment: Experiment, angles: dict[int, float]) -> Experiment:
 
 
 def _with_length(experiment: Experiment, joint: str, factor: float) -> Experiment:
-    """Return the experiment with another distance of a joint, unless it is below 1 mm."""
+    """Return the experiment with another distance of a joint, unless it is next to none."""
     robot, model = experiment.robot, experiment.robot.model.copy()
     # Joint 0 of Pinocchio is the universe.
     placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
-    if np.linalg.norm(placement.translation) >= 1e-3:
+    if np.linalg.norm(placement.translation) >= tol.SHORTEST_M:
         placement.translation = factor * placement.translation
     return experiment.with_changes(robot=replace(robot, model=model))
 
@@ -267,13 +267,27 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
 
-def _masses(experiment: Experiment) -> tuple[Array, Array, Array] | None:
-    """Return how the masses differ from the robot file, None where no torque shows it.
+def _posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:
+    """Return the mean (k,) of W u and a root (k, p) of its covariance, W (k, p) being `widths`.
 
-    That is their relative changes (N,), roots (N, k) of the covariance of these, and the parts (N,)
-    of the mass that the torques show. Each body counts as that of the file times a factor, which
-    the torques determine next to the width of its mass; what this leaves unexplained beyond the
-    noise counts as noise.
+    The errors u have the variance 1, `effects` (R, p) are their torques over the noise, y (R,) is
+    the torque.
+    """
+    count = widths.shape[1]
+    svd = scaled_svd(np.vstack([effects, np.eye(count)]))
+    # The posterior mean of u minimises |E u - y|^2 + |u|^2.
+    mean = widths @ svd.solve(np.concatenate([y, np.zeros(count)]))
+    return mean, widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
+
+
+def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, float]] | None:
+    """Return how the bodies differ from the robot file, None where no torque shows it.
+
+    Each body counts as that of the file times a factor, which the torques determine next to the
+    width of its mass; what this leaves unexplained beyond the noise counts as noise. That is the
+    relative changes (N,), roots (N, k) of the covariance of these, and the parts (N,) of the mass
+    that the torques show. Last come the relative change of that mass and its standard error if
+    centres and inertias have their errors, too: a torque shows products of masses and lengths.
     """
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
     if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
@@ -285,26 +299,27 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array] | None:
     noise = math.sqrt(max(1.0, float(np.mean(excess**2)) * tol.CORRELATED_ROWS))
     mass = np.maximum(np.abs(bodies[:, 0]), np.finfo(float).tiny)
     # The rows of the masses, one of ten, over the masses: (N, 5N + 1).
-    widths = np.hstack([experiment.widths, experiment.common[:, :1]])[::10] / mass[:, None]
-    # with u of variance 1, the relative changes are `widths` u
-    svd = scaled_svd(np.vstack([effects @ widths / noise, np.eye(widths.shape[1])]))
-    # The posterior mean of u minimises |E W u - y|^2 / noise^2 + |u|^2.
-    change = widths @ svd.solve(np.concatenate([y / noise, np.zeros(widths.shape[1])]))
-    roots = widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
+    errors = np.hstack([experiment.widths, experiment.common[:, :1]])
+    widths = errors[::10] / mass[:, None]
+    change, roots = _posterior(effects @ widths / noise, y / noise, widths)
     # A torque shows a mass whose standard deviation it halves.
     is_shown = np.linalg.norm(roots, axis=1) < tol.MOST * np.linalg.norm(widths, axis=1)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
     is_possible = np.nanmedian(misfit) < tol.SEVERE and np.all(change[is_shown] > -1)
-    share = np.where(is_shown, mass, 0.0)
-    return (change, roots, share / np.sum(share)) if np.any(is_shown) and is_possible else None
+    if not np.any(is_shown) or not is_possible:
+        return None
+    share = np.where(is_shown, mass, 0.0) / np.sum(mass[is_shown])
+    torques = experiment.over_noise(experiment.regressor @ errors)
+    of_mass, root = _posterior(torques, y, share[None] @ widths)
+    return change, roots, share, (float(of_mass[0]), float(np.linalg.norm(root)))
 
 
 def file_findings(experiment: Experiment) -> Iterator[Finding]:
-    """Yield how much heavier the robot is than its file, and which link most."""
+    """Yield by which factor the bodies of the file are off, and what is known of the mass."""
     masses = _masses(experiment)
     if masses is None:
         return
-    robot, (change, roots, share) = experiment.robot, masses
+    robot, (change, roots, share, of_mass) = experiment.robot, masses
     total, error = float(share @ change), float(np.linalg.norm(share @ roots))
     most = int(np.argmax(np.abs(share * change)))  # the body that changes the mass most
     link, part = robot.body_names[most], float(change[most])
@@ -316,18 +331,23 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     is_mostly = differs and abs(share[most] * part) > size
     if not is_heavier and not is_mostly:
         return
-    message = f"{link} is {_heavier(part, error_of_part)} than in its file"
+    what, times, its_error = link, 1 + part, error_of_part
     if is_heavier:
-        message = f"the robot is {_heavier(total, error)} than its file"
-        message += f", mostly {link}, by {part:+.0%}" if is_mostly else ""
+        what, times, its_error = "bodies", 1 + total, error
+    mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
+    word = "heavier" if of_mass[0] > 0 else "lighter"
     rival, measurement = _other_explanation(experiment, link if is_mostly else "", total)
     yield codes.NOMINAL_VALUES.finding(
-        f"{message}, by the torques and the shapes of the links in the file; or {rival}",
+        f"the torques need {what} {times:.3g} +- {its_error:.2g} times as heavy as in the robot "
+        f"file{mostly}, if centres and shapes are those of the file; by the torques alone the "
+        f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}; or {rival}",
         robot.joint_of(most) if is_mostly and not is_heavier else "",
         "note",
         {
-            "relative change of the mass": total,
+            "bodies over those of the file": 1 + total,
             "standard error": error,
+            "relative change of the mass": of_mass[0],
+            "standard error of the mass": of_mass[1],
             f"relative change of {link}": part,
         },
         f"{measurement}: if the file is wrong, the estimate needs no change",
@@ -350,8 +370,3 @@ def _other_explanation(experiment: Experiment, mostly: str, total: float) -> tup
         f"all torques are {1 + total:.3g} times what they should be",
         f"{measurement}, or hold a known weight at a known distance and compare the torque",
     )
-
-
-def _heavier(change: float, error: float) -> str:
-    word = "heavier" if change > 0 else "lighter"
-    return f"{abs(change):.0%} +- {error:.0%} {word}"

@@ -8,6 +8,7 @@ the result: its error becomes a note.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -137,17 +138,19 @@ def observed(checks: Iterable[Observation[Given]], subject: Given) -> list[Findi
     """Return the findings of checks, in their order; a check that raises becomes a note."""
     findings: list[Finding] = []
     for check in checks:
-        try:
+        with guarded(check.code, findings):
             findings += check.look(subject)
-        except Exception as problem:  # the fit stands, whatever a check meets
-            findings.append(not_made(check.code, problem))
     return findings
 
 
-def not_made(code: Code, problem: Exception) -> Finding:
-    """Return the note that a check could not be made."""
-    text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
-    return code.note(text, certainty="certain")
+@contextmanager
+def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
+    """Add to findings, if a check of a code raises, the note that it could not be made."""
+    try:
+        yield
+    except Exception as problem:  # the fit stands, whatever a check meets
+        text = f"the check '{code.name}' could not be made: {reason_of(problem)}"
+        findings.append(code.note(text))
 
 
 def in_drives(tables: Mapping[tuple[str, ...], str], only: str = "") -> str:

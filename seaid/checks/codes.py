@@ -2,7 +2,7 @@
 
 What each stands for, what usually causes it, and what to do, is in `codes.toml`. A `Symptom` says
 that something is off, and not why; a `Cause` spoils the fit of its joint. `CODES` has them in the
-order of the page `docs/warnings.md`, whose table is made from both files
+order of the page `docs/warnings.md`, whose sections are made from both files
 (`python -m scripts.warnings_page`). Each code is given in one place.
 
 Findings follow from others: those of a wrong set-up, of noise, and symptoms of a cause. A result is
@@ -15,12 +15,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Cause, Code, Symptom, as_note, joints_of
-from seaid.errors import SEVERITIES, Finding, by_severity
+from seaid.errors import SEVERITIES, Finding, by_severity, listed
 
 if TYPE_CHECKING:
     from seaid.checks.verdict import JointFit
@@ -136,6 +137,54 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
         return is_whole or not finding.joint or finding.joint in joints
 
     return [as_note(x) if wrong and is_echo(x) else x for x in findings]
+
+
+def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings in the order of `by_severity`, those of one code at many joints as one.
+
+    That is above a note. It has the words of the first one, the remedies of all together, and their
+    evidence by joint.
+    """
+    ordered = by_severity(findings)
+    alike: dict[tuple[str, str], list[Finding]] = {}
+    for finding in ordered:
+        key = (finding.code, finding.severity) if finding.severity != "note" else ("", "")
+        alike.setdefault(key if finding.joint else ("", ""), []).append(finding)
+    alike.pop(("", ""), None)
+    replaced = {
+        finding: _as_one(group) if finding is group[0] else None
+        for group in alike.values()
+        if len({finding.joint for finding in group}) > tol.MOST_ALIKE
+        for finding in group
+    }
+    return tuple(x for x in (replaced.get(each, each) for each in ordered) if x is not None)
+
+
+def _as_one(findings: Sequence[Finding]) -> Finding:
+    """Return findings of one code and severity, each at a joint, as one."""
+    first, joints = findings[0], tuple(dict.fromkeys(finding.joint for finding in findings))
+    remedies: dict[str, dict[str, dict[str, None]]] = {}  # {first line: {table: its lines}}
+    for finding in findings:
+        header, *lines = finding.remedy.splitlines() or [""]
+        tables, table = remedies.setdefault(header, {}), ""
+        for line in lines:
+            table = line if line.startswith("[") else table
+            tables.setdefault(table, {})[line] = None
+    lines = [
+        line
+        for header, tables in remedies.items()
+        for line in filter(None, [header, *chain.from_iterable(tables.values())])
+    ]
+    return replace(
+        first,
+        message=f"{first.message}; likewise at {listed(joints[1:], tol.MOST_LISTED)}",
+        joint="",
+        joints=joints,
+        evidence={
+            f"{x.joint}: {key}": value for x in findings for key, value in x.evidence.items()
+        },
+        remedy="\n".join(lines),
+    )
 
 
 _ECHOES = (

@@ -470,7 +470,9 @@ class Experiment:
 
     @cached_property
     def _moving(self) -> BoolArray:
-        return np.asarray(np.abs(self.direction) > _MOVING)
+        # Where the mean sign of the speed behind the low pass is less, a motor may have stuck:
+        # friction then changes before the motion does, like an early torque.
+        return np.asarray(np.abs(self.direction) > 1 - tol.FEW)
 
     def _spring_torque(self, j: int) -> Array:
         return np.asarray(self.torque[:, j] - self.inertia[j] * self.motor[2][:, j])
@@ -480,7 +482,9 @@ class Experiment:
 
         The rotor has a column if its inertia is unknown.
         """
-        gradual = np.tanh(self.friction[j][:, 0] / _WIDTH)  # the first column is the speed, up to 1
+        gradual = np.tanh(
+            self.friction[j][:, 0] / tol.GRADUAL
+        )  # the first column is the speed, up to 1
         rotor = [self.motor[2][:, j]] if has_rotor else []
         return np.column_stack([self.friction[j], gradual, *rotor])
 
@@ -643,7 +647,7 @@ class Experiment:
         The friction of a motor that stands is anything up to that of Coulomb. A joint with too few
         such instants has all.
         """
-        few = np.sum(self._moving, axis=0) < _FEWEST_ROWS
+        few = np.sum(self._moving, axis=0) < tol.FEWEST_INSTANTS
         return self.with_changes(counted=np.asarray(self._moving | few))
 
     @property
@@ -721,7 +725,7 @@ def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     # the first parameter of each part belongs to its residuals; all parts are weighed alike
     size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
     size[:count] = sizes
-    scaled = _CORRELATED * inverse * size
+    scaled = tol.CORRELATED_ERRORS * inverse * size
     return x, np.asarray(scaled.T @ scaled)
 
 
@@ -755,34 +759,15 @@ def _slope(columns: Array, y: Array) -> tuple[float, float]:
     return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), _LEAST)))
 
 
-_CORRELATED = 1.5
-"""Standard errors for autocorrelated rows over those for white noise, for rows this far apart."""
-
-_WIDTH = 0.1
-"""Speed over the largest one at which friction may have another shape than Coulomb's."""
-
 _TINY, _LEAST = 1e-9, 1e-300
 
 _SCALES = 60
 """Widths of the bodies of a robot file that are compared, see `file`."""
 
-_LOCKED = 0.02
-"""Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
-shows no gear ratio, and what holds it yields too."""
-
 
 def stands_locked(joint: Array, motor: Array) -> bool:
     """Return whether a joint stands still while its motor moves, both (T,) at the same side."""
-    return bool(np.ptp(joint) < _LOCKED * np.ptp(motor))
-
-
-_FEWEST_ROWS = 30
-"""Fewest instants in motion of a joint: three for each of seven base parameters that a body adds
-and of three columns of friction."""
-
-_MOVING = 0.99
-"""Mean sign of the speed behind the low pass below which a motor may have stuck: friction then
-changes before the motion does, like an early torque."""
+    return bool(np.ptp(joint) < tol.LOCKED * np.ptp(motor))
 
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
@@ -927,7 +912,7 @@ def with_constant(*columns: Array) -> Array:
 def near(factor: float, *others: float) -> list[float]:
     """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
     usual = [*_USUAL, *others, *(1 / x for x in (*_USUAL, *others))]
-    return [*(x for x in usual if abs(math.log(factor / x)) < 0.2), factor]
+    return [*(x for x in usual if abs(math.log(factor / x)) < tol.ROUND), factor]
 
 
 def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) -> Experiment:

@@ -37,9 +37,6 @@ _ORDERS = {"motor": (1, 2, 3, 4, 6), "joint": (1, 2, 3, 4, 5, 6, 8, 10, 12), "me
 """Orders that are tried: turns and poles of the motor, turns of the joint, and the two lobes of
 strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
 
-_LEAST_PERIODS = 0.5
-"""An order is tried if the motion covers so many of its periods; fewer look like the spring."""
-
 
 def _orders(side: Side, joint: str) -> Iterator[Candidate]:
     """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
@@ -54,7 +51,8 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            if (name, order) not in known and order * width >= 2 * np.pi * _LEAST_PERIODS:
+            # less than half a period looks like the spring
+            if (name, order) not in known and order * width >= np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
                 yield linear_candidate(joint, name, str(order), columns)
 
@@ -202,11 +200,6 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         )
 
 
-_ROUND_TURNS = 0.05
-"""Turns with another joint of which pulleys and differentials have multiples: an estimate that is
-so within its error is one, since the deflection of a spring is a thousandth of the angles."""
-
-
 def _between_encoders(experiment: Experiment) -> list[int]:
     """Return the joints whose encoders show the gear: that of a spring needs its torque."""
     drives = [*experiment.robot.drives.values()]
@@ -228,7 +221,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
         turns, error = float(x[0]), math.sqrt(covariance[0, 0])
         if abs(turns) < tol.POOR:
             continue
-        rounded = round(turns / _ROUND_TURNS) * _ROUND_TURNS
+        rounded = round(turns / tol.ROUND_TURNS) * tol.ROUND_TURNS
         turns = rounded if abs(turns - rounded) < tol.SURE * error else turns
         factors = {**(drive.transmission or {joint: 1.0}), mover: float(f"{turns:.4g}")}
         changed = robot.with_drives({**robot.drives, joint: replace(drive, transmission=factors)})

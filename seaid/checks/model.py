@@ -14,8 +14,8 @@ from itertools import product
 
 import numpy as np
 
-from seaid.checks.check import as_note, joints_of
-from seaid.checks.codes import CODES, DELAY, ENCODER_OFFSET
+from seaid.checks.check import as_note, guarded, joints_of
+from seaid.checks.codes import CODES, DELAY, ENCODER_OFFSET, MISSING_TERM
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import (
     Accepted,
@@ -44,11 +44,15 @@ COLUMN_CHECKS = (*DRIVE_CHECKS, *GEAR_CHECKS, *SENSOR_CHECKS)
 
 @dataclass(frozen=True, eq=False)
 class SideSelection:
-    """What was accepted into the equation of a side, and the finding of each check and joint."""
+    """What was accepted into the equation of a side, and the finding of each check and joint.
+
+    `notes` are those on checks that could not be made.
+    """
 
     side: Side
     selection: Selection
     findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
+    notes: Sequence[Finding] = ()
 
     @property
     def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
@@ -228,23 +232,28 @@ def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
 
 def selections(sides: Sequence[Side]) -> list[SideSelection]:
     """Return what the rows of each side support next to the columns of its fit."""
-    proposed = [
-        [
-            replace(candidate, about=check)
-            for check in COLUMN_CHECKS
-            for joint in side.joints
-            for candidate in check.candidates(side, joint)
-        ]
-        for side in sides
-    ]
-    asked = sum(map(len, proposed))
-    return [_selected(*each, asked) for each in zip(sides, proposed, strict=True)]
+    proposed = [_proposed(side) for side in sides]
+    asked = sum(len(candidates) for candidates, _ in proposed)
+    return [_selected(side, *each, asked) for side, each in zip(sides, proposed, strict=True)]
 
 
-def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSelection:
+def _proposed(side: Side) -> tuple[list[Candidate], list[Finding]]:
+    """Return the candidates of a side, and notes on the checks that raise."""
+    candidates, notes = list[Candidate](), list[Finding]()
+    for check, joint in product(COLUMN_CHECKS, side.joints):
+        with guarded(check.code, notes):
+            of_check = [replace(x, about=check) for x in check.candidates(side, joint)]
+            candidates += [x for x in of_check if x.alternatives is not None]  # computed here
+    return candidates, notes
+
+
+def _selected(
+    side: Side, candidates: Sequence[Candidate], notes: list[Finding], asked: int
+) -> SideSelection:
     """Return what the rows of a side support, without candidates that turn out to be nothing."""
-    selection = forward_selection(side.equation, candidates, asked, STRONG)
-    findings = {}
+    selection, findings = Selection((), side.equation, ()), {}
+    with guarded(MISSING_TERM, notes):
+        selection = forward_selection(side.equation, candidates, asked, STRONG)
     for joint, check in product(side.joints, COLUMN_CHECKS):
         accepted = [
             x
@@ -253,13 +262,16 @@ def _selected(side: Side, candidates: Sequence[Candidate], asked: int) -> SideSe
         ]
         if not accepted:
             continue
-        finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
+        finding = None
+        with guarded(check.code, notes):
+            finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
+            finding = finding and _with_rivals(side, finding, accepted)
         if finding is None:
             # What it explained may belong to others that were not accepted next to it: all anew.
             remaining = [x for x in candidates if (x.about, x.joint) != (check, joint)]
-            return _selected(side, remaining, asked)
-        findings[check, joint] = _with_rivals(side, finding, accepted)
-    return SideSelection(side, selection, findings)
+            return _selected(side, remaining, notes, asked)
+        findings[check, joint] = finding
+    return SideSelection(side, selection, findings, notes)
 
 
 def model_findings(
@@ -279,7 +291,7 @@ def model_findings(
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = ENCODER_OFFSET.name
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
-    return findings
+    return [*findings, *(note for side in selected for note in side.notes)]
 
 
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:

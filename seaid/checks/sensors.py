@@ -21,7 +21,15 @@ from seaid.checks.engine import (
     Selection,
     linear_candidate,
 )
-from seaid.checks.tolerances import LEAST_DELAY_S, LEAST_SWING, SIGNIFICANT, SURE, SURE_TOGETHER
+from seaid.checks.tolerances import (
+    GRADUAL,
+    LEAST_DELAY_S,
+    LEAST_SWING,
+    POOR,
+    SIGNIFICANT,
+    SURE,
+    SURE_TOGETHER,
+)
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
@@ -65,7 +73,7 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     def of_drive(motion: Motion) -> Array:
         speed, acceleration = motion.motor_velocity[:, index], motion.motor_acceleration[:, index]
         # tanh(v / w) is 1 from about 2 w on, as the sign of Coulomb friction.
-        gradual = np.tanh(speed / (_WIDTH * fastest))
+        gradual = np.tanh(speed / (GRADUAL * fastest))
         columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
         return np.column_stack(columns)
 
@@ -87,9 +95,6 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
 
 _ROUNDING = 1e-3
 """Part of a column that rounding leaves of one that is in the model already."""
-
-_WIDTH = 0.1
-"""Speed over the largest one at which friction may have another shape than that of the drive."""
 
 
 def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
@@ -220,7 +225,7 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
         column = Alternative(slope[:, None], 1)
         (correction,), (error,) = current.with_alternatives([column]).last(1)
         angle += float(correction)
-        if abs(correction) < 0.1 * error:
+        if abs(correction) < POOR * error:
             break
         change = turned_by(angle=angle) - before
     return angle, float(error)

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -24,7 +25,15 @@ from scipy.special import chdtri
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, excluding_torque, in_description, in_drives, observed
+from seaid.checks.check import (
+    Code,
+    Observation,
+    excluding_torque,
+    guarded,
+    in_description,
+    in_drives,
+    observed,
+)
 from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import (
     Experiment,
@@ -148,9 +157,9 @@ def _is_contradicted(before: Experiment, transform: Transform) -> bool:
 
 def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     """Return the mistakes that explain an experiment far better, and it without them."""
-    findings: list[Finding] = []
+    findings, notes = list[Finding](), list[Finding]()
     while len(findings) < _MOST_MISTAKES:
-        trials = _trials(experiment)
+        trials = _trials(experiment, notes)
         if any(finding.severity != "note" for finding in findings):
             # its value has an error, which makes others small ones that are none
             trials = [trial for trial in trials if trial.falls]
@@ -161,7 +170,7 @@ def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         # The file is contradicted as a whole: nothing else is compared with its bodies.
         if trials[0].transform.code == codes.NOMINAL_VALUES:
             experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
-    return findings, experiment
+    return [*findings, *dict.fromkeys(notes)], experiment
 
 
 def _described(experiment: Experiment, remedy: str) -> Experiment:
@@ -180,38 +189,39 @@ def _described(experiment: Experiment, remedy: str) -> Experiment:
     return experiment.with_changes(sources=tuple(sources))
 
 
-def transforms(experiment: Experiment) -> Iterator[Transform]:
-    """Yield what undoes each mistake that is possible."""
+def transforms(experiment: Experiment, notes: list[Finding]) -> Iterator[Transform]:
+    """Yield what undoes each mistake that is possible, and add the `notes` on checks that raise."""
     for is_shown, generators in MISTAKES.items():
-        if is_shown(experiment):
-            for generator in generators:
-                yield from generator(experiment)
+        for generator, code in generators.items():
+            with guarded(code, notes):
+                if is_shown(experiment):
+                    yield from generator(experiment)
 
 
-def _trials(experiment: Experiment) -> list[_Trial]:
-    """Return the transforms that the log demands, the best first."""
-    tried, rows = [*transforms(experiment)], experiment.independent_rows
+def _trials(experiment: Experiment, notes: list[Finding]) -> list[_Trial]:
+    """Return the transforms that the log demands, the best first, and add `notes` as above."""
+    costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
     has_bodies = _has_bodies(experiment)
-
-    def by_file(transform: Transform) -> float:
-        changed = transform.changed
-        cost = changed.file if has_bodies else changed.cost("free", rows)
-        return cost + changed.cost("motor", rows) + changed.cost("encoders", rows)
-
-    def by_joint(transform: Transform) -> float:
-        return transform.changed.cost("nominal", rows)
-
-    # one of several mistakes repairs its joints, while the others still contradict the robot file
+    for transform in transforms(experiment, notes):
+        with guarded(transform.code, notes):
+            changed = transform.changed
+            cost = changed.file if has_bodies else changed.cost("free", rows)
+            cost += changed.cost("motor", rows) + changed.cost("encoders", rows)
+            # one of several mistakes repairs its joints, while others still contradict the file
+            costs[transform] = cost, changed.cost("nominal", rows)
     best = [
         transform
-        for cost in (by_file, by_joint)
-        for transform in sorted(tried, key=lambda x: cost(x) + x.penalty)[:_SHORTLIST]
+        for kind in range(2)
+        for transform in sorted(costs, key=lambda x: costs[x][kind] + x.penalty)[:_SHORTLIST]
     ]
+    trials = []
     # Only then: in the place of one that the log contradicts another would be compared that its
     # costs do not suggest.
-    possible = [x for x in dict.fromkeys(best) if not _is_contradicted(experiment, x)]
-    trials = [_trial(experiment, transform) for transform in possible]
-    demanded = [trial for trial in trials if trial.is_demanded(len(tried))]
+    for transform in dict.fromkeys(best):
+        with guarded(transform.code, notes):
+            if not _is_contradicted(experiment, transform):
+                trials.append(_trial(experiment, transform))
+    demanded = [trial for trial in trials if trial.is_demanded(len(costs))]
     return sorted(demanded, key=lambda trial: -trial.total)
 
 
@@ -490,7 +500,7 @@ def _refinement(experiment: Experiment, j: int) -> float:
     # z . (u + (f - 1) x) = 0 for a factor f on the torque x, of which u is unexplained now:
     # f = 1 - z . u / z . x.
     inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
-    return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
+    return 1 / inverse if 1 / tol.TWICE < inverse < tol.TWICE else 1.0
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -502,7 +512,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     if middle <= 0 or len(used) < 2:
         return
     # torques in another unit change the apparent rotor inertias too, masses do not
-    of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
+    of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
     yield _scale(experiment, used, middle, "the torques of all joints are", float(of_masses))
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
@@ -641,7 +651,7 @@ def _is_severe_by_joint(experiment: Experiment) -> bool:
 
 def _has_encoders_apart(experiment: Experiment) -> bool:
     """Whether the encoders of a joint contradict each other."""
-    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.SLIGHT)
+    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.FEW)
 
 
 def _has_other_ratios(experiment: Experiment) -> bool:
@@ -651,17 +661,36 @@ def _has_other_ratios(experiment: Experiment) -> bool:
     return is_other or _is_severe_by_joint(experiment)
 
 
-MISTAKES = {
-    _has_bodies: (
-        *(_torque_scales, _rotor_inertias, _all_torque_scales, bodies.gravities, bodies.lengths),
-        *(bodies.zeros, bodies.payloads),
-    ),
-    _is_severe: (bodies.quarter_turns, _all_channels, _times, gears.geared_encoders),
-    _is_severe_by_joint: (_signs, _positions, _exchanges),
-    _has_other_ratios: (gears.gear_ratios,),
-    _has_encoders_apart: (gears.coupled_motors, gears.linkages),
+Generator = Callable[[Experiment], Iterator[Transform]]
+
+MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
+    _has_bodies: {
+        _torque_scales: codes.TORQUE_SCALE,
+        _rotor_inertias: codes.ROTOR_INERTIA,
+        _all_torque_scales: codes.TORQUE_SCALE,
+        bodies.gravities: codes.GRAVITY,
+        bodies.lengths: codes.GEOMETRY,
+        bodies.zeros: codes.ENCODER_OFFSET,
+        bodies.payloads: codes.PAYLOAD,
+    },
+    _is_severe: {
+        bodies.quarter_turns: codes.ENCODER_OFFSET,
+        _all_channels: codes.UNIT,
+        _times: codes.TIME_UNIT,
+        gears.geared_encoders: codes.UNIT,
+    },
+    _is_severe_by_joint: {
+        _signs: codes.SIGN,
+        _positions: codes.UNIT,
+        _exchanges: codes.SWAPPED_JOINTS,
+    },
+    _has_other_ratios: {gears.gear_ratios: codes.GEAR_RATIO},
+    _has_encoders_apart: {
+        gears.coupled_motors: codes.COUPLED_JOINTS,
+        gears.linkages: codes.VARYING_RATIO,
+    },
 }
-"""{what shows that a set-up may be wrong: what can be wrong with it}."""
+"""{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
 
 
 def log_findings(
@@ -683,15 +712,11 @@ def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
             yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 
-_LONGEST_M = 20.0
-"""Distance [m] between two joints that no robot has; that of 2 cm in mm."""
-
-
 def _sizes(logged: channels.Logged) -> Iterator[Finding]:
     """Yield that the lengths of the robot file are in mm."""
     model = logged.robot.model
     longest = max(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
-    if longest > _LONGEST_M:
+    if longest > tol.LONGEST_M:
         yield codes.GEOMETRY.finding(
             f"two joints of the robot file are {longest:.3g} m apart: its lengths are in mm, not m",
             severity="wrong",
@@ -707,9 +732,9 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
     Torques beyond their limits are no finding of joints whose gains are in another unit, or whose
     limit is another one.
     """
-    known = [finding for finding in known if channels.HELD not in finding.evidence] + [
-        *channels.decided_delays(experiment, known)
-    ]
+    delays = partial(channels.decided_delays, known=known)
+    known = [finding for finding in known if channels.HELD not in finding.evidence]
+    known += observed([Observation(codes.DELAY, delays)], experiment)
     findings = [*known, *_of_motion(experiment, known)]
     joints = {joint for finding in findings for joint in finding.joints}
     return [
@@ -726,10 +751,21 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
     if of_logs & {code.name for code in hiding} or codes.NO_MEASUREMENT.name in wrong:
         return []  # the torques show no other mistake
-    offsets = [*channels.offset_findings(experiment)]
-    if experiment.robot.has_controllers:
-        return offsets or ([] if wrong else _of_commands(experiment, known))
-    return offsets or [*_of_friction_alone(experiment)] or _of_torques(experiment, known)
+    checks = [Observation(codes.ENCODER_OFFSETS_DIFFER, channels.offset_findings)]
+    if not experiment.robot.has_controllers:
+        checks += [
+            Observation(codes.NO_MEASUREMENT, _of_friction_alone),
+            Observation(codes.NOMINAL_VALUES, partial(_of_torques, known=known)),
+        ]
+    elif not wrong:
+        checks.append(Observation(codes.GAIN_SCALE, partial(_of_commands, known=known)))
+    findings, notes = list[Finding](), list[Finding]()
+    for check in checks:  # the first one that finds something hides the others
+        with guarded(check.code, notes):
+            findings += check.look(experiment)
+        if findings:
+            break
+    return [*findings, *notes]
 
 
 def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -739,8 +775,12 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
     findings, without = mistakes(with_torques_of(experiment, kept))
     is_named = any(finding.severity != "note" for finding in findings)
-    beyond = [] if is_named else list(channels.limit_findings(experiment))
-    return [*findings, *beyond, *bodies.file_findings(without)]
+    beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
+    of_file = Observation(codes.NOMINAL_VALUES, bodies.file_findings)
+    return [*findings, *beyond, *observed([of_file], without)]
+
+
+_BEYOND_LIMITS = Observation(codes.UNIT, channels.limit_findings)
 
 
 def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -748,13 +788,18 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
 
     The channels of a torque are not there, and an unknown armature looks like another mistake.
     """
-    limited = list(commands.hidden_limits(experiment))
+    limited, notes = list[Finding](), list[Finding]()
+    with guarded(codes.SATURATION, notes):
+        limited += commands.hidden_limits(experiment)
     if limited:  # which looks like gains in another unit, or another zero
         return limited
     stopped = {finding.joint for finding in known if finding.code == codes.CONTACT.name}
-    gains, without = commands.gain_findings(experiment)
-    findings = [*gains, *channels.limit_findings(without), *commands.pose_findings(without)]
-    return [finding for finding in findings if finding.joint not in stopped]
+    gains, without = list[Finding](), experiment
+    with guarded(codes.GAIN_SCALE, notes):
+        gains, without = commands.gain_findings(experiment)
+    poses = Observation(codes.ENCODER_OFFSET, commands.pose_findings)
+    findings = [*gains, *observed([_BEYOND_LIMITS, poses], without)]
+    return [*(finding for finding in findings if finding.joint not in stopped), *notes]
 
 
 @dataclass(frozen=True)

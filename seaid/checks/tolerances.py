@@ -1,7 +1,8 @@
 """The numbers on which checks decide, each with its unit, its meaning and where it comes from.
 
 No number is chosen on the log of one robot: it follows from statistics, from physics, or from a
-study over simulated robots that its line names. A check has no number of its own elsewhere.
+study over simulated robots that its line names. A check has no threshold of its own elsewhere:
+other modules have the sizes of searches, units, and what rounding leaves.
 """
 
 SIGNIFICANT = 5.0
@@ -37,9 +38,10 @@ BURST, WINDOW_S, RARE, SLIGHT = 6.0, 0.25, 0.2, 0.05
 (rms), unless it does so in more than a part of the windows, or is a slight part of the torque. A
 slight share of some hundred samples shows."""
 
-CORRELATED_ROWS = 4.0
+CORRELATED_ROWS, CORRELATED_ERRORS = 4.0, 1.5
 """Rows of a regression per independent one: eight are in a period of the cutoff, which is two
-independent ones. A window has at least one."""
+independent ones. A window has at least one. Standard errors of the instants of an experiment, which
+are farther apart, over those for white noise."""
 
 FEW = 0.01
 """Share of the samples, or of a correlation below one, that no mistake of a set-up is needed for:
@@ -71,6 +73,30 @@ LEAST_DELAY_S = 0.0015
 
 HELD_S = 0.25
 """Time [s] beyond which equal commands are a rest and not a message that was lost."""
+
+FEWEST_INSTANTS = 30
+"""Fewest instants of an experiment at which a joint moves: three for each of seven base parameters
+that a body adds and of three columns of friction."""
+
+GRADUAL = 0.1
+"""Speed over the largest one at which friction may have another shape than that of the drive."""
+
+LOCKED = 0.02
+"""Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
+shows no gear ratio, and what holds it yields too."""
+
+ROUND, ROUND_TURNS = 0.2, 0.05
+"""Part by which a factor may be off a usual one, since mistakes are often round. Turns with another
+joint of which pulleys and differentials have multiples: an estimate that is so within its error is
+one, since the deflection of a spring is a thousandth of the angles."""
+
+FIRST_ORDER = 0.3
+"""Part of a distance, or of the length of gravity, that remains after a change to first order, or
+its inverse, beyond which the effect on the torques is not linear."""
+
+LONGEST_M, SHORTEST_M = 20.0, 1e-3
+"""Distance [m] between two joints that no robot has, which is that of 2 cm in mm; and that below
+which another length is none."""
 
 LEVELS = 50
 """Least number of different values of a channel whose extremes and zeros mean something."""
@@ -113,8 +139,9 @@ of it."""
 GRID_DEG, NEAREST_DEG = 30.0, 1.0
 """First and last step of the search for the zero of a joint [degrees]."""
 
-MOST_NAMED, MOST_LISTED = 6, 12
-"""Joints that the verdict names per code, and those that a warning names."""
+MOST_NAMED, MOST_LISTED, MOST_ALIKE = 6, 12, 3
+"""Joints that the verdict names per code, those that a warning names, and those with warnings of
+one code that are listed one by one: fifteen that lack the same are read as one."""
 
 PER_CENT = 100.0
 """Least number of parts that a rating is logged in."""

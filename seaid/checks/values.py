@@ -143,7 +143,7 @@ def _drifts(estimate: Estimate) -> Iterator[Finding]:
             f"rms: below {drift.corner_hz:.2g} Hz the drift is larger than the noise; the standard "
             f"errors were enlarged by it, up to {math.sqrt(growth):.2g} times",
             drift.joint,
-            "doubtful" if growth > tol.TWICE else "note",
+            "doubtful" if growth > tol.TWICE and drift.share >= tol.FEW else "note",
             {
                 "share of the torque": drift.share,
                 "corner_hz": drift.corner_hz,

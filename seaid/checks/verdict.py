@@ -19,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, excluding_torque, observed
+from seaid.checks.check import Observation, as_note, excluding_torque, observed
 from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, POORLY_IDENTIFIED
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
@@ -201,8 +201,9 @@ class RobotFit:
     residual of all joints over that of their torques without contact forces, of a floating base, in
     the own logs and in excluded blocks. `rows_per_parameter` are the independent ones, infinite
     without blocks; `predicted` are the errors of other motions by joint. `own` (R,) are the rows of
-    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded. `logs` {run
-    of the rows: number of its log, from 1} name the logs.
+    the logs concerned, None for all; `weak` are joints whose spring is hardly loaded, `lacking`
+    those whose motor equation lacks a term. `logs` {run of the rows: number of its log, from 1}
+    name the logs.
     """
 
     joint_names: tuple[str, ...]
@@ -212,6 +213,7 @@ class RobotFit:
     rows_per_parameter: float = float("inf")
     own: BoolArray | None = None
     weak: Collection[str] = ()
+    lacking: Collection[str] = ()
     predicted: Mapping[str, float] = FrozenMapping({}, "joint")
     logs: Mapping[int, int] = field(default_factory=dict)
 
@@ -270,15 +272,16 @@ def robot_fit(
     own: BoolArray | None = None,
     locked: Collection[str] = (),
     weak: Collection[str] = (),
+    lacking: Collection[str] = (),
     logs: Mapping[int, int] = MappingProxyType({}),
 ) -> RobotFit:
     """Return how much of the torques of all joints with rows in memory a fit explains.
 
     `actuators` are the fits of motor equations; `bodies` (10n,) the identified standard parameters
     with the payloads; `experiment` is what has the `own` rows. Load sides of `locked` joints are
-    unknown, NaN. `logs` are the numbers of the logs, as in `RobotFit`.
+    unknown, NaN. `weak`, `lacking` and `logs` are those of `RobotFit`.
     """
-    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak, logs=logs)
+    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak, lacking=lacking, logs=logs)
     rows = bare.rows
     if rows is None or fit.rows is None:
         return bare
@@ -526,13 +529,16 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
 
 
 def _contacts(whole: RobotFit) -> Iterator[Finding]:
-    """Yield the times at which residuals of several windows are far beyond those of the others."""
+    """Yield the times at which residuals of several windows are far beyond those of the others.
+
+    The torque of a spring by another law than its own looks so where its deflection is large.
+    """
     for contact in whole.contacts:
         several = len(set(whole.logs.values())) > 1
         log = f"log {whole.logs[contact.run]}" if several else "the log"
         start, end, joints = contact.start_s, contact.end_s, contact.joints
         softly = f"{max(start - contact.softly_s, 0):.3f}, {end + contact.softly_s:.3f}"
-        yield CONTACT.finding(
+        finding = CONTACT.finding(
             f"between {start:.2f} and {end:.2f} s{f' of {log}' * several} the torques of "
             f"{', '.join(joints)} are far from the model, more than {tol.BURST:g} times as far as "
             "at other times: contact, or a hand",
@@ -541,6 +547,7 @@ def _contacts(whole: RobotFit) -> Iterator[Finding]:
             remedy=f"in the description of {log}:\nexclude_s = [[{softly}]]",
             joints=joints,
         )
+        yield as_note(finding) if {*joints} <= {*whole.lacking} else finding
 
 
 def _few_rows(whole: RobotFit) -> Iterator[Finding]:

@@ -169,7 +169,7 @@ def _write_code(robot: seaid.Robot, output: Path, suffix: str) -> tuple[str, dic
 
 
 def _lines(
-    robot: seaid.Robot, kind: seaid.export.FormatName, ranges: seaid.Randomization | None
+    robot: seaid.Robot, kind: seaid.export.FormatName, ranges: seaid.export.Randomization | None
 ) -> Iterator[str]:
     """Yield what was written, and what of the `ranges` is not determined."""
     if seaid.export.FORMATS[kind].has_bodies:

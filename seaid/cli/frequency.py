@@ -65,7 +65,7 @@ def frequency(
     fail.check(response.warnings)
 
 
-def _facts(frf: seaid.FrequencyResponse) -> dict[str, Any]:
+def _facts(frf: seaid.frequency.FrequencyResponse) -> dict[str, Any]:
     """Return the numbers of a response as JSON content; complex ones as size and phase."""
     import numpy as np
 

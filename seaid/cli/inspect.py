@@ -104,7 +104,7 @@ def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
             raise typer.BadParameter(remedy, param_hint=option)
 
 
-def _exact(robot: seaid.Robot) -> seaid.CrossCheck:
+def _exact(robot: seaid.Robot) -> seaid.regressor.CrossCheck:
     """Return the comparison of numeric base parameters with exact ones."""
     return seaid.regressor.cross_check(
         seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
@@ -240,7 +240,7 @@ def _link_lines(inconsistent: dict[str, str]) -> Iterator[str]:
         yield from (f"  {link} has {reason}" for link, reason in inconsistent.items())
 
 
-def _base_lines(base: seaid.BaseParameters) -> Iterator[str]:
+def _base_lines(base: seaid.regressor.BaseParameters) -> Iterator[str]:
     yield f"\n{len(base.expressions)} base parameters (singular-value gap {base.gap:.2g}):"
     yield from (f"  {expression}" for expression in base.expressions)
 

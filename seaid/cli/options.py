@@ -183,7 +183,7 @@ class IdentifyOptions(LogOptions):
     encoder_offset_std: float = 0.0
     known_std: kinds.Deviations | None = None
 
-    def saved(self, run: Path | None, *names: str) -> seaid.Run | None:
+    def saved(self, run: Path | None, *names: str) -> seaid.project.Run | None:
         """Load a saved run, unless options, or parameters of these `names`, ask for another result.
 
         They do if they are on the line and the run is not: then it is that of the project.
@@ -257,7 +257,7 @@ class IdentifiedOptions(IdentifyOptions):
         """The files of these options, which a command reads."""
         return *super().files, *(self.from_logs or ())
 
-    def result(self, *, feasible: bool = False) -> seaid.Run:
+    def result(self, *, feasible: bool = False) -> seaid.project.Run:
         """Load the saved run, or identify.
 
         The run of a project file gives way to logs and options of the command line.
@@ -272,7 +272,7 @@ class IdentifiedOptions(IdentifyOptions):
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
         options = self.recorded(self.from_logs, feasible=feasible)
         origin = seaid.project.provenance_of(filter(None, self.files), options, command_line())
-        return seaid.Run(identification, {}, origin)
+        return seaid.project.Run(identification, {}, origin)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -379,7 +379,7 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | No
 
 
 def facts_of(
-    fit: seaid.Identification, *results: seaid.Validation | seaid.ReplayComparison
+    fit: seaid.Identification, *results: seaid.Validation | seaid.simulation.ReplayComparison
 ) -> dict[str, Any]:
     """Return robot, verdict and warnings of an identification and its tests, for `show`."""
     every = [*fit.warnings, *(finding for each in results for finding in each.warnings)]

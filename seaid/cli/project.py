@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -15,19 +15,21 @@ import seaid
 from seaid.cli.messages import note
 from seaid.errors import SeaidWarning, listed
 
+if TYPE_CHECKING:
+    from seaid.project import Project
+
 PROJECT_FILE = "seaid.toml"
 
 _CONTEXT: ContextVar[typer.Context | None] = ContextVar("the running command", default=None)
 
 
-def project_here() -> seaid.Project | None:
+def project_here() -> Project | None:
     """Return the project whose values are the defaults of the running command."""
     context = _CONTEXT.get()
-    project: seaid.Project | None = None if context is None else context.obj
-    return project
+    return context.obj if context is not None else None
 
 
-def _defaults(project: seaid.Project) -> dict[str, Any]:
+def _defaults(project: Project) -> dict[str, Any]:
     """Return {parameter of a command: default}."""
     from seaid._files import LATEST, followed
 
@@ -51,7 +53,7 @@ def _defaults(project: seaid.Project) -> dict[str, Any]:
     return {name: value for name, value in defaults.items() if value or value is False}
 
 
-def _of_command(name: str, project: seaid.Project, values: Mapping[str, Any]) -> dict[str, Any]:
+def _of_command(name: str, project: Project, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the defaults of a command, without those that it does not use."""
     defaults = _defaults(project)
     if name == "validate" and not values.get("cross"):
@@ -63,7 +65,7 @@ def _of_command(name: str, project: seaid.Project, values: Mapping[str, Any]) ->
     return {key: value for key, value in defaults.items() if key in values and not is_typed(key)}
 
 
-def _logs(project: seaid.Project, use: Literal["identify", "validate"]) -> list[Path]:
+def _logs(project: Project, use: Literal["identify", "validate"]) -> list[Path]:
     """Return the paths of the logs of a use."""
     return [log.path for log in project.logs_for(use)]
 
@@ -94,11 +96,9 @@ def with_project(
     return values
 
 
-def _note_of_project(
-    context: typer.Context, project: seaid.Project, defaults: Mapping[str, Any]
-) -> None:
+def _note_of_project(context: typer.Context, project: Project, defaults: Mapping[str, Any]) -> None:
     """Print in one line what a command has from a project file."""
-    usual = {**_defaults(seaid.Project(project.file, "")), "feasible": False}
+    usual = {**_defaults(seaid.project.Project(project.file, "")), "feasible": False}
     names = [
         parameter.opts[0] if parameter.opts[0].startswith("-") else str(parameter.metavar)
         for parameter in context.command.params
@@ -109,7 +109,7 @@ def _note_of_project(
         note(f"from '{project.file}': {', '.join(names)}")
 
 
-def _moved(values: dict[str, Any], after: str, project: seaid.Project | None) -> dict[str, Any]:
+def _moved(values: dict[str, Any], after: str, project: Project | None) -> dict[str, Any]:
     """Return the arguments with what is in the place of the robot in that of `after`."""
     first, later = values["urdf"], values[after] if is_typed(after) else None
     if isinstance(later, list | tuple) or after.endswith("s"):
@@ -124,12 +124,12 @@ def _moved(values: dict[str, Any], after: str, project: seaid.Project | None) ->
 def _project_file(first: Path | None) -> bool:
     """Return whether a path in the place of the robot is a project file or its folder."""
     # Of names that are too long `os.path` says that they are no files; those of `Path` raise.
-    if first is None:
-        return False
-    return first.name == PROJECT_FILE or os.path.isfile(first / PROJECT_FILE)
+    return first is not None and (
+        first.name == PROJECT_FILE or os.path.isfile(first / PROJECT_FILE)
+    )
 
 
-def _project_of(values: Mapping[str, Any]) -> seaid.Project | None:
+def _project_of(values: Mapping[str, Any]) -> Project | None:
     """Return the project in the place of the robot, else that of the working folder.
 
     The latter only if its robot is that of the line, or the line names none.
@@ -147,7 +147,7 @@ def _project_of(values: Mapping[str, Any]) -> seaid.Project | None:
     return None
 
 
-def _robot_of_run(project: seaid.Project, values: Mapping[str, Any]) -> Path | None:
+def _robot_of_run(project: Project, values: Mapping[str, Any]) -> Path | None:
     """Return the robot of the saved run on the line, None for one of the project."""
     from seaid._files import real_path
 

@@ -81,7 +81,7 @@ def report(
 
 def _tested(
     options: IdentifiedOptions, fit: seaid.Identification, paths: Sequence[Path]
-) -> tuple[dict[str, seaid.Validation], list[seaid.ReplayComparison]]:
+) -> tuple[dict[str, seaid.Validation], list[seaid.simulation.ReplayComparison]]:
     """Return the validations by log, and the replays of a robot with position commands."""
     logs = options.logs(paths, fit.known)
     validations = {
@@ -95,7 +95,7 @@ def _tested(
 
 def _response(
     options: IdentifiedOptions, fit: seaid.Identification, paths: Sequence[Path], plan: Path | None
-) -> seaid.FrequencyResponse:
+) -> seaid.frequency.FrequencyResponse:
     """Return measured and computed frequency responses of logs of a multisine."""
     logs = options.logs(paths, fit.known)
     motion = None if plan is None else seaid.load_trajectory(plan)

@@ -52,7 +52,7 @@ def run(
     fail.check(done.warnings, default=loaded.fail_on)
 
 
-def _text(done: seaid.ProjectRun, verbose: bool) -> str:
+def _text(done: seaid.project.ProjectRun, verbose: bool) -> str:
 
     parts = [
         f"Condition {name}\n" * bool(name) + seaid.project.summary_of(run, verbose)
@@ -61,14 +61,14 @@ def _text(done: seaid.ProjectRun, verbose: bool) -> str:
     return "\n\n".join(parts + ([] if done.conditions is None else [done.conditions.summary()]))
 
 
-def _facts(done: seaid.ProjectRun) -> dict[str, Any]:
+def _facts(done: seaid.project.ProjectRun) -> dict[str, Any]:
     """Return robot and warnings, and the verdict of a project without conditions."""
     first, *others = done.runs.values()
     facts = facts_of(first.identification, *first.validations.values(), *first.replays.values())
     return facts if not others else {**facts, "verdict": None, "warnings": done.warnings}
 
 
-def _content(done: seaid.ProjectRun) -> dict[str, Any]:
+def _content(done: seaid.project.ProjectRun) -> dict[str, Any]:
     return {
         "folder": done.folder,
         "files": done.files,

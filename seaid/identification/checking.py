@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -16,14 +17,18 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
 from seaid.checks import (
+    CODES,
     Experiment,
     JointCheck,
+    Observation,
     experiment_of,
     is_wrong,
     joint_checks,
     log_findings,
+    merged,
     model_findings,
     model_sides,
+    observed,
     rating_findings,
     resolved_widths,
     selections,
@@ -41,7 +46,6 @@ from seaid.errors import (
     IdentificationError,
     LogError,
     SeaidError,
-    by_severity,
     checked,
     listed,
 )
@@ -115,7 +119,7 @@ def check(
         sources = list(with_regressed_angles(robot, in_memory, unseen, cutoff_hz))
     findings = log_findings(robot, in_memory)
     if any(finding.code == "time-unit" for finding in findings):
-        return SetupCheck(tuple(findings), FrozenMapping({}, "joint"))
+        return SetupCheck(merged(findings), FrozenMapping({}, "joint"))
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     by_log = [list(map(first_motion, group)) for group in groups]
     experiment, motions = experiment_of(robot, by_log), list(chain(*by_log))
@@ -123,7 +127,7 @@ def check(
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _quick_fit_findings(robot, in_memory, motions, findings)
-    return SetupCheck(by_severity(findings), joint_checks(experiment, motions))
+    return SetupCheck(merged(findings), joint_checks(experiment, motions))
 
 
 def findings_of_setup(
@@ -138,18 +142,22 @@ def findings_of_setup(
     def trusted(known: Sequence[Finding]) -> Experiment:
         return with_torques_of(experiment, {*joints} - without_torque(known))
 
-    known = [*known, *rating_findings(trusted(known))]
+    known = [*known, *observed([_RATINGS], trusted(known))]
     findings = setup_findings(trusted(known), known)
     if any((finding.code, finding.severity) == ("unit", "wrong") for finding in findings):
         return findings
-    far = [*known, *strength_findings(trusted(known))]
-    if len(far) > len(known):
-        return setup_findings(trusted(far), far)
-    stops = list(stop_findings(trusted(known), logs))
+    far = observed([_STRENGTHS], trusted(known))
+    if far:
+        return setup_findings(trusted([*known, *far]), [*known, *far])
+    stop = Observation(CODES["contact"], partial(stop_findings, logs=logs))
+    stops = observed([stop], trusted(known))
     beyond = setup_findings(trusted([*known, *stops]), [*known, *stops]) if stops else findings
     others = (finding for finding in beyond if finding not in known and finding not in stops)
     return findings if any(finding.severity != "note" for finding in others) else beyond
 
+
+_RATINGS = Observation(CODES["unit"], rating_findings)
+_STRENGTHS = Observation(CODES["unit"], strength_findings)
 
 _OF_LOGS = ("delay", "encoder-offset")
 """What equations show of a log; what a drive lacks is no mistake of the set-up."""

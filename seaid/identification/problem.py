@@ -18,6 +18,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import (
+    CODES,
     Experiment,
     SideSelection,
     consequences,
@@ -25,6 +26,7 @@ from seaid.checks import (
     experiment_of,
     explained,
     fit_findings,
+    guarded,
     is_wrong,
     joint_checks,
     locked_outputs,
@@ -564,28 +566,35 @@ def concluded(problem: Problem, name: str) -> Identification:
     robot, datasets, model = case.robot, case.datasets, case.condition.model
     findings, only = _setup_findings(problem, name), problem.only is not None
     factors = None if only else motor_factors(problem.fits, name)
-    values = value_findings(estimate, case.nominal, robot, factors)
+    values, lacking = value_findings(estimate, case.nominal, robot, factors), problem.lacking
     weak = {finding.joint for finding in values if finding.code == "weak-spring"}
-    values, lacking = without_echoes(values, problem.lacking, datasets[0].cutoff_hz)
-    findings += consequences(findings, model_findings(lacking, findings))
+    with guarded(CODES["missing-term"], findings):
+        values, lacking = without_echoes(values, lacking, datasets[0].cutoff_hz)
+        findings += consequences(findings, model_findings(lacking, findings))
     if only and not is_wrong(findings):
         steps = problem.two_step[name]
-        findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
+        with guarded(CODES["estimator-disagrees"], findings):
+            findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
     # Only now, since the findings above compare estimates by the noise of the logs alone.
     estimate = problem.with_errors_of_constants[name]
     searched = with_searched_values(estimate.drives, case.nominal, robot)
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None
     result = identification_of(robot, model, estimate, datasets, consistent, case.declared)
-    values += [*shared_findings(estimate.shared), *estimate.findings, *result.findings]
-    result = with_value_findings(_with_fit(problem, name, result, weak, findings), values)
+    with guarded(CODES["drives-differ"], values):
+        values += shared_findings(estimate.shared)
+    values += [*estimate.findings, *result.findings]
+    motors = (side for side in lacking if side.side.is_motor)
+    doubtful = {joint for side in motors for _, joint in side.doubtful}
+    fitted = _with_fit(problem, name, result, findings, weak, doubtful)
+    result = with_value_findings(fitted, values)
     result = consistent_bodies(result) if options.feasible and not only else result
-    unclear = (
-        *delay_estimate_findings(case.run.experiment.robot, result.load_side),
-        *unknown_scales(result.robot, result.load_side, problem.unscaled),
-    )
+    findings = [*result.findings]
+    with guarded(CODES["command-delay"], findings):
+        findings += delay_estimate_findings(case.run.experiment.robot, result.load_side)
+    with guarded(CODES["gain-scale"], findings):
+        findings += unknown_scales(result.robot, result.load_side, problem.unscaled)
     scaled = with_free_scale(result.robot, problem.unscaled)
-    findings = [*result.findings, *unclear]
     return replace(
         result,
         robot=scaled,
@@ -641,11 +650,17 @@ _DIFFERENT = (
 
 
 def _with_fit(
-    problem: Problem, name: str, result: Identification, weak: set[str], findings: list[Finding]
+    problem: Problem,
+    name: str,
+    result: Identification,
+    findings: list[Finding],
+    weak: set[str],
+    lacking: set[str],
 ) -> Identification:
     """Return a result with how well it explains the experiment, and the findings about that.
 
-    The springs of `weak` joints look so, and may have backlash.
+    The springs of `weak` joints look so, and may have backlash; the motor equations of `lacking`
+    joints lack a term.
     """
     case, options, sides = problem.cases[name], problem.options, problem.two_step[name]
     robot, run, experiment, only = case.robot, case.run, case.experiment, problem.only is not None
@@ -662,7 +677,7 @@ def _with_fit(
         runs = np.unique(fit.rows.run[own]).astype(int).tolist()
         logs = dict(zip(runs, numbers, strict=False))
     shown = robot.joint_names, fit, actuators, experiment, bodies, own
-    explains = robot_fit(*shown, locked=run.locked, weak=weak, logs=logs)
+    explains = robot_fit(*shown, locked=run.locked, weak=weak, lacking=lacking, logs=logs)
     predicted = prediction_errors(experiment, case.condition.model.base, result.load)
     explains = replace(explains, predicted=predicted)
     of_fit = [

@@ -14,6 +14,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.checks import (
+    CODES,
     SURE,
     JointCheck,
     JointFit,
@@ -23,6 +24,8 @@ from seaid.checks import (
     excluded_findings,
     fixed_findings,
     gear_findings,
+    guarded,
+    merged,
     noise_findings,
     offset_findings,
     rigid_gear,
@@ -169,7 +172,15 @@ class Identification(Result):
 
     @cached_property
     def warnings(self) -> tuple[Finding, ...]:
-        """Findings about the experiment, the data and the values, the worst first."""
+        """Findings about the experiment, the data and the values, the worst first.
+
+        Those of one code at many joints are one.
+        """
+        return merged(self.weighed_findings)
+
+    @cached_property
+    def weighed_findings(self) -> tuple[Finding, ...]:
+        """The findings of each joint, as severe as they are next to all others, the worst first."""
         return by_severity(that_matter(self.findings, self.joint_fits))
 
     @cached_property
@@ -192,7 +203,7 @@ class Identification(Result):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether to use the result, by its warnings."""
-        return verdict_of(self.warnings, self.joint_fits)
+        return verdict_of(self.weighed_findings, self.joint_fits)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
@@ -241,31 +252,35 @@ def value_findings(
     """
     fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
     findings: list[Finding] = []
-    for joint, estimate in sides.drives.items():
-        drive, before = robot.drives[joint], nominal.drives[joint].known
-        findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
-        if joint in sides.actuators:
-            findings += noise_findings(sides.actuators[joint].estimate)
-        findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
-    return [*findings, *offset_findings(robot, sides.fit), *noise_findings(sides.load)]
+    with guarded(CODES["poorly-identified"], findings):
+        for joint, estimate in sides.drives.items():
+            drive, before = robot.drives[joint], nominal.drives[joint].known
+            findings += fixed_findings(joint, drive, [x for x in drive.known if x not in before])
+            if joint in sides.actuators:
+                findings += noise_findings(sides.actuators[joint].estimate)
+            findings += drive_findings(joint, estimate, (qr_factors or fits).get(joint))
+    with guarded(CODES["torque-offset"], findings):
+        findings += offset_findings(robot, sides.fit)
+    with guarded(CODES["drift"], findings):
+        findings += noise_findings(sides.load)
+    return findings
 
 
 def with_value_findings(result: Identification, values: Iterable[Finding]) -> Identification:
     """Return an identification with the findings of its values, bodies, gears and channels."""
     described = [processing.sources or {} for processing in result.processing] or [{}]
-    findings = [
-        *values,
-        *(
-            finding
-            for gear in result.gears.values()
-            if "gear_stiffness" in gear.names  # else the gear is rigid within the errors
-            for finding in noise_findings(gear)
-        ),
-        *(() if result.feasible is None else result.feasible.warnings),
-        *excluded_findings(result.processing),
-        *unused_findings(result.known, result.drives, result.model.torque_joints, result.motions),
-        *gear_findings(result.known, result.drive_side, result.gears, described),
-    ]
+    drives, findings = result.drives, [*values]
+    with guarded(CODES["gear-compliance"], findings):
+        for gear in result.gears.values():
+            if "gear_stiffness" in gear.names:  # else the gear is rigid within the errors
+                findings += noise_findings(gear)
+    findings += () if result.feasible is None else result.feasible.warnings
+    findings += excluded_findings(result.processing)
+    with guarded(CODES["unused-channel"], findings):
+        joints, motions = result.model.torque_joints, result.motions
+        findings += unused_findings(result.known, drives, joints, motions)
+    with guarded(CODES["gear-compliance"], findings):
+        findings += gear_findings(result.known, result.drive_side, result.gears, described)
     return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
 
 

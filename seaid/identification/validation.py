@@ -141,7 +141,8 @@ def verdict_with(
     identification: Identification, results: Iterable[Validation | ReplayComparison]
 ) -> Verdict:
     """Return the verdict on an identification, its validations and replays together."""
-    findings = [*identification.warnings, *(finding for x in results for finding in x.warnings)]
+    findings = [*identification.weighed_findings]
+    findings += [finding for x in results for finding in x.warnings]
     return verdict_of(by_severity(findings), identification.joint_fits)
 
 

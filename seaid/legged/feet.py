@@ -19,14 +19,25 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import permutations
+from itertools import permutations, product, starmap
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid.checks import CODES, FEW, MOST, RARE, SURE, TWICE, Observation, in_description, observed
+from seaid.checks import (
+    CODES,
+    FEW,
+    MOST,
+    RARE,
+    SURE,
+    TWICE,
+    Observation,
+    in_description,
+    observed,
+    only_joint,
+)
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows, ordinary, scaled_svd, with_further_columns
 from seaid.legged.floating import FloatingRobot, contact_map
@@ -317,7 +328,7 @@ def feet_findings(
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """One way to read a log: the order of its joints and of its flags, and the delay of these.
+    """One way to read a log: the order of its joints and of its flags, or the flags with a delay.
 
     `squares` are the mean squared speeds of standing feet in successive parts of the time, and
     `late` counts samples.
@@ -358,31 +369,37 @@ def _spread(places: IndexArray, most: int) -> IndexArray:
 
 
 def _late(feet: FeetInMotion) -> Iterator[Finding]:
-    """Yield that all flags are late, or early, if standing feet rest at other times."""
+    """Yield that all flags are late, or one is, or early, if standing feet rest at other times."""
     rate_hz, flags = feet.motion.rate_hz, feet.flags
     most = int(FOOT_REST_S * rate_hz)
     inside = np.arange(most, len(flags) - most)
     if len(inside) < JUDGED_PARTS or np.all(flags == flags[0]):
         return
     some, step = _spread(inside, 4 * JUDGED_INSTANTS), max(most // 20, 1)
-    velocities, count = feet.velocities[some], most // step
-    readings = _best_readings(
-        _Reading(feet.mean_squares(velocities, flags[some + shift], some), late=shift)
-        # No shift comes first: that reading counts as the log's. A late flag is right at t + late.
-        for shift in step * np.array(sorted(range(-count, count + 1), key=abs))
-    )
+    velocities, count, links = feet.velocities[some], most // step, range(len(feet.links))
+
+    def shifted(late: int, contacts: Sequence[int]) -> _Reading:
+        moved = flags[some]
+        moved[:, contacts] = flags[some + late][:, contacts]  # a late flag is right at t + late
+        return _Reading(feet.mean_squares(velocities, moved, some), flags=contacts, late=late)
+
+    # No shift comes first: that reading counts as the log's.
+    shifts = (step * shift for shift in sorted(range(-count, count + 1), key=abs))
+    readings = _best_readings(starmap(shifted, product(shifts, [links, *([k] for k in links)])))
     if not readings or abs(readings[1].late) < 2 * step:
         return
     now, late_s = readings[0].speed, float(readings[1].late / rate_hz)
-    sources = {}
-    for link in feet.links:
+    sources, late = {}, [feet.links[k] for k in readings[1].flags]
+    for link in late:
         source = feet.source_of(link)
         whole = source if isinstance(source, Mapping) else {"columns": source}
         sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
     yield CONTACT_FLAGS.wrong(
-        f"the flags of the contacts are {'late' if late_s > 0 else 'early'} by about "
+        f"the {f'flag of {late[0]} is' if len(late) == 1 else 'flags of the contacts are'} "
+        f"{'late' if late_s > 0 else 'early'} by about "
         f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
         f"{readings[1].speed:.2g} m/s without this delay",
+        only_joint(late),
         evidence={"delay [s]": late_s, "speed [m/s]": now},
         remedy=in_description(sources, table="contacts"),
     )

@@ -13,14 +13,10 @@ import numpy as np
 
 from seaid._files import plain, write_whole
 from seaid._progress import counted
+from seaid.checks import CODES
 from seaid.errors import SeaidError, checked
 from seaid.frequency import FrequencyResponse
-from seaid.identification import (
-    Identification,
-    StaticCalibration,
-    Validation,
-    compared,
-)
+from seaid.identification import Identification, StaticCalibration, Validation, compared
 from seaid.report import figures, formats, html_charts, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
 from seaid.report.formats import is_partial, probability, rendered, share, short
@@ -115,7 +111,7 @@ def write_report(
         # The template has its sections, and makes their tables and figures of these.
         **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
         **{"tables": tables, "figures": figures, "charts": html_charts},
-        "experiment": html_experiment,
+        **{"experiment": html_experiment, "codes": CODES},
         "base": tables.load_table(identification.load, values.bodies),
         "bodies": bodies_picture(
             posture, nominal_robot.parameters, identification.robot.parameters, _BODIES_TITLE

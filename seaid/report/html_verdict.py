@@ -155,7 +155,7 @@ def notices_of(
 def _notice(finding: Finding) -> Notice:
     """Return a finding as a notice; a remedy of several lines has a text to copy."""
     first, _, rest = finding.remedy.strip().partition("\n")
-    joints = (finding.joint,) if finding.joint else ()
+    joints = (finding.joint,) if finding.joint else finding.joints
     return Notice(
         finding.code, finding.severity, (_sentence(finding.message),), joints, first, rest
     )
@@ -216,12 +216,7 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
 
 
 def _sentence(text: str) -> str:
-    return _capital(text) + ("" if text.endswith(".") else ".")
-
-
-def _capital(text: str) -> str:
-    """Return a text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 _ZEROS = ("spring_offset", "deflection_zero", "torque_offset")

@@ -296,10 +296,11 @@ _MOST_NOTES = 4
 _MARKS = {"wrong": "!", "doubtful": "?", "note": "-"}
 
 
-def warning_lines(warnings: Iterable[Finding]) -> list[str]:
+def warning_lines(warnings: Sequence[Finding]) -> list[str]:
     """Return a line per warning with its code, and one with its remedy.
 
-    Of notes without a remedy the first ones of each code are shown, and the others counted.
+    Of notes without a remedy the first ones of each code are shown, and the others counted. The
+    last line names the sections of the document that explain the codes of doubts and mistakes.
     """
     lines, notes = [], Counter[str]()
     for finding in warnings:
@@ -309,8 +310,10 @@ def warning_lines(warnings: Iterable[Finding]) -> list[str]:
                 continue
         lines.append(f"{_MARKS[finding.severity]} {finding.code}: {finding.message}")
         lines += [f"    {line}" for line in finding.remedy.splitlines()]
-    more = {code: count - _MOST_NOTES for code, count in notes.items() if count > _MOST_NOTES}
-    return lines + [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
+    more = notes - Counter(dict.fromkeys(notes, _MOST_NOTES))
+    lines += [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
+    codes = dict.fromkeys(f"#{one.code}" for one in warnings if one.severity != "note")
+    return [*lines, f"Causes and advice: docs/warnings.md{', '.join(codes)}"] if codes else lines
 
 
 def verdict_text(identification: Identification) -> list[str]:

@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pytest
+
+import seaid
 from seaid import checks
-from seaid.checks import CODES, Observation, observed
+from seaid.checks import CODES, Observation, model, observed, setup, verdict
+from seaid.checks.channels import OF_LOGS
 from seaid.checks.codes import consequences
+from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, LogError
+from seaid.identification import checking, problem, result
+from tests.experiments import arm, arm_log
+from tests.representatives import quick_only
 
 DRIFT, HOLES = CODES["drift"], CODES["holes"]
 
@@ -28,6 +39,72 @@ def test_a_check_that_raises_becomes_a_note_with_its_name() -> None:
     assert [finding.code for finding in found] == ["drift", "drift", "holes"]
     assert found[1].severity == "note"
     assert found[1].message == "the check 'drift' could not be made: 3 rows are too few"
+
+
+def fail(*_: Any, **__: Any) -> Any:
+    raise ArithmeticError("no such number")
+
+
+def broken_mistakes() -> dict[Any, Any]:
+    """Return all transforms, with functions of their own that raise."""
+    return {
+        (lambda _: True): {(lambda _, code=code: fail(code)): code for code in generators.values()}
+        for generators in setup.MISTAKES.values()
+    }
+
+
+BROKEN: dict[str, tuple[Any, str, Any]] = {
+    "logs": (setup.channels, "OF_LOGS", [replace(check, look=fail) for check in OF_LOGS]),
+    "mistakes": (setup, "MISTAKES", broken_mistakes()),
+    "transforms": (setup, "transforms", fail),
+    "misfits": (Experiment, "cost", fail),
+    "columns": (model, "COLUMN_CHECKS", [replace(x, candidates=fail) for x in model.COLUMN_CHECKS]),
+    "wording": (model, "COLUMN_CHECKS", [replace(x, finding=fail) for x in model.COLUMN_CHECKS]),
+    "selection": (model, "forward_selection", fail),
+    "fit": (verdict, "_OF_FIT", [replace(check, look=fail) for check in verdict._OF_FIT]),
+    "file": (setup.bodies, "file_findings", fail),
+    "friction": (setup, "_of_friction_alone", fail),
+    "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
+    "offsets": (setup.channels, "offset_findings", fail),
+    "delays": (setup.channels, "decided_delays", fail),
+    "ratings": (checking, "_RATINGS", replace(checking._RATINGS, look=fail)),
+    "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, look=fail)),
+    "stops": (checking, "stop_findings", fail),
+    "values": (result, "drive_findings", fail),
+    "channels": (result, "unused_findings", fail),
+    "sensitivity": (problem, "sensitivity_findings", fail),
+    "echoes": (problem, "without_echoes", fail),
+    "scales": (problem, "unknown_scales", fail),
+}
+"""{part of the checks: the module or class, its name, and what fails in its place}."""
+
+ONLY_IN_FITS = {"columns", "wording", "selection", "fit"} | {*[*BROKEN][-5:]}
+"""What `check` does not look at, or not of logs that fit."""
+
+
+@pytest.mark.parametrize("part", quick_only(BROKEN, ["mistakes", "columns", "values"]))
+def test_a_fit_stands_whatever_raises_in_a_check(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, log = arm(), arm_log()
+    if part == "wording":  # of a torque that is late
+        log = replace(log, motor_torque=np.roll(log.motor_torque, 8, axis=0))
+    module, name, broken_part = BROKEN[part]
+    monkeypatch.setattr(module, name, broken_part)
+    identified = seaid.identify(robot, log)
+    assert identified.drives
+    codes = {
+        "logs": [check.code for check in OF_LOGS],
+        "mistakes": [x for generators in setup.MISTAKES.values() for x in generators.values()],
+        "columns": [check.code for check in model.COLUMN_CHECKS],
+        "fit": [check.code for check in verdict._OF_FIT],
+    }.get(part, ())
+    for findings in (identified.warnings, seaid.check(robot, log).warnings):
+        if findings is not identified.warnings and part in ONLY_IN_FITS:
+            continue
+        notes = {x.code for x in findings if x.message.endswith("made: no such number")}
+        assert notes
+        assert notes >= {code.name for code in codes}
 
 
 def test_what_follows_from_a_wrong_set_up_prints_no_lines_to_apply() -> None:

@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.checks import CODES, that_matter
+from seaid.checks import CODES, merged, that_matter
+from seaid.checks.tolerances import MOST_ALIKE
 from seaid.errors import SEVERITIES, Finding, by_severity
+
+
+def lacking(joint: str, field: str = "friction") -> Finding:
+    lines = f'in the drives file:\n[{joint}]\n{field} = ["viscous"]'
+    return Finding("missing-term", f"{joint} lacks it", joint, evidence={"F": 9.0}, remedy=lines)
+
+
+@pytest.mark.parametrize("count", [MOST_ALIKE, MOST_ALIKE + 1, 30])
+def test_what_many_joints_have_is_one_warning_with_all_joints_and_tables(count: int) -> None:
+    joints = [f"j{number}" for number in range(count)]
+    others = [Finding("delay", "late", "j1"), Finding("no-fit", "all", severity="wrong")]
+    notes = [Finding("drift", "slow", joint, "note") for joint in joints]
+    each = [*map(lacking, joints), lacking("j0", "parallel_spring")]
+    warnings = merged([*notes, *each, *others])
+    if count <= MOST_ALIKE:
+        assert warnings == by_severity([*notes, *each, *others])
+        return
+    wrong, one, delay, *rest = warnings
+    assert (wrong, delay, rest) == (others[1], others[0], notes)
+    assert (one.code, one.severity, one.joint) == ("missing-term", "doubtful", "")
+    assert one.joints == tuple(joints)
+    assert one.evidence == {f"{joint}: F": 9.0 for joint in joints}
+    header, _, lines = one.remedy.partition("\n")
+    assert header == "in the drives file:"
+    tables = tomllib.loads(lines)
+    assert [*tables] == joints
+    assert [*tables["j0"]] == ["friction", "parallel_spring"]
+
 
 TERM = Finding("missing-term", "most of the residual", "knee", evidence={"explained": 0.8})
 NO_FIT = Finding("no-fit", "60 % is left unexplained", "knee", remedy="look at the residual")

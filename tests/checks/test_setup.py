@@ -65,11 +65,15 @@ def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: 
     assert findings == []
     (finding,) = file_findings(without)
     assert (finding.code, finding.severity) == ("nominal-values", "note")
-    change, error = (
-        finding.evidence[key] for key in ("relative change of the mass", "standard error")
-    )
-    assert change == pytest.approx(factor - 1, abs=3 * error)
+    keys = ("bodies over those of the file", "standard error")
+    times, error = (finding.evidence[key] for key in keys)
+    assert times == pytest.approx(factor, abs=3 * error)
     assert error < 0.06
+    keys = ("relative change of the mass", "standard error of the mass")
+    change, error_of_mass = (finding.evidence[key] for key in keys)
+    assert change == pytest.approx(factor - 1, abs=3 * error_of_mass)
+    # a slide moves the mass itself, a hinge its product with a length
+    assert (error_of_mass > 2 * error) == (case != "arm")
     # torques that are off by that factor, or another payload, explain the same: nothing is pasted
     assert f"or {'a payload' if case == 'leg' else 'all torques are'}" in finding.message
     assert "scale" not in finding.remedy

@@ -211,6 +211,9 @@ def test_contacts_of_several_logs_have_their_own_times() -> None:
         "in the description of log 1:",
         "in the description of log 2:",
     ]
+    # the law of a spring that a motor equation lacks looks like a contact
+    notes = fit_findings(replace(whole, lacking={"knee"}))
+    assert {(note.severity, note.remedy) for note in notes} == {("note", "")}
 
 
 @pytest.mark.slow  # an identification of the leg and its checks

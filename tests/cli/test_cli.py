@@ -277,7 +277,7 @@ def test_crosscheck_agrees(arm: Path) -> None:
 def test_crosscheck_that_fails_says_so_in_its_exit_code(
     arm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    apart = seaid.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
+    apart = seaid.regressor.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
     monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
     said = run("inspect", arm / "arm.urdf", "--exact", "--json")
     assert said.code == 1

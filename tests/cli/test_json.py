@@ -178,7 +178,7 @@ def test_an_unknown_command_is_an_error_in_json(arm: Path) -> None:
 def test_a_failed_comparison_prints_one_json(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import seaid
 
-    apart = seaid.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
+    apart = seaid.regressor.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
     monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
     said = run("inspect", arm / "arm.urdf", "--exact", "--json")
     assert json.loads(said.out)["result"]["exact"]["agree"] is False

@@ -1,8 +1,7 @@
 """write_model: files of simulators hold the drives' numbers, and say what they cannot hold.
 
-Each file is read by its own package where that is installed (make test-simulators: usd-core and
-drake; newton by hand, see docs/results.md); else its schema is checked, as the documentation of the
-package has it.
+Each file is read by its own package where that is installed (make test-simulators: usd-core, drake
+and newton); else its schema is checked, as the documentation of the package has it.
 """
 
 from __future__ import annotations
@@ -192,7 +191,7 @@ def test_newton_has_degrees_in_joints_and_radians_in_actuators(tmp_path: Path) -
 
 
 def test_newton_reads_its_file(tmp_path: Path) -> None:
-    newton = pytest.importorskip("newton")
+    newton = pytest.importorskip("newton", reason="needs newton: make test-simulators")
     robot = robot_with(tmp_path)
     model = written(robot, tmp_path, "newton", time_step_s=0.004)
     stage, _ = stage_of(robot, model.path, "revolute")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from seaid.checks import noise_findings
 from seaid.identification.identification import identify
 from seaid.identification.problem import Method
 from seaid.identification.result import Identification
@@ -33,6 +35,16 @@ def test_the_drifting_joints_are_named(method: Method) -> None:
     drifting = found(2e-3, method)
     assert {one.joint for one in drifting.warnings if one.code == "drift"} == set(DRIFTING)
     assert not any(one.code == "drift" for one in found(0.0, method).warnings)
+
+
+@pytest.mark.parametrize(("share", "severity"), [(0.004, "note"), (0.02, "doubtful")])
+def test_a_drift_of_a_small_part_of_the_torque_is_a_note(share: float, severity: str) -> None:
+    """It is in the standard errors; what explains it is no more severe."""
+    drift = SimpleNamespace(joint="knee", ratio=100.0, share=share, corner_hz=2.3)
+    numbers = {"independent_rows": 100, "parameters": 1, "scatter": 1.0, "instruments": {}}
+    diagnostics = SimpleNamespace(**numbers, growth=8.0, drifts=(drift,))
+    (finding,) = noise_findings(SimpleNamespace(diagnostics=diagnostics))  # type: ignore[arg-type]
+    assert (finding.code, finding.severity) == ("drift", severity)
 
 
 @pytest.mark.slow  # two identifications of the leg

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -303,7 +303,10 @@ def test_a_soft_foot_that_sinks_in_is_not_in_the_air() -> None:
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize(("late_s", "word"), [(0.08, "late"), (-0.06, "early"), (0.0, "")])
-def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str) -> None:
+@pytest.mark.parametrize("places", [range(4), [2]])
+def test_flags_that_are_late_are_named_with_their_delay(
+    late_s: float, word: str, places: Sequence[int]
+) -> None:
     """Feet that trot: they stand for 60 % of each period, and move with 0.5 m/s else."""
     robot = go2()
     motion = seaid.reconstruct_motion(robot, walked(), cutoff_hz=10.0)
@@ -315,7 +318,8 @@ def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str
     feet[:, :, 0] = 0.5 * (phase > 0.6) + 0.01 * np.random.default_rng(0).normal(size=size)
     J = contact_map(robot, motion.joint_position, robot.floating_base.contacts, motion.base.up)
     v = np.linalg.solve(J[:, 6:].swapaxes(1, 2), feet.reshape(size[0], -1, 1))[:, :, 0]
-    late = np.roll(phase <= 0.6, round(late_s * motion.rate_hz), axis=0)
+    late = phase <= 0.6
+    late[:, places] = np.roll(late[:, places], round(late_s * motion.rate_hz), axis=0)
     still = replace(
         motion.base,
         velocity=np.zeros((size[0], 3)),
@@ -336,8 +340,13 @@ def test_flags_that_are_late_are_named_with_their_delay(late_s: float, word: str
     delay_s = finding.evidence["delay [s]"]
     assert delay_s == pytest.approx(late_s, abs=0.011)
     assert finding.code == "contact-flags"
-    assert f"the flags of the contacts are {word} by about" in finding.message
-    assert f'contact = {{ columns = "flag[0]", delay_s = {round(delay_s, 3)} }}' in finding.remedy
+    whose = "flags of the contacts are" if len(places) > 1 else f"flag of {GO2_FEET[2]} is"
+    assert f"the {whose} {word} by about" in finding.message
+    assert finding.remedy.count("delay_s") == len(places)
+    assert (
+        f'contact = {{ columns = "flag[{places[0]}]", delay_s = {round(delay_s, 3)} }}'
+        in finding.remedy
+    )
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base

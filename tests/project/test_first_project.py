@@ -327,9 +327,9 @@ def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) 
 def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
 
-    def project_run(folder: Path, progress: bool = False) -> seaid.ProjectRun:
+    def project_run(folder: Path, progress: bool = False) -> seaid.project.ProjectRun:
         asked.append((folder, progress, (folder / "seaid.toml").is_file()))
-        return seaid.ProjectRun(folder, {}, None, (), ("not written",))
+        return seaid.project.ProjectRun(folder, {}, None, (), ("not written",))
 
     monkeypatch.setattr("seaid.project.running.run_project", project_run)
     urdf, log = MODELS / "hebi_arm_2.urdf", LOGS / "hebi_arms/grav_comp_bad.npz"

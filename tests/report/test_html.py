@@ -23,6 +23,7 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import plain
+from seaid.checks import CODES
 from seaid.drives import ParameterName
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
@@ -465,6 +466,7 @@ def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
     assert "Do not use Unseen motion" in page.words
     assert "Because of gear-ratio (shoulder)." in page.words
     assert "gear-ratio shoulder The ratio is off." in page.words
+    assert f"Cause and advice{CODES['gear-ratio'].cause}Advice:" in page.words
     classes = [value for name, value in page.attributes if name == "class"]
     assert "verdict do-not-use" in classes
     assert {"notice wrong", "notice doubtful", "notice note"} <= set(classes)

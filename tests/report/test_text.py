@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seaid.errors import Finding
 from seaid.identification.identification import identify, validate
 from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
@@ -17,9 +19,12 @@ from seaid.report.text import (
     replay_table,
     table,
     validation_table,
+    warning_lines,
 )
 from seaid.simulation import ReplayComparison
 from tests.experiments import arm, arm_found, arm_log, arm_result
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def estimates(summary: str) -> str:
@@ -175,3 +180,13 @@ def test_mean_errors_of_a_replay_are_of_all_joints_if_they_have_one_unit(
     assert line.split() == ["all", "joints", "17", "8.5", "17", "8.5", unit]
     verdict = page_verdict(arm_found(), [], [replay])
     assert ("Replay", f"8.5 {unit}") in [x[:2] for x in verdict.numbers]
+
+
+def test_doubts_and_mistakes_end_with_the_sections_that_explain_their_codes() -> None:
+    note = Finding("holes", "samples are missing", severity="note")
+    late, reversed_torque = Finding("delay", "it is late"), Finding("sign", "it is reversed")
+    *_, last = warning_lines([note, late, reversed_torque, late])
+    assert last == "Causes and advice: docs/warnings.md#delay, #sign"
+    page = (ROOT / "docs/warnings.md").read_text("utf-8")
+    assert {"### delay", "### sign"} <= {*page.splitlines()}
+    assert warning_lines([note]) == ["- holes: samples are missing"]
