@@ -12,19 +12,15 @@ no better for it: a cause is as severe as the symptoms that it explains.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
 
 from seaid._arrays import FrozenMapping
 from seaid.checks import tolerances as tol
 from seaid.checks.check import Cause, Code, Symptom, as_note, joints_of
 from seaid.errors import SEVERITIES, Finding, by_severity, listed
-
-if TYPE_CHECKING:
-    from seaid.checks.verdict import JointFit
 
 UNIT = Cause("unit")
 TIME_UNIT = Cause("time-unit")
@@ -194,12 +190,10 @@ _ECHOES = (
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
 
-def that_matter(
-    findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
-) -> list[Finding]:
+def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> list[Finding]:
     """Return findings without those that noise alone raises, or whose torques do not matter.
 
-    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
+    The torques of `exact` joints are fitted up to an error that does not matter. A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
     What a model lacks is a note where its torque errors do not matter, and so is a symptom of a
     cause that explains it: the cause is as severe as its symptoms, whose remedies have the numbers
     of a model without it. Too few rows are a note where another finding is why blocks of the logs
@@ -208,8 +202,7 @@ def that_matter(
     loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
-    exact = {joint for joint, fit in fits.items() if not max(fit.own, fit.motor) > tol.NEGLIGIBLE}
-    minor = dict.fromkeys(_ECHOES, exact)
+    minor: dict[str, Collection[str]] = dict.fromkeys(_ECHOES, exact)
     if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
         minor[FEW_ROWS.name] = {""}
     kept = (finding for finding in findings if finding.joint not in echoes.get(finding.code, ()))

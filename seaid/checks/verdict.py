@@ -62,6 +62,11 @@ class JointFit(Display):
     identified: float = NAN
     nominal: float = NAN
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether neither error matters."""
+        return not max(self.own, self.motor) > tol.NEGLIGIBLE  # NaN of both is none
+
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Display):

@@ -181,7 +181,8 @@ class Identification(Result):
     @cached_property
     def weighed_findings(self) -> tuple[Finding, ...]:
         """The findings of each joint, as severe as they are next to all others, the worst first."""
-        return by_severity(that_matter(self.findings, self.joint_fits))
+        exact = [joint for joint, fit in self.joint_fits.items() if fit.is_exact]
+        return by_severity(that_matter(self.findings, exact))
 
     @cached_property
     def unusable_joints(self) -> Mapping[str, str]:
