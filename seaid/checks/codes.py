@@ -193,11 +193,11 @@ _ECHOES = (
 def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> list[Finding]:
     """Return findings without those that noise alone raises, or whose torques do not matter.
 
-    The torques of `exact` joints are fitted up to an error that does not matter. A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
-    What a model lacks is a note where its torque errors do not matter, and so is a symptom of a
-    cause that explains it: the cause is as severe as its symptoms, whose remedies have the numbers
-    of a model without it. Too few rows are a note where another finding is why blocks of the logs
-    contradict each other.
+    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
+    What a model lacks is a note at `exact` joints, whose torque errors do not matter, and so is a
+    symptom of a cause that explains it: the cause is as severe as its symptoms, whose remedies have
+    the numbers of a model without it. Too few rows are a note where another finding is why blocks
+    of the logs contradict each other.
     """
     loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}

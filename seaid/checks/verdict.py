@@ -65,7 +65,7 @@ class JointFit(Display):
     @property
     def is_exact(self) -> bool:
         """Whether neither error matters."""
-        return not max(self.own, self.motor) > tol.NEGLIGIBLE  # NaN of both is none
+        return not max(self.own, self.motor) > tol.NEGLIGIBLE  # `motor` is NaN without a spring
 
 
 @dataclass(frozen=True, repr=False)
