@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy import linalg
 
 from seaid._arrays import Array, finite, safely
 from seaid._progress import Result, counted
@@ -171,31 +170,13 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
             f"the estimate of the load side lacks {', '.join(missing)}: give the one that has the "
             "columns of the model"
         )
-    parts = [load_side, *drives.values()]
-    names = [*load_side.names]
-    names += [ParameterName(name, joint) for joint, part in drives.items() for name in part.names]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
+    whole = load_side.joined(*(drive.at(joint) for joint, drive in drives.items()))
+    twice = sorted({name for name in whole.names if whole.names.count(name) > 1})
+    if twice:
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
-    return replace(
-        load_side,
-        names=tuple(names),
-        values=finite(
-            "the estimate",
-            np.concatenate([part.values for part in parts]),
-            (None,),
-            IdentificationError,
-        ),
-        covariance=finite(
-            "the covariance of the estimate",
-            linalg.block_diag(*(part.covariance for part in parts)),
-            (None, None),
-            IdentificationError,
-        ),
-        units=tuple(unit for part in parts for unit in part.units),
-        white_standard_errors=None,
-        degrees_of_freedom=None,
-    )
+    finite("the estimate", whole.values, (None,), IdentificationError)
+    finite("the covariance of the estimate", whole.covariance, (None, None), IdentificationError)
+    return whole
 
 
 def _weighted(program: Program, weight: float | None, least: float) -> FeasiblePoint:

@@ -292,16 +292,13 @@ def _columns(rows: Regression) -> Array:
     return projected_columns(*split_instruments(rows))
 
 
-def _same_names(old: Estimate, new: Estimate) -> Estimate:
-    """Return the parameters of an old estimate that a new one has: the start has torque offsets."""
-    return old.part([old.names.index(name) for name in new.names], new.names)
-
-
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     """Return the change of each parameter in standard errors."""
     moved: dict[str, float] = {}
+    # The start has torque offsets, and the estimates from instruments have none.
     pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, _same_names(before.drives[joint], new), new) for joint, new in after.drives.items()
+        (joint, before.drives[joint].of_names(new.names), new)
+        for joint, new in after.drives.items()
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)

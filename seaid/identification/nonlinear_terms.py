@@ -125,7 +125,7 @@ def with_searched_values(
     for joint, estimate in drives.items():
         values = [
             robot.drives[joint].values[name] if _is_searched(name) and value < 0 else value
-            for name, value in zip(estimate.names, estimate.values.tolist(), strict=True)
+            for name, value in estimate.by_name.items()
         ]
         allowed[joint] = replace(estimate, values=np.array(values))
     return allowed
@@ -314,7 +314,7 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
     simple = robot.with_drives({joint: plain})
     rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
     estimate = ordinary(rows)
-    values = {**plain.values, **dict(zip(estimate.names, estimate.values.tolist(), strict=True))}
+    values = {**plain.values, **estimate.by_name}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start the search")

@@ -75,7 +75,6 @@ from seaid.identification.simulated_joints import (
     with_encoder_noise,
     with_hysteresis,
 )
-from seaid.identification.two_step import split_load_side
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
@@ -273,8 +272,7 @@ def _actuator_part(identification: Identification, joint: str) -> Estimate:
     """Return the parameters of a drive by (7); a parallel spring and joint friction are in (8)."""
     whole = identification.drive_side[joint]
     load = {*map(Parameter.of_column, identification.model.names)}
-    names = [name for name in whole.names if Parameter(name, joint) not in load]
-    return whole.part([whole.names.index(name) for name in names], names)
+    return whole.of_names(name for name in whole.names if Parameter(name, joint) not in load)
 
 
 def layout_of(
@@ -1015,11 +1013,10 @@ def _held(start: Identification, layout: Layout, point: LogPoint) -> Identificat
         ]
         if not weak:
             continue
-        kept = [name for name in estimate.names if name not in weak]
         notes += consequences(
             start.findings, fixed_findings(joint, drive, weak, by_simulation=True)
         )
-        sides[joint] = estimate.part(list(map(estimate.names.index, kept)), kept)
+        sides[joint] = estimate.of_names(name for name in estimate.names if name not in weak)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(start.known.drives):
         return None
@@ -1361,8 +1358,7 @@ def _with_estimates(
     start: Identification, actuators: Mapping[str, Estimate], load_side: Estimate
 ) -> Identification:
     """Return an identification with estimates of (7) by joint, and of (8)."""
-    load, load_drives = split_load_side(start.model, load_side)
-    refined = {**start.drive_side, **merged_estimates(actuators, load_drives)}
+    refined = {**start.drive_side, **merged_estimates(actuators, load_side.by_owner())}
     drives = {joint: refined[joint] for joint in start.drive_side}
     robot = with_base_parameters(start, load_side.values)
     known = {
@@ -1372,7 +1368,7 @@ def _with_estimates(
     return replace(
         start,
         drive_side=FrozenMapping(drives),
-        load=load,
+        load=load_side.of_names(start.model.expressions),
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
         findings=revalued(start.findings, drives),

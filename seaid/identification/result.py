@@ -325,10 +325,9 @@ def _elastic_drives(
     elastic = {}
     for joint in robot.elastic_joints:
         drive = drives[joint]
-        names = enumerate(drive.names)
-        kept = [i for i, name in names if ParameterName(name, joint) not in load_side.names]
-        kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
-        part = drive.part(kept, [drive.names[i] for i in kept])
+        alone = [name for name in drive.names if ParameterName(name, joint) not in load_side.names]
+        # A parameter that is zero by definition has no distance from another value.
+        part = drive.of_names(name for name in alone if drive.standard_error(name) > 0)
         elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
     return elastic
 
