@@ -208,11 +208,12 @@ class Estimate(Result):
         """Return the estimate under the names that an owner gives to its parameters."""
         return replace(self, names=tuple(ParameterName.of(name).at(owner) for name in self.names))
 
-    def joined(self, *others: Estimate) -> Estimate:
-        """Return the estimate and others, which are not correlated with it, as one."""
-        parts = (self, *others)
+    @staticmethod
+    def joined(estimates: Iterable[Estimate]) -> Estimate:
+        """Return estimates without correlation as one, whose residual is that of the first."""
+        parts = list(estimates)
         return replace(
-            self,
+            parts[0],
             names=tuple(name for part in parts for name in part.names),
             values=np.concatenate([part.values for part in parts]),
             covariance=linalg.block_diag(*(part.covariance for part in parts)),

@@ -170,7 +170,8 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
             f"the estimate of the load side lacks {', '.join(missing)}: give the one that has the "
             "columns of the model"
         )
-    whole = load_side.joined(*(drive.at(joint) for joint, drive in drives.items()))
+    of_drives = [drive.at(joint) for joint, drive in drives.items()]
+    whole = Estimate.joined([load_side, *of_drives])
     twice = sorted({name for name in whole.names if whole.names.count(name) > 1})
     if twice:
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")

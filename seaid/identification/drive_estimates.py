@@ -124,8 +124,9 @@ def merged_estimates(
     drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return the drives' estimates of both sides by joint, without correlation between them."""
-    both = {joint: drives[joint].joined(load_side[joint]) for joint in drives if joint in load_side}
-    return {**load_side, **drives, **both}
+    both = drives.keys() & load_side.keys()
+    joined = {joint: Estimate.joined([drives[joint], load_side[joint]]) for joint in both}
+    return {**load_side, **drives, **joined}
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -321,8 +322,7 @@ def with_shared_drives(
     """Return fits and estimates of drives with shared parameters, and all estimates as one."""
     if not estimates:
         return actuators, estimates, None
-    first, *others = (estimate.at(joint) for joint, estimate in estimates.items())
-    whole = first.joined(*others)
+    whole = Estimate.joined(estimate.at(joint) for joint, estimate in estimates.items())
     groups = shared_columns(robot.drives, whole.names)
     if not groups:
         return actuators, estimates, whole
