@@ -19,7 +19,6 @@ import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid.checks import (
-    consequences,
     fixed_findings,
     nothing_to_simulate,
     revalued,
@@ -950,7 +949,7 @@ def refined_with_logs(
     unseen = without_joint_encoder(identification.known, logs)
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
-        return _with_finding(identification, nothing_to_simulate()), logs
+        return identification.with_findings([nothing_to_simulate()]), logs
     # Angles without an encoder come from (7), and the errors of a poor start accumulate over a
     # window: an iteration in short windows comes first.
     simulated, first = _filled(layout, logs, layout.start), layout.start
@@ -1013,19 +1012,13 @@ def _held(start: Identification, layout: Layout, point: LogPoint) -> Identificat
         ]
         if not weak:
             continue
-        notes += consequences(
-            start.findings, fixed_findings(joint, drive, weak, by_simulation=True)
-        )
+        notes += fixed_findings(joint, drive, weak, by_simulation=True)
         sides[joint] = estimate.of_names(name for name in estimate.names if name not in weak)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(start.known.drives):
         return None
-    return replace(
-        start,
-        known=start.known.with_drives(known),
-        drive_side=FrozenMapping(sides),
-        findings=(*start.findings, *notes),
-    )
+    robot = start.known.with_drives(known)
+    return replace(start, known=robot, drive_side=FrozenMapping(sides)).with_findings(notes)
 
 
 def simulated_from_motors(identification: Identification, log: Log) -> Log:
@@ -1166,11 +1159,7 @@ def _worse(
 
 def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
     """Return the start with the reason why it is not replaced."""
-    return _with_finding(start, worse_than_start(reason, evidence))
-
-
-def _with_finding(start: Identification, finding: Finding) -> Identification:
-    return replace(start, findings=(*start.findings, *consequences(start.findings, [finding])))
+    return start.with_findings([worse_than_start(reason, evidence)])
 
 
 def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:

@@ -194,6 +194,11 @@ class Identification(Result):
         """Whether to use the result, by its warnings."""
         return verdict_of(self.warnings, self.joint_fits)
 
+    def with_findings(self, findings: Iterable[Finding]) -> Identification:
+        """Return the identification with more findings, what the present ones explain as notes."""
+        more = consequences(self.findings, findings)
+        return replace(self, findings=(*self.findings, *more))
+
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
         from seaid.export import content_of
@@ -266,7 +271,7 @@ def with_value_findings(result: Identification, values: Iterable[Finding]) -> Id
         *unused_findings(result.known, result.drives, result.model.torque_joints, result.motions),
         *gear_findings(result.known, result.drive_side, result.gears, described),
     ]
-    return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
+    return result.with_findings(findings)
 
 
 def identification_of(
@@ -336,8 +341,8 @@ def consistent_bodies(result: Identification) -> Identification:
     """Return an identification with the physically consistent bodies nearest to it."""
     drives = _elastic_drives(result.known, result.load_side, result.drive_side)
     nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
-    findings = (*result.findings, *consequences(result.findings, nearest.warnings))
-    return replace(result, feasible=nearest, robot=nearest.robot, findings=findings)
+    consistent = replace(result, feasible=nearest, robot=nearest.robot)
+    return consistent.with_findings(nearest.warnings)
 
 
 def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
