@@ -218,12 +218,8 @@ def with_torque_columns(
         )
         * lever
     )
-    return replace(
-        rows,
-        names=(*rows.names, *(ParameterName(TORQUE_OFFSET, joint) for joint in joints)),
-        units=(*rows.units, *len(joints) * ("N m",)),
-        H=np.hstack([rows.H, columns]),
-    )
+    names = [ParameterName(TORQUE_OFFSET, joint) for joint in joints]
+    return rows.with_columns(names, len(joints) * ["N m"], columns)
 
 
 def offset_lever(robot: Robot, joint: str) -> float:
@@ -479,8 +475,7 @@ def with_merged_columns(
             y -= bus.nominal_s * H[:, first]
             gone.append(first)
     kept = np.setdiff1d(np.arange(len(rows.names)), gone)
-    names, units = (tuple(texts[place] for place in kept) for texts in (rows.names, rows.units))
-    return replace(rows, names=names, units=units, H=H[:, kept], y=y)
+    return replace(rows, H=H, y=y).of_columns(kept.tolist())
 
 
 def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:

@@ -159,19 +159,13 @@ def load_with_instruments(
 
 def with_instruments(rows: Regression, instruments: Array) -> Regression:
     """Return rows with the instruments of their columns as further columns."""
-    return replace(
-        rows,
-        names=(*rows.names, *(_PREFIX + name for name in rows.names)),
-        units=(*rows.units, *rows.units),
-        H=np.hstack([rows.H, instruments]),
-    )
+    return rows.with_columns((_PREFIX + name for name in rows.names), rows.units, instruments)
 
 
 def split_instruments(rows: Regression) -> tuple[Regression, Array]:
     """Return the rows without instruments, and the instruments."""
     p = len(rows.names) // 2
-    plain = replace(rows, names=rows.names[:p], units=rows.units[:p], H=rows.H[:, :p])
-    return plain, rows.H[:, p:]
+    return rows.of_columns(range(p)), rows.H[:, p:]
 
 
 SETTLED = 0.01

@@ -144,12 +144,7 @@ def _with_torque_offset(robot: Robot, actuator: Regression, joint: str) -> Regre
     """Return the motor equation of a joint with the column of an error b_0 of its torque."""
     # (7) has s = f_0 + b_0 N/r_M in the place of the spring offset f_0, which (8) has alone.
     column = actuator.H[:, actuator.names.index("spring_offset")] * offset_lever(robot, joint)
-    return replace(
-        actuator,
-        names=(*actuator.names, TORQUE_OFFSET),
-        units=(*actuator.units, "N m"),
-        H=np.column_stack([actuator.H, column]),
-    )
+    return actuator.with_columns([TORQUE_OFFSET], ["N m"], column)
 
 
 def _spring_columns(
