@@ -129,16 +129,17 @@ class Layout:
     """The parameters (p,) of a refinement, and the columns of each kind.
 
     `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
-    spring; `drives` {joint: columns} are the elastic ones, and `load` the columns of (8). `zeros`
-    are those of encoder offsets, none without. `tested` are terms of springs that the model lacks,
-    in the last columns: a torque of the joint by the derivative of this order of its deflection,
-    with the factor zero.
+    spring; `actuators` {joint: estimate} are the elastic drives as (7) has them, `drives` {joint:
+    columns} their columns, and `load` those of (8). `zeros` are those of encoder offsets, none
+    without. `tested` are terms of springs that the model lacks, in the last columns: a torque of
+    the joint by the derivative of this order of its deflection, with the factor zero.
     """
 
     identification: Identification
     parameters: tuple[Parameter, ...]
     simulated: tuple[str, ...]
     unseen: tuple[str, ...]
+    actuators: FrozenMapping[Estimate]
     drives: FrozenMapping[slice]
     load: slice
     zeros: slice
@@ -162,15 +163,11 @@ class Layout:
 
     def tests(self, motion: Motion) -> Iterator[tuple[int, str, Array]]:
         """Yield column, joint, and torque (T,) at the joint per unit of each tested term."""
+        known, first = self.identification.known, len(self.parameters) - len(self.tested)
         motors = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
         loads = motion.joint_states
-        for column, (joint, order) in enumerate(
-            self.tested, len(self.parameters) - len(self.tested)
-        ):
-            index, ratio = (
-                self.identification.known.index(joint),
-                total_ratio(self.identification.known.drives[joint]),
-            )
+        for column, (joint, order) in enumerate(self.tested, first):
+            index, ratio = known.index(joint), total_ratio(known.drives[joint])
             yield column, joint, motors[order][:, index] / ratio - loads[order][:, index]
 
     @property
@@ -204,7 +201,7 @@ class Layout:
         """The values (p,) of the identification, with zero encoder offsets."""
         values = np.zeros(len(self.parameters))
         for joint, columns in self.drives.items():
-            values[columns] = self.actuator(joint).values
+            values[columns] = self.actuators[joint].values
         values[self.load] = self.identification.load_side.values
         if self.unseen and self.identification.feasible is not None:
             # an inertia that can be simulated
@@ -213,10 +210,6 @@ class Layout:
         # It stands for the zero of the motor's encoder (`layout_of`), whose expectation is zero.
         values[[self.offset(joint) for joint in self.unseen]] = 0.0
         return values
-
-    def actuator(self, joint: str) -> Estimate:
-        """Return the identified parameters of a drive without those of the load side."""
-        return _actuator_part(self.identification, joint)
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of a joint's spring, for a linear one stiffness and offset."""
@@ -285,8 +278,8 @@ def layout_of(
     robot = start.known
     parameters: list[Parameter] = []
     drives: dict[str, slice] = {}
-    for joint in robot.elastic_joints:
-        estimate = _actuator_part(start, joint)
+    actuators = {joint: _actuator_part(start, joint) for joint in robot.elastic_joints}
+    for joint, estimate in actuators.items():
         first = len(parameters)
         parameters += [Parameter(name, joint) for name in estimate.names]
         drives[joint] = slice(first, len(parameters))
@@ -306,6 +299,7 @@ def layout_of(
         parameters=tuple(parameters),
         simulated=tuple(joint for joint in start.model.torque_joints if joint in start.springs),
         unseen=unseen,
+        actuators=FrozenMapping(actuators),
         drives=FrozenMapping(drives),
         load=load,
         zeros=slice(load.stop, len(parameters)),
@@ -360,7 +354,7 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     # the column w' of an unknown I_M makes it too small (errors in variables).
     noises = [_motor_noise(start, joint, log, motion) for joint in behind]
     is_noisy = any(torque < rotor for torque, rotor in noises)
-    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
+    if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
         return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
@@ -679,7 +673,7 @@ class _Around:
 
 def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
     """Raise IdentificationError if a log has other torque sensors than the identification."""
-    identified = layout.actuator(joint).names
+    identified = layout.actuators[joint].names
     if names != identified:
         raise IdentificationError(
             f"the log determines {', '.join(names)} of {joint}, the identification "
@@ -970,7 +964,7 @@ def refined_with_logs(
             "the identification belong together"
         )
     if unseen:
-        if any("motor_inertia" in layout.actuator(joint).names for joint in unseen):
+        if any("motor_inertia" in layout.actuators[joint].names for joint in unseen):
             point = _without_noise_of_rotors(layout, point, simulated)
         return _refined_unseen(layout, point), [_simulated_log(layout, x, point) for x in logs]
     step = point.step
@@ -1109,7 +1103,7 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
     """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
     known, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
     drives = {
-        joint: dict(zip(layout.actuator(joint).names, x[layout.drives[joint]], strict=True))
+        joint: dict(zip(layout.actuators[joint].names, x[layout.drives[joint]], strict=True))
         for joint in layout.unseen
     }
     return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]
@@ -1391,7 +1385,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     stds = dict(zip(joints, step.stds[first:], strict=False))
     stds |= dict(zip(layout.sensed, step.stds[end:], strict=False))
     drives = {
-        joint: part(layout.actuator(joint), columns, float(stds[joint]))
+        joint: part(layout.actuators[joint], columns, float(stds[joint]))
         for joint, columns in layout.drives.items()
     }
     rest = np.append(step.stds[2 * first : end], step.stds[end + len(layout.sensed) :])
