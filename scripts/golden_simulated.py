@@ -386,9 +386,11 @@ def _calibrated(law: str) -> Records:
         reading = np.interp(load - 0.3 * direction, 150.0 * d + 2000.0 * d**3, d) + 0.02
         reading = reading + 5e-4 * rng.normal(size=len(load))
     found = seaid.calibrate_statics(seaid.Statics(load, reading), law=law)  # type: ignore[arg-type]
-    rows = zip(found.names, found.values, found.standard_errors, strict=True)
+    estimate = found.estimate
+    rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
     records = {name: ["value", float(x), float(s)] for name, x, s in rows}
-    parts = {x: number(getattr(found, x)) for x in ("rms", "linearity", "hysteresis")}
+    parts = {x: number(getattr(found, x)) for x in ("linearity", "hysteresis")}
+    parts["rms"] = number(estimate.residual_std)
     return records | parts | of_findings(found.warnings)
 
 

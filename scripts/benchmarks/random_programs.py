@@ -15,7 +15,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -31,12 +31,7 @@ from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import FeasiblePoint, nearest, regularised, with_selected_weight
 from seaid.estimation.sdp import BARRIER, Program, floored_covariance
-from seaid.identification.consistency import (
-    body_limits,
-    body_program,
-    interior_start,
-    prior_bodies,
-)
+from seaid.identification.consistency import body_program, prior_bodies
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import (
@@ -52,6 +47,9 @@ BOUNDS = ("none", "none", "tight", "given", "contradictory")
 ERRORS = ("noise", "noise", "wrong", "payload", "missing payload")
 AGREEMENT = 1e-6
 """Relative accuracy of Clarabel's objective: its tolerances are 1e-8 of each of many terms."""
+
+_LEAST_WIDTH, _LENGTH = 1e-9, 0.1
+"""Least half width of bounds, relative or [m], and the natural size of a centre of mass [m]."""
 
 PRIORS = ("file", "distorted", "none", "degenerate")
 
@@ -112,10 +110,8 @@ def random_case(number: int) -> Case:
         spread = floored_covariance(known.covariance, white)
         known = Estimate(known.names, known.values, spread, known.units, 1.0, 1.0)
     bodies, _ = prior_bodies(robot, _prior(robot, prior, rng))
-    masses, boxes = _bounds(robot, bounds, rng)
-    limits = body_limits(robot, bodies, masses, boxes)
-    start = interior_start(robot, bodies, masses, boxes)
-    program, _ = body_program(robot, model, known, bodies, limits, start)
+    program, _ = body_program(robot, model, known, bodies)
+    program = _with_bounds(program, *_bounds(robot, bounds, rng))
     return Case(number, name, prior, error, bounds, variance, program)
 
 
@@ -172,27 +168,78 @@ def distorted(robot: seaid.Robot, rng: np.random.Generator, size: float = 0.1) -
     return np.concatenate(bodies)
 
 
-def _bounds(
-    robot: seaid.Robot, bounds: str, rng: np.random.Generator
-) -> tuple[
-    Mapping[str, tuple[float, float]], Mapping[str, tuple[Sequence[float], Sequence[float]]]
-]:
-    """Return mass bounds and boxes for the centre of mass of some bodies."""
-    masses: dict[str, tuple[float, float]] = {}
-    boxes: dict[str, tuple[list[float], list[float]]] = {}
+Bounds = Mapping[int, tuple[Array, Array]]
+"""The lower and the upper bounds of some bodies."""
+
+
+def _bounds(robot: seaid.Robot, bounds: str, rng: np.random.Generator) -> tuple[Bounds, Bounds]:
+    """Return bounds of the mass (1,) and of the centre of mass (3,) of some bodies."""
+    masses: dict[int, tuple[Array, Array]] = {}
+    boxes: dict[int, tuple[Array, Array]] = {}
     if bounds == "none":
         return masses, boxes
-    for name, body in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
-        mass, centre = body[0], body[1:4] / body[0]
+    for index, body in enumerate(robot.parameters.reshape(-1, 10)):
+        mass, centre = body[:1], body[1:4] / body[0]
         width = 0.0 if bounds == "given" else 10 ** rng.uniform(-6, -1)
         if bounds == "contradictory":
             mass = mass * 10 ** rng.uniform(-2, 2)
             centre = centre + rng.uniform(-1, 1, 3)
+        # a single value is a bound of some width, since the program needs an interior
         if rng.random() < 0.5:
-            masses[name] = mass * (1 - width), mass * (1 + width)
+            wide = max(width, _LEAST_WIDTH)
+            masses[index] = mass * (1 - wide), mass * (1 + wide)
         if rng.random() < 0.3:
-            boxes[name] = (centre - width).tolist(), (centre + width).tolist()
+            wide = max(width, _LEAST_WIDTH)
+            boxes[index] = centre - wide, centre + wide
     return masses, boxes
+
+
+def _with_bounds(program: Program, masses: Bounds, boxes: Bounds) -> Program:
+    """Return a program with bounds of bodies, as limits before its own, and a start inside."""
+    rows, values, start = [], [], program.start.copy()
+    for body, scale in enumerate(program.prior[:, 0].tolist()):
+        column = 10 * body
+        moved = _inside_bounds(program.prior[body], masses.get(body), boxes.get(body))
+        start[column : column + 10] = moved
+        for sign, bound in zip((1, -1), masses.get(body, ()), strict=False):
+            row = np.zeros(len(start))
+            row[column] = sign / scale
+            rows.append(row)
+            values.append(sign * bound[0] / scale)
+        for sign, corner in zip((1, -1), boxes.get(body, ()), strict=False):
+            for axis, bound in enumerate(corner):
+                row = np.zeros(len(start))
+                # c >= b is m c - b m >= 0, linear in the first moment m c and the mass m.
+                row[column + 1 + axis] = sign / (scale * _LENGTH)
+                row[column] = -sign * bound / (scale * _LENGTH)
+                rows.append(row)
+                values.append(0.0)
+    return replace(
+        program,
+        limits=np.vstack([*rows, program.limits]),
+        bounds=np.append(values, program.bounds),
+        start=start,
+    )
+
+
+def _inside_bounds(
+    body: Array, masses: tuple[Array, Array] | None, box: tuple[Array, Array] | None
+) -> Array:
+    """Return a body (10,) with the mass and the centre in the middle of bounds it is outside of."""
+    pseudo = pseudo_inertia(body)
+    mass, centre = body[0], body[1:4] / body[0]
+    # The pseudo-inertia (Wensing et al. 2018) is m ([c; 1][c^T, 1] + [S, 0; 0, 0]), with the spread
+    # S of the mass, which stays.
+    spread = pseudo[:3, :3] / mass - np.outer(centre, centre)
+    if masses is not None and not masses[0][0] < mass < masses[1][0]:
+        mass = (masses[0][0] + masses[1][0]) / 2
+    if box is not None:
+        inside = (box[0] < centre) & (centre < box[1])
+        centre = np.where(inside, centre, (box[0] + box[1]) / 2)
+    column = np.append(centre, 1.0)
+    pseudo = mass * np.outer(column, column)
+    pseudo[:3, :3] += mass * spread
+    return from_pseudo_inertia(pseudo)
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,11 @@ from tests.identification.test_static_calibration import RMS, STIFFNESS, anydriv
 
 def line(name: str, found: list[StaticCalibration], true: float) -> str:
     """Return mean, scatter, mean standard error and coverage of a parameter."""
-    values = np.array([one.value(name) for one in found])
-    errors = np.array([one.standard_error(name) for one in found])
-    places = [one.names.index(name) for one in found]
-    inside = [
-        one.intervals[place, 0] < true < one.intervals[place, 1]
-        for one, place in zip(found, places, strict=True)
-    ]
+    estimates = [one.estimate for one in found]
+    values = np.array([estimate.value(name) for estimate in estimates])
+    errors = np.array([estimate.standard_error(name) for estimate in estimates])
+    intervals = [estimate.interval()[estimate.names.index(name)] for estimate in estimates]
+    inside = [low < true < high for low, high in intervals]
     return (
         f"{name}: true {true:.4g}, mean {np.mean(values):.5g}, scatter {np.std(values):.3g}, "
         f"standard error {np.mean(errors):.3g}, 95 % holds {np.mean(inside):.1%}"
@@ -42,13 +40,13 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=2000)
     draws = parser.parse_args().draws
     weights = [anydrive(seed) for seed in range(draws)]
-    half = np.mean([np.ptp(one.intervals[0]) / 2 for one in weights])
+    half = np.mean([np.ptp(one.estimate.interval()[0]) / 2 for one in weights])
     print(line("stiffness", weights, STIFFNESS), f"half interval {half:.2g} N m/rad")
-    print(f"rms {np.mean([one.rms for one in weights]):.4f} N m of {RMS}")
+    print(f"rms {np.mean([one.estimate.residual_std for one in weights]):.4f} N m of {RMS}")
     curved = sum(any(w.code == "nonlinear-spring" for w in one.warnings) for one in weights)
     print(f"called nonlinear: {curved} of {draws}")
     ramps = [calibrate_statics(ramp(seed), law="cubic") for seed in range(draws // 10)]
-    for name, true in zip(ramps[0].names, (150.0, 2000.0, 0.02, 0.3), strict=True):
+    for name, true in zip(ramps[0].estimate.names, (150.0, 2000.0, 0.02, 0.3), strict=True):
         print(line(name, ramps, true))
 
 

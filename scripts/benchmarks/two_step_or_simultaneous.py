@@ -27,7 +27,6 @@ from seaid.identification.simultaneous import (
     estimation,
     settled,
     simultaneous_regression,
-    split_estimate,
 )
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor import rigid_body_regressor
@@ -69,8 +68,7 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     sequential = first.drives, first.load
     found = [
         picked(*sequential),
-        picked(*split_estimate(known, first.model, both)[:2]),
-        picked(*split_estimate(known, first.model, free)[:2]),
+        *(picked(x.by_owner(), x.of_names(first.model.expressions)) for x in (both, free)),
     ]
     values, errors = np.swapaxes(np.array(found), 0, 1)
     for part in (values, errors):

@@ -541,12 +541,12 @@ def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
 # Bodies
 
 
-def contradictions(robot: Robot, program: Program, least: float, bounds: int) -> Iterator[Finding]:
+def contradictions(robot: Robot, program: Program, least: float) -> Iterator[Finding]:
     """Yield the assumption that the data contradict, unless chi-square `least` is plausible.
 
-    `least` is the least chi-square of a program of physical consistency whose first `bounds` limits
-    are those of the user. Each payload, all of them, and the bounds are removed in turn: the one
-    that reduces chi-square most is named. Raises as `nearest` does.
+    `least` is the least chi-square of a program of physical consistency. Each payload and all of
+    them are removed in turn: the one that reduces chi-square most is named. Raises as `nearest`
+    does.
     """
     count = len(program.estimate)
     # chi-square has the mean n and the variance 2 n
@@ -557,7 +557,7 @@ def contradictions(robot: Robot, program: Program, least: float, bounds: int) ->
         f"{least:.3g} over {count} values"
     )
     smallest, words = min(
-        ((nearest(x).chi_square, words) for words, x in _assumptions(robot, program, bounds)),
+        ((nearest(x).chi_square, words) for words, x in _payloads_removed(robot, program)),
         default=(least, ""),
     )
     if smallest < (1 - tol.NOTHING) * least:
@@ -593,8 +593,8 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
         )
 
 
-def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[str, Program]]:
-    """Yield each assumption with its remedy, and the program without it."""
+def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Program]]:
+    """Yield each payload with its remedy, and the program without it."""
     payloads = robot.payload_parameters.reshape(-1, 10)
     loaded = np.flatnonzero(payloads[:, 0]).tolist()
     for bodies in [[body] for body in loaded] + ([loaded] if len(loaded) > 1 else []):
@@ -608,10 +608,6 @@ def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[
         propagated = program.columns[:, : payloads.size] @ removed.ravel()
         without = replace(program, estimate=program.estimate + propagated)
         yield f"{each}: check that it is on the robot, its mass and its place", without
-    if bounds:
-        limits, values = program.limits[bounds:], program.bounds[bounds:]
-        without = replace(program, limits=limits, bounds=values)
-        yield "mass_bounds= and com_boxes=: check or remove them", without
 
 
 # Gears, and what of a log no equation uses

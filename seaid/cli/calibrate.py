@@ -68,14 +68,19 @@ def calibrate(
     written(
         output, ".html", lambda file: seaid.write_calibration(fit, file, name=joint or table.stem)
     )
-    values = zip(fit.names, fit.values, fit.standard_errors, fit.units, strict=True)
+    estimate = fit.estimate
+    values = zip(
+        estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
+    )
     content = {
         "law": fit.law,
         "parameters": {
             parameter: {"value": float(value), "standard_error": float(error), "unit": unit}
             for parameter, value, error, unit in values
         },
-        **{key: getattr(fit, key) for key in ("rms", "linearity", "hysteresis")},
+        "rms": estimate.residual_std,
+        "linearity": fit.linearity,
+        "hysteresis": fit.hysteresis,
         "warnings": fit.warnings,
     }
     result.show(fit.summary(), content, output, robot=joint)

@@ -5,16 +5,17 @@ Diagnostics are poorly determined directions, the significance of terms, and whi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 from scipy.special import chdtrc, fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import ParameterName, places_of
+from seaid.drives import ParameterName, joint_of, places_of
 from seaid.errors import (
     IdentificationError,
     SeaidError,
@@ -187,10 +188,49 @@ class Estimate(Result):
             degrees_of_freedom=None if freedom is None else freedom[picked],
         )
 
+    def of_names(self, names: Iterable[str]) -> Estimate:
+        """Return the estimate of the parameters of these names, in their order."""
+        wanted = tuple(names)
+        return self.part([self._index(name) for name in wanted], wanted)
+
+    def by_owner(self) -> dict[str, Estimate]:
+        """Return what each owner, such as a joint, has of the estimate, under names without it."""
+        places: dict[str, list[int]] = {}
+        for place, name in enumerate(self.names):
+            if owner := joint_of(name):
+                places.setdefault(owner, []).append(place)
+        return {
+            owner: self.part(kept, [ParameterName.of(self.names[place]).at("") for place in kept])
+            for owner, kept in places.items()
+        }
+
+    def at(self, owner: str) -> Estimate:
+        """Return the estimate under the names that an owner gives to its parameters."""
+        return replace(self, names=tuple(ParameterName.of(name).at(owner) for name in self.names))
+
+    @staticmethod
+    def joined(estimates: Iterable[Estimate]) -> Estimate:
+        """Return estimates without correlation as one, whose residual is that of the first."""
+        parts = list(estimates)
+        return replace(
+            parts[0],
+            names=tuple(name for part in parts for name in part.names),
+            values=np.concatenate([part.values for part in parts]),
+            covariance=linalg.block_diag(*(part.covariance for part in parts)),
+            units=tuple(unit for part in parts for unit in part.units),
+            white_standard_errors=_concatenated(part.white_standard_errors for part in parts),
+            degrees_of_freedom=_concatenated(part.degrees_of_freedom for part in parts),
+        )
+
     def of_condition(self, condition: str) -> Estimate:
         """Return what a condition has of the estimate, under the names of its own columns."""
         places = places_of(self.names, condition)
         return self.part(places, [ParameterName.of(self.names[x]).within(None) for x in places])
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The values by the names of their parameters."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
 
     def value(self, name: str) -> float:
         """Return the value of one parameter. Raises SeaidError for an unknown name."""
@@ -204,6 +244,13 @@ class Estimate(Result):
         if name not in self.names:
             raise UnknownNameError(unknown_name("parameter", name, self.names))
         return self.names.index(name)
+
+
+def _concatenated(parts: Iterable[Array | None]) -> Array | None:
+    """Return arrays as one, None if one of them is missing."""
+    present = list(parts)
+    known = [part for part in present if part is not None]
+    return np.concatenate(known) if len(known) == len(present) else None
 
 
 POORLY_DETERMINED = 1e-2

@@ -458,12 +458,8 @@ def with_further_columns(
     assert fit.rows is not None
     k = columns.shape[1]
     # y + columns k = H theta: on the side of theta the columns are negative.
-    rows = replace(
-        fit.rows,
-        names=(*fit.rows.names, *(f"further {place}" for place in range(k))),
-        units=(*fit.rows.units, *k * ("",)),
-        H=np.hstack([fit.rows.H, -columns]),
-    )
+    names = [f"further {place}" for place in range(k)]
+    rows = fit.rows.with_columns(names, k * [""], -columns)
     try:
         factor = qr_factor_of(rows)
         if not counts(solve(factor, fit.weights).values[-k:]):

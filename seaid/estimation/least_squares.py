@@ -454,13 +454,9 @@ def with_propagated(rows: Regression, propagated: Array | None) -> Regression:
     # By eigenvalues and not by Cholesky: the covariance may be singular.
     sizes, vectors = safely(np.linalg.eigh, propagated, what="the propagated covariance")
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
-    s = root.shape[1]
+    columns, s = rows.propagated @ root, root.shape[1]
     return replace(
-        rows,
-        names=(*rows.names, *map(str, range(s))),
-        units=(*rows.units, *s * ("",)),
-        H=np.hstack([rows.H, rows.propagated @ root]),
-        propagated=rows.propagated[:, :0],
+        rows.with_columns(map(str, range(s)), s * [""], columns), propagated=rows.propagated[:, :0]
     )
 
 

@@ -402,5 +402,5 @@ def _findings(
     for place in np.flatnonzero(known).tolist():
         joint = result.joints[place]
         estimate = result.drives[joint]
-        stated = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+        stated = estimate.by_name
         yield from contradicted_rotor(joint, stated, free.estimate(place, robot.drives[joint]))

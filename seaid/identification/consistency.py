@@ -6,26 +6,23 @@ estimate and the robot file, with the weight of the prior selected by the data
 (`seaid.estimation.feasible`). If no consistent robot is near the estimate, the assumption that
 contradicts the data is named.
 
-Limits of the semidefinite program are bounds of a body's mass and centre of mass, and drive
-parameters that are not negative. Prior bodies are those of the robot file, repaired if physically
-inconsistent, or balls.
+Limits of the semidefinite program are drive parameters that are not negative. Prior bodies are
+those of the robot file, repaired if physically inconsistent, or balls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from scipy import linalg
 
-from seaid._arrays import Array, BoolArray, finite, frozen, safely
+from seaid._arrays import Array, finite, safely
 from seaid._progress import Result, counted
 from seaid.checks import contradictions
 from seaid.drives import ParameterName, joint_of, parameter_of, readable
-from seaid.errors import Finding, IdentificationError, RobotError, unknown_name
+from seaid.errors import Finding, IdentificationError, RobotError
 from seaid.estimation import (
     WEIGHTS,
     Estimate,
@@ -70,7 +67,7 @@ class FeasibleParameters(Result):
     notes : tuple of str
         Replacements for missing or inconsistent values of the prior.
     warnings : tuple of Finding
-        Assumptions that the data contradict: a payload, or bounds.
+        Assumptions that the data contradict, such as a payload.
     """
 
     table_name = "feasible_text"
@@ -103,8 +100,6 @@ def feasible_parameters(
     drives: Mapping[str, Estimate] | None = None,
     *,
     prior: Array | None = None,
-    mass_bounds: MassBounds | None = None,
-    com_boxes: Boxes | None = None,
     weight: float | None = None,
     white_covariance: Array | None = None,
 ) -> FeasibleParameters:
@@ -122,10 +117,6 @@ def feasible_parameters(
     prior : ndarray (10n,), optional
         Standard parameters, by default the robot's; a body without (NaN) gets a ball of 1 kg as
         large as its link.
-    mass_bounds : mapping {body: (least, most)}, optional
-        Bounds of masses [kg].
-    com_boxes : mapping {body: (lower, upper)}, optional
-        Corners [m] of a box with the centre of mass, in the body's frame.
     weight : float, optional
         Weight of the prior in units of chi-square. Default: selected by the data. With 0 it
         determines only what the data leave free.
@@ -139,8 +130,7 @@ def feasible_parameters(
     Raises
     ------
     IdentificationError
-        For infeasible bounds, for estimates that do not fit the model, and if the program cannot be
-        solved.
+        For estimates that do not fit the model, and if the program cannot be solved.
     RobotError
         For a prior of another shape.
     """
@@ -150,13 +140,7 @@ def feasible_parameters(
         load_side = replace(load_side, covariance=floored_covariance(load_side.covariance, white))
     known = _stacked(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
-    masses, boxes = mass_bounds or {}, com_boxes or {}
-    limits = body_limits(robot, bodies, masses, boxes)
-    start = interior_start(robot, bodies, masses, boxes)
-    for body in robot.known_bodies:
-        if body in {**masses, **boxes}:
-            raise IdentificationError(f"'{body}' is a known body: it has no bounds")
-    program, words = body_program(robot, model, known, bodies, limits, start)
+    program, words = body_program(robot, model, known, bodies)
     bound = nearest(program)
     point = _weighted(program, weight, bound.chi_square)
     return FeasibleParameters(
@@ -174,7 +158,7 @@ def feasible_parameters(
         freedom=point.freedom,
         active_bounds=_active_bounds(robot, point, words),
         notes=notes,
-        warnings=tuple(contradictions(robot, program, bound.chi_square, len(limits))),
+        warnings=tuple(contradictions(robot, program, bound.chi_square)),
     )
 
 
@@ -186,31 +170,14 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
             f"the estimate of the load side lacks {', '.join(missing)}: give the one that has the "
             "columns of the model"
         )
-    parts = [load_side, *drives.values()]
-    names = [*load_side.names]
-    names += [ParameterName(name, joint) for joint, part in drives.items() for name in part.names]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
+    of_drives = [drive.at(joint) for joint, drive in drives.items()]
+    whole = Estimate.joined([load_side, *of_drives])
+    twice = sorted({name for name in whole.names if whole.names.count(name) > 1})
+    if twice:
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
-    return replace(
-        load_side,
-        names=tuple(names),
-        values=finite(
-            "the estimate",
-            np.concatenate([part.values for part in parts]),
-            (None,),
-            IdentificationError,
-        ),
-        covariance=finite(
-            "the covariance of the estimate",
-            linalg.block_diag(*(part.covariance for part in parts)),
-            (None, None),
-            IdentificationError,
-        ),
-        units=tuple(unit for part in parts for unit in part.units),
-        white_standard_errors=None,
-        degrees_of_freedom=None,
-    )
+    finite("the estimate", whole.values, (None,), IdentificationError)
+    finite("the covariance of the estimate", whole.covariance, (None, None), IdentificationError)
+    return whole
 
 
 def _weighted(program: Program, weight: float | None, least: float) -> FeasiblePoint:
@@ -257,138 +224,6 @@ def _active_bounds(robot: Robot, point: FeasiblePoint, words: list[str]) -> tupl
         if rank < 4
     ]
     return tuple(dict.fromkeys([*shapes, *(words[index] for index in point.active_bounds)]))
-
-
-MassBounds = Mapping[str, tuple[float, float]]
-"""{body: (least, most)} [kg]."""
-
-Boxes = Mapping[str, tuple[Sequence[float], Sequence[float]]]
-"""{body: (lower, upper)}, two corners [m] in the body's frame."""
-
-_WIDTH = 1e-9
-"""Half the width, relative or [m], of bounds that leave a single value."""
-
-_LENGTH = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Limit:
-    """row @ unknowns >= bound, scaled to a natural size; `words` describe the active bound."""
-
-    row: Array
-    bound: float
-    words: str
-
-
-def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> list[Limit]:
-    """Return bounds of mass and centre of mass as inequalities of the standard parameters.
-
-    `bodies` (n, 10) give the scale; infinite bounds are skipped. Raises IdentificationError for
-    unknown bodies and for infeasible bounds.
-    """
-    limits = []
-    for body, (least, most) in checked_masses(robot, masses).items():
-        column = 10 * robot.body_names.index(body)
-        size = bodies[column // 10, 0]
-        for sign, bound, side in ((1, least, "lower"), (-1, most, "upper")):
-            row = np.zeros(robot.parameters.size)
-            row[column] = sign / size
-            words = f"mass of {body} is at its {side} bound, {bound:.4g} kg"
-            if most - least <= 3 * _WIDTH * most:
-                words = f"mass of {body} is given, {bound:.4g} kg"
-            limits.append(Limit(row, sign * bound / size, words))
-    for body, corners in checked_boxes(robot, boxes).items():
-        column = 10 * robot.body_names.index(body)
-        size = bodies[column // 10, 0] * _LENGTH
-        for sign, corner, side in zip((1, -1), corners, ("lower", "upper"), strict=True):
-            for axis, bound in enumerate(corner):
-                row = np.zeros(robot.parameters.size)
-                # c >= b is m c - b m >= 0, linear in the first moment m c and the mass m.
-                row[column + 1 + axis] = sign / size
-                row[column] = -sign * bound / size
-                words = f"centre of mass of {body} is at the {side} bound of its box in "
-                limits.append(Limit(row, 0.0, words + f"{'xyz'[axis]}, {bound:.4g} m"))
-    return [x for x in limits if np.all(np.isfinite(x.row)) and np.isfinite(x.bound)]
-
-
-def interior_start(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
-    """Return standard parameters (10n,) of bodies like the given ones strictly inside bounds."""
-    moved = bodies.copy()
-    bounds, corners = checked_masses(robot, masses), checked_boxes(robot, boxes)
-    for index, body in enumerate(robot.body_names):
-        pseudo = pseudo_inertia(bodies[index])
-        mass, center = pseudo[3, 3], pseudo[:3, 3] / pseudo[3, 3]
-        # Pseudo-inertia J = [Sigma, m c; m c^T, m] (Wensing et al. 2018), with the spread
-        # S = Sigma / m - c c^T of the mass, which stays: J = m ([c; 1][c^T, 1] + [S, 0; 0, 0]).
-        spread = pseudo[:3, :3] / mass - np.outer(center, center)
-        mass = _between(mass, *bounds.get(body, (0.0, np.inf)))
-        if body in corners:
-            center = [_between(*values) for values in zip(center, *corners[body], strict=True)]
-        column = np.append(center, 1.0)
-        pseudo = mass * np.outer(column, column)
-        pseudo[:3, :3] += mass * spread
-        moved[index] = from_pseudo_inertia(pseudo)
-    return moved.ravel()
-
-
-def checked_masses(robot: Robot, masses: MassBounds) -> dict[str, tuple[float, float]]:
-    """Return bounds of mass, those of a single value slightly widened; see `body_limits`."""
-    _check_names(robot, "mass_bounds", masses)
-    checked = {}
-    for body, bounds in masses.items():
-        least, most = _pair(f"mass_bounds of '{body}'", bounds, (2,), "(least, most) in kg")
-        if not (0 <= least <= most and most > 0 and least < np.inf):
-            raise IdentificationError(
-                f"mass_bounds of '{body}' leave no mass: found {least:g} to {most:g} kg; allowed: "
-                "0 <= least <= most, most more than 0"
-            )
-        wide = _WIDTH * most if least == most else 0.0
-        checked[body] = (float(least - wide), float(most + wide))
-    return checked
-
-
-def checked_boxes(robot: Robot, boxes: Boxes) -> dict[str, Array]:
-    """Return boxes (2, 3), those without width slightly widened; see `body_limits`."""
-    _check_names(robot, "com_boxes", boxes)
-    checked = {}
-    for body, corners in boxes.items():
-        box = _pair(f"com_boxes of '{body}'", corners, (2, 3), "two corners of x, y, z in m")
-        lower, upper = box
-        if np.any(lower > upper) or np.any(lower == np.inf) or np.any(upper == -np.inf):
-            raise IdentificationError(
-                f"com_boxes of '{body}' leave no point: lower corner {lower.tolist()}, upper "
-                f"{upper.tolist()}; allowed: lower <= upper in x, y and z"
-            )
-        wide = np.where(lower == upper, _WIDTH, 0.0)
-        checked[body] = np.array([lower - wide, upper + wide])
-    return checked
-
-
-def _between(value: float, lower: float, upper: float) -> float:
-    """Return the value, or one strictly inside the bounds if it is not."""
-    if lower < value < upper:
-        return float(value)
-    if np.isfinite(lower) and np.isfinite(upper):
-        return float(lower + upper) / 2
-    return float(
-        lower + max(abs(lower), 0.1) if np.isfinite(lower) else upper - max(abs(upper), 0.1)
-    )
-
-
-def _check_names(robot: Robot, option: str, names: Iterable[str]) -> None:
-    for name in names:
-        if name not in robot.body_names:
-            raise IdentificationError(f"{option}=: " + unknown_name("body", name, robot.body_names))
-
-
-def _pair(where: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:
-    try:
-        pair = frozen(where, value, shape, IdentificationError)
-    except IdentificationError as problem:
-        raise IdentificationError(f"{problem}; give {meaning}") from None
-    if np.any(np.isnan(pair)):
-        raise IdentificationError(f"{where} must be {meaning}, found {pair.tolist()}")
-    return pair
 
 
 BALL_MASS = 1.0
@@ -487,12 +322,7 @@ NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffn
 
 
 def body_program(
-    robot: Robot,
-    model: LoadModel,
-    known: Estimate,
-    bodies: Array,
-    limits: list[Limit],
-    start: Array,
+    robot: Robot, model: LoadModel, known: Estimate, bodies: Array
 ) -> tuple[Program, list[str]]:
     """Return the program, and the description of each inequality as an active bound.
 
@@ -510,20 +340,21 @@ def body_program(
     sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[drive_rows])
     values = np.append(np.zeros(absorbed), known.values[drive_rows])
     signed = np.array([parameter_of(name) in NON_NEGATIVE for name in names], dtype=bool)
-    all_limits = [replace(limit, row=np.pad(limit.row, (0, len(names)))) for limit in limits]
-    all_limits += _not_negative(names, sizes, signed, m)
+    limited = np.flatnonzero(signed)
+    limits = np.zeros((len(limited), columns.shape[1]))
+    limits[range(len(limited)), m + limited] = 1 / sizes[limited]
     program = Program(
         columns=columns,
         pivots=pivots,
         estimate=known.values,
         root=root,
         prior=bodies,
-        limits=np.array([limit.row for limit in all_limits]).reshape(-1, columns.shape[1]),
-        bounds=np.array([limit.bound for limit in all_limits]),
+        limits=limits,
+        bounds=np.zeros(len(limited)),
         # Strictly inside: an interior-point method cannot start on a bound.
-        start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
+        start=np.append(bodies, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
     )
-    return program, [limit.words for limit in all_limits]
+    return program, [f"{readable(names[place])} is zero" for place in limited.tolist()]
 
 
 def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[int, ...], list[int]]:
@@ -543,13 +374,3 @@ def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[in
     pivots[base] = model.base.columns
     pivots[drive_rows] = range(start, columns.shape[1])
     return columns, tuple(map(int, pivots)), drive_rows
-
-
-def _not_negative(names: Sequence[str], sizes: Array, signed: BoolArray, m: int) -> list[Limit]:
-    """Return the limits of non-negative drive parameters, which follow `m` other unknowns."""
-    limits = []
-    for place in np.flatnonzero(signed).tolist():
-        row = np.zeros(m + len(names))
-        row[m + place] = 1 / sizes[place]
-        limits.append(Limit(row, 0.0, f"{readable(names[place])} is zero"))
-    return limits

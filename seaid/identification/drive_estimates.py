@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -109,13 +108,8 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
 
     A parameter that several conditions have for themselves is there once for each.
     """
-    places = [
-        place
-        for name in spring_regressor(robot, joint).names
-        for place, column in enumerate(estimate.names)
-        if parameter_of(column) == name
-    ]
-    return estimate.part(places, [estimate.names[place] for place in places])
+    names = spring_regressor(robot, joint).names
+    return estimate.of_names(x for name in names for x in estimate.names if parameter_of(x) == name)
 
 
 def offset_places(spring: Estimate) -> list[int]:
@@ -130,31 +124,14 @@ def merged_estimates(
     drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
     """Return the drives' estimates of both sides by joint, without correlation between them."""
-    merged = dict(load_side)
-    for joint, drive in drives.items():
-        merged[joint] = _merged(drive, load_side[joint]) if joint in load_side else drive
-    return merged
-
-
-def _merged(drive: Estimate, load: Estimate) -> Estimate:
-    return replace(
-        drive,
-        names=drive.names + load.names,
-        values=np.concatenate([drive.values, load.values]),
-        covariance=linalg.block_diag(drive.covariance, load.covariance),
-        units=drive.units + load.units,
-        white_standard_errors=_joined(drive.white_standard_errors, load.white_standard_errors),
-        degrees_of_freedom=_joined(drive.degrees_of_freedom, load.degrees_of_freedom),
-    )
-
-
-def _joined(first: Array | None, second: Array | None) -> Array | None:
-    return None if first is None or second is None else np.concatenate([first, second])
+    both = drives.keys() & load_side.keys()
+    joined = {joint: Estimate.joined([drives[joint], load_side[joint]]) for joint in both}
+    return {**load_side, **drives, **joined}
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
     """Return the drive with its estimated values."""
-    return with_values(drive, dict(zip(estimate.names, estimate.values, strict=True)))
+    return with_values(drive, estimate.by_name)
 
 
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
@@ -241,12 +218,8 @@ def with_torque_columns(
         )
         * lever
     )
-    return replace(
-        rows,
-        names=(*rows.names, *(ParameterName(TORQUE_OFFSET, joint) for joint in joints)),
-        units=(*rows.units, *len(joints) * ("N m",)),
-        H=np.hstack([rows.H, columns]),
-    )
+    names = [ParameterName(TORQUE_OFFSET, joint) for joint in joints]
+    return rows.with_columns(names, len(joints) * ["N m"], columns)
 
 
 def offset_lever(robot: Robot, joint: str) -> float:
@@ -299,11 +272,8 @@ def with_torque_offsets(
 
 def places_in(whole: Estimate, drives: Mapping[str, Estimate]) -> list[int]:
     """Return the places of the parameters of drives {joint: Estimate} in that of all drives."""
-    return [
-        whole.names.index(ParameterName.of(name).at(joint))
-        for joint, drive in drives.items()
-        for name in drive.names
-    ]
+    names = [name for joint, drive in drives.items() for name in drive.at(joint).names]
+    return [whole.names.index(name) for name in names]
 
 
 def _separated(
@@ -348,7 +318,7 @@ def with_shared_drives(
     """Return fits and estimates of drives with shared parameters, and all estimates as one."""
     if not estimates:
         return actuators, estimates, None
-    whole = reduce(_merged, (_named(estimate, joint) for joint, estimate in estimates.items()))
+    whole = Estimate.joined(estimate.at(joint) for joint, estimate in estimates.items())
     groups = shared_columns(robot.drives, whole.names)
     if not groups:
         return actuators, estimates, whole
@@ -358,20 +328,14 @@ def with_shared_drives(
     white = linalg.block_diag(*(fit.white_covariance for fit in fits))
     whole = Constraints.of(len(whole.names), groups.values()).applied(whole, white)
     changed = {}
-    for joint, estimate in estimates.items():
-        part = whole.part(places_in(whole, {joint: estimate}), estimate.names)
+    for joint, part in whole.by_owner().items():
         own = ("residual_std", "condition_number", "diagnostics")
-        changed[joint] = replace(part, **{name: getattr(estimate, name) for name in own})
+        changed[joint] = replace(part, **{name: getattr(estimates[joint], name) for name in own})
     shared = {
         joint: replace(fit, estimate=changed[joint], shared=tested)
         for joint, fit in actuators.items()
     }
     return shared, changed, whole
-
-
-def _named(estimate: Estimate, joint: str) -> Estimate:
-    """Return the estimate of a drive with its joint in the names."""
-    return replace(estimate, names=tuple(ParameterName.of(x).at(joint) for x in estimate.names))
 
 
 def shared_slopes(
@@ -511,8 +475,7 @@ def with_merged_columns(
             y -= bus.nominal_s * H[:, first]
             gone.append(first)
     kept = np.setdiff1d(np.arange(len(rows.names)), gone)
-    names, units = (tuple(texts[place] for place in kept) for texts in (rows.names, rows.units))
-    return replace(rows, names=names, units=units, H=H[:, kept], y=y)
+    return replace(rows, H=H, y=y).of_columns(kept.tolist())
 
 
 def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:

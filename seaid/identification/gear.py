@@ -101,7 +101,7 @@ def _gear(
     """
     drive = robot.drives[joint]
     compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
-    others = estimate.part([1, 2], estimate.names[1:])
+    others = estimate.of_names(estimate.names[1:])
     if compliance <= _SIGNIFICANT * error:
         least = drive.motor_radius**2 / max(compliance + _SIGNIFICANT * error, 1e-300)
         return others, least
@@ -152,7 +152,7 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     if not (drive.gear_compliance or drive.harmonics):
         return estimate
     names = estimate.names
-    values = dict(zip(names, estimate.values, strict=True))
+    values = estimate.by_name
     if "stiffness" in drive.known:
         values.setdefault("stiffness", drive.values["stiffness"])
     spring_values = of_spring(values, drive.gear_compliance)

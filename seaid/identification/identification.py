@@ -25,7 +25,7 @@ from seaid.checks import (
     not_measured,
     unseen_motion,
 )
-from seaid.drives import ParameterName, with_groups
+from seaid.drives import with_groups
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -34,7 +34,7 @@ from seaid.errors import (
     SeaidError,
     checked,
 )
-from seaid.estimation import EstimatorName
+from seaid.estimation import Estimate, EstimatorName
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.extension import extension_of
 from seaid.identification.model_selection import with_closed_terms
@@ -528,8 +528,8 @@ def cutoff_sensitivity(
     # Terms that drives got by themselves and the method stay, so that estimates are comparable.
     robot = with_closed_terms(robot, base.known)
     options["method"] = base.method
-    names, units = _names(base)
-    values, errors = np.full((2, len(cutoffs), len(names)), np.nan)
+    proposed = _parameters(base)
+    values, errors = np.full((2, len(cutoffs), len(proposed.names)), np.nan)
     refused: dict[float, str] = {}
     for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
         try:
@@ -538,14 +538,15 @@ def cutoff_sensitivity(
         except SeaidError as problem:
             refused[cutoff] = str(problem)
             continue
-        if _names(result) != (names, units):
+        estimate = _parameters(result)
+        if (estimate.names, estimate.units) != (proposed.names, proposed.units):
             refused[cutoff] = "other parameters are identifiable than at the proposed cutoff"
             continue
-        values[place], errors[place] = _estimates(result)
+        values[place], errors[place] = estimate.values, estimate.standard_errors
     return CutoffSensitivity(
         cutoffs_hz=np.array(cutoffs),
-        names=names,
-        units=units,
+        names=proposed.names,
+        units=proposed.units,
         values=values,
         standard_errors=errors,
         proposed=cutoffs.index(base.cutoff_hz),
@@ -553,16 +554,7 @@ def cutoff_sensitivity(
     )
 
 
-def _names(result: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    drives = result.drives.items()
-    names = [ParameterName(name, joint) for joint, estimate in drives for name in estimate.names]
-    units = [unit for _, estimate in drives for unit in estimate.units]
-    return (*names, *result.load.names), (*units, *result.load.units)
-
-
-def _estimates(result: Identification) -> tuple[Array, Array]:
-    estimates = [*result.drives.values(), result.load]
-    return (
-        np.concatenate([estimate.values for estimate in estimates]),
-        np.concatenate([estimate.standard_errors for estimate in estimates]),
-    )
+def _parameters(result: Identification) -> Estimate:
+    """Return the parameters of all drives, then the base parameters, as one estimate."""
+    drives = [estimate.at(joint) for joint, estimate in result.drives.items()]
+    return Estimate.joined([*drives, result.load])

@@ -159,19 +159,13 @@ def load_with_instruments(
 
 def with_instruments(rows: Regression, instruments: Array) -> Regression:
     """Return rows with the instruments of their columns as further columns."""
-    return replace(
-        rows,
-        names=(*rows.names, *(_PREFIX + name for name in rows.names)),
-        units=(*rows.units, *rows.units),
-        H=np.hstack([rows.H, instruments]),
-    )
+    return rows.with_columns((_PREFIX + name for name in rows.names), rows.units, instruments)
 
 
 def split_instruments(rows: Regression) -> tuple[Regression, Array]:
     """Return the rows without instruments, and the instruments."""
     p = len(rows.names) // 2
-    plain = replace(rows, names=rows.names[:p], units=rows.units[:p], H=rows.H[:, :p])
-    return plain, rows.H[:, p:]
+    return rows.of_columns(range(p)), rows.H[:, p:]
 
 
 SETTLED = 0.01
@@ -292,16 +286,13 @@ def _columns(rows: Regression) -> Array:
     return projected_columns(*split_instruments(rows))
 
 
-def _same_names(old: Estimate, new: Estimate) -> Estimate:
-    """Return the parameters of an old estimate that a new one has: the start has torque offsets."""
-    return old.part([old.names.index(name) for name in new.names], new.names)
-
-
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     """Return the change of each parameter in standard errors."""
     moved: dict[str, float] = {}
+    # The start has torque offsets, and the estimates from instruments have none.
     pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, _same_names(before.drives[joint], new), new) for joint, new in after.drives.items()
+        (joint, before.drives[joint].of_names(new.names), new)
+        for joint, new in after.drives.items()
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)

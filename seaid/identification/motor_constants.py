@@ -126,14 +126,8 @@ def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
 def with_unit_constant(rows: Regression) -> Regression:
     """Return the rows of (10) of a motor whose unknown constant is 1."""
     constants = [k for k, name in enumerate(rows.names) if parameter_of(name) in CONSTANTS]
-    kept = [k for k in range(len(rows.names)) if k not in constants]
-    return replace(
-        rows,
-        names=tuple(rows.names[k] for k in kept),
-        units=tuple(rows.units[k] for k in kept),
-        H=rows.H[:, kept],
-        y=rows.y - rows.H[:, constants].sum(axis=1),
-    )
+    others = rows.of_columns(k for k in range(len(rows.names)) if k not in constants)
+    return replace(others, y=rows.y - rows.H[:, constants].sum(axis=1))
 
 
 def scaled_by_load(
@@ -204,8 +198,7 @@ def with_constant_columns(
             y = y + torque
     names = tuple(constants[joint] for joint in springs if joint in constants)
     units = tuple(unit_of(robot.drives[name.owner], name.quantity) for name in names)
-    H = np.column_stack([rows.H, *columns])
-    return replace(rows, names=rows.names + names, units=rows.units + units, H=H, y=y)
+    return replace(rows, y=y).with_columns(names, units, np.column_stack(columns))
 
 
 def scaled_with_springs(

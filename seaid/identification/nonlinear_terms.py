@@ -15,13 +15,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray
+from seaid._arrays import Array, BoolArray
 from seaid._files import toml_table
-from seaid.checks import Scale, duration_s, scale_of, size_of
+from seaid.checks import (
+    DriveRows,
+    Scale,
+    actuator_drive,
+    duration_s,
+    load_drive,
+    scale_of,
+    size_of,
+)
 from seaid.drives import (
     COULOMB,
     LEVEL_OF,
@@ -46,20 +55,18 @@ from seaid.estimation import (
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
 from seaid.identification.drive_estimates import LOAD, spring_of, with_spring_torque, with_values
 from seaid.identification.two_step import spring_torque_joints, two_step_equations
-from seaid.log import Motion, in_band_at, row_samples
+from seaid.log import Motion
 from seaid.regressor import (
     LoadModel,
     Regression,
     actuator_equation,
     actuator_regression,
     actuator_rows,
-    input_signals,
     load_model_of,
     motor_regressor,
     signals,
     stacked,
     under_load,
-    usable_rows,
     with_gear_torque,
 )
 from seaid.robot import Robot
@@ -125,7 +132,7 @@ def with_searched_values(
     for joint, estimate in drives.items():
         values = [
             robot.drives[joint].values[name] if _is_searched(name) and value < 0 else value
-            for name, value in zip(estimate.names, estimate.values.tolist(), strict=True)
+            for name, value in estimate.by_name.items()
         ]
         allowed[joint] = replace(estimate, values=np.array(values))
     return allowed
@@ -180,26 +187,23 @@ def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The rows of a side as functions of one drive's nonlinear parameters.
+    """The rows of a side as functions of the nonlinear parameters of one `drive` of it.
 
-    `signals` and `samples` are those of the drive's rows in each motion, `rows` (R_j,) these rows
-    among the R rows of the side, `factor` their weight. `zeta` (T,) is the part of each motion's
-    target that is in `y` (R,) already. `others` (R, rank) spans the weighted columns of all other
-    parameters, which are projected out. `linear` are the linear parameters with a column. `known`
-    (T,) of each motion is 1 where the friction of the equation is known, and 0 elsewhere.
+    `weights` (R,) are those of the rows, `linear` the linear parameters with a column. `y` (R,) is
+    the weighted target without the part of the drive, and `others` (R, rank) spans the weighted
+    columns of all other parameters, which are projected out.
     """
 
-    regressor: DriveRegressor
+    drive: DriveRows
+    weights: Array
     linear: tuple[str, ...]
-    motions: Sequence[Motion]
-    signals: Sequence[Mapping[str, Array]]
-    samples: Sequence[IndexArray]
-    rows: IndexArray
-    factor: float
-    zeta: Sequence[Array]
     y: Array
     others: Array
-    known: Sequence[Array]
+
+    @cached_property
+    def regressor(self) -> DriveRegressor:
+        """The regressor of the equation of the side."""
+        return self.drive.regressor(self.drive.robot, self.drive.joint)
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
@@ -225,15 +229,12 @@ class _Search:
         """Return y and the drive's linear columns, with the other columns projected out."""
         values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
-        pairs = [self.regressor.given(by_name, values) for by_name in self.signals]
-        # y has zeta at the drive's values already, so that only its change by the nonlinear ones is
-        # added; on the load side a stiff drive is in (8) with N times (7), the `factor`.
-        changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
-        y = self.y.copy()
-        y[self.rows] += self._banded(changes)
-        columns = self._placed([H[:, places] for _, H in pairs])
+        pairs = [self.regressor.given(by_name, values) for by_name in self.drive.signals]
+        zeta = self.drive.at_rows([part[:, None] for part, _ in pairs])[:, 0]
+        columns = self.drive.at_rows([H[:, places] for _, H in pairs])
         columns[:, self._vanishing(columns)] = 0.0
-        return self._projected(y), self._projected(columns)
+        columns *= self.weights[:, None]
+        return self._projected(self.y + self.weights * zeta), self._projected(columns)
 
     def _vanishing(self, columns: Array) -> BoolArray:
         """Return the levels of friction whose columns vanish: at no row is the motor slow enough.
@@ -243,7 +244,8 @@ class _Search:
         """
         is_level = np.array([name in LEVEL_OF.values() for name in self.linear], dtype=bool)
         largest = np.max(np.abs(columns), axis=0, initial=0.0)
-        return np.asarray(is_level & (largest < _SEEN * abs(self.factor)))
+        factor = max(map(abs, self.drive.factors.values()))
+        return np.asarray(is_level & (largest < _SEEN * factor))
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the nonlinear parameters in the same way."""
@@ -252,22 +254,10 @@ class _Search:
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         # `evaluate` has derivatives in these columns, d(H theta - zeta)/dv at v and theta.
         places = [self.regressor.names.index(name) for name in self.nonlinear]
-        parts = [self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.signals]
-        return self._projected(self._placed(parts))
-
-    def _placed(self, parts: Sequence[Array]) -> Array:
-        columns = np.zeros((len(self.y), parts[0].shape[1]))
-        columns[self.rows] = self._banded(parts)
-        return columns
-
-    def _banded(self, parts: Sequence[Array]) -> Array:
-        # Columns (T, c) and targets (T,) alike.
-        parts = [(known * part.T).T for known, part in zip(self.known, parts, strict=True)]
-        # The low pass and the samples are those of the rows: columns are computed at the rate of
-        # the log and then filtered, since sign(w) of a filtered w is another function.
-        triples = zip(self.motions, parts, self.samples, strict=True)
-        banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
-        return self.factor * np.concatenate(banded)
+        parts = [
+            self.regressor.evaluate(by_name, values)[1][:, places] for by_name in self.drive.signals
+        ]
+        return self._projected(self.weights[:, None] * self.drive.at_rows(parts))
 
     def _projected(self, columns: Array) -> Array:
         if not self.others.shape[1]:
@@ -279,23 +269,28 @@ class _Search:
 
 def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
     """Return the search on the actuator side of an elastic joint, with all of its columns."""
-    pairs = [actuator_equation(robot, motion, joint) for motion in motions]
-    regressor = pairs[0][0]
-    rows = [actuator_rows(robot, motion, joint, regressor) for motion in motions]
-    samples, known, _ = map(list, zip(*rows, strict=True))
-    count = sum(map(len, samples))
-    return _Search(
-        regressor=regressor,
-        linear=regressor.linear,
-        motions=motions,
-        signals=[by_name for _, by_name in pairs],
-        samples=samples,
-        rows=np.arange(count),
-        factor=1.0,
-        zeta=[np.zeros(len(motion.time)) for motion in motions],
+    regressor, _ = actuator_equation(robot, motions[0], joint)
+    kept = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
+    times = [motion.time[samples] for motion, samples in zip(motions, kept, strict=True)]
+    count = sum(map(len, times))
+    # The rows have no columns, since a nonlinear drive without values has none.
+    rows = Regression(
+        names=(),
+        units=(),
+        H=np.empty((count, 0)),
         y=np.zeros(count),
-        others=np.empty((count, 0)),
-        known=known,
+        joint=np.full(count, robot.index(joint)),
+        time=np.concatenate(times),
+        run=np.repeat(np.arange(len(times)), list(map(len, times))),
+        excluded=0,
+        propagated=np.empty((count, 0)),
+    )
+    return _Search(
+        drive=actuator_drive(robot, motions, joint, rows, np.empty(0)),
+        weights=np.ones(count),
+        linear=regressor.linear,
+        y=rows.y,
+        others=rows.H,
     )
 
 
@@ -314,7 +309,7 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
     simple = robot.with_drives({joint: plain})
     rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
     estimate = ordinary(rows)
-    values = {**plain.values, **dict(zip(estimate.names, estimate.values.tolist(), strict=True))}
+    values = {**plain.values, **estimate.by_name}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start the search")
@@ -537,33 +532,22 @@ def _searched(
 
 def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:
     """Return the search on the load side of a stiff drive; its other columns are projected out."""
-    rows, index = fit.rows, robot.index(joint)
+    rows, drive = fit.rows, load_drive(robot, motions, joint, fit.rows, fit.values)
     regressor = motor_regressor(robot, joint)
     drive_names = [ParameterName(name, joint) for name in regressor.names]
-    weights = _weights(fit.qr_factor)
     # (E,) per equation -> (R,) per row; `equations` are sorted.
-    of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
+    weights = _weights(fit.qr_factor)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
     # Everything but the drive's columns is projected out: bodies, and all other drives.
     rest = [place for place, name in enumerate(rows.names) if name not in drive_names]
-    H = of_row[:, None] * rows.H[:, rest]
-    by_motion = [input_signals(robot, motion, index) for motion in motions]
-    weight = float(weights[fit.qr_factor.equations.index(index)])
+    H = weights[:, None] * rows.H[:, rest]
+    # The target has zeta at the values of the drive.
+    zeta = drive.at_rows([regressor.evaluate(by_name)[0][:, None] for by_name in drive.signals])
     return _Search(
-        regressor=regressor,
+        drive=drive,
+        weights=weights,
         linear=tuple(n for n in regressor.linear if ParameterName(n, joint) in rows.names),
-        motions=motions,
-        signals=by_motion,
-        samples=[
-            samples[usable_rows(robot, motion, joint, samples)]
-            for motion in motions
-            for samples in [row_samples(motion)]
-        ],
-        rows=np.flatnonzero(rows.joint == index),
-        factor=weight * robot.drives[joint].ratio,
-        zeta=[regressor.evaluate(by_name)[0] for by_name in by_motion],
-        y=of_row * rows.y,
+        y=weights * (rows.y - zeta[:, 0]),
         others=scaled_svd(H, "the columns of the load side").span(),
-        known=[x.where_known(index, np.ones(len(x.time))) for x in motions],
     )
 
 

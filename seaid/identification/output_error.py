@@ -19,7 +19,6 @@ import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
 from seaid.checks import (
-    consequences,
     fixed_findings,
     nothing_to_simulate,
     revalued,
@@ -75,7 +74,6 @@ from seaid.identification.simulated_joints import (
     with_encoder_noise,
     with_hysteresis,
 )
-from seaid.identification.two_step import split_load_side
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
@@ -131,16 +129,17 @@ class Layout:
     """The parameters (p,) of a refinement, and the columns of each kind.
 
     `simulated` are the joints behind springs, `unseen` those of them without an encoder behind the
-    spring; `drives` {joint: columns} are the elastic ones, and `load` the columns of (8). `zeros`
-    are those of encoder offsets, none without. `tested` are terms of springs that the model lacks,
-    in the last columns: a torque of the joint by the derivative of this order of its deflection,
-    with the factor zero.
+    spring; `actuators` {joint: estimate} are the elastic drives as (7) has them, `drives` {joint:
+    columns} their columns, and `load` those of (8). `zeros` are those of encoder offsets, none
+    without. `tested` are terms of springs that the model lacks, in the last columns: a torque of
+    the joint by the derivative of this order of its deflection, with the factor zero.
     """
 
     identification: Identification
     parameters: tuple[Parameter, ...]
     simulated: tuple[str, ...]
     unseen: tuple[str, ...]
+    actuators: FrozenMapping[Estimate]
     drives: FrozenMapping[slice]
     load: slice
     zeros: slice
@@ -164,15 +163,11 @@ class Layout:
 
     def tests(self, motion: Motion) -> Iterator[tuple[int, str, Array]]:
         """Yield column, joint, and torque (T,) at the joint per unit of each tested term."""
+        known, first = self.identification.known, len(self.parameters) - len(self.tested)
         motors = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
         loads = motion.joint_states
-        for column, (joint, order) in enumerate(
-            self.tested, len(self.parameters) - len(self.tested)
-        ):
-            index, ratio = (
-                self.identification.known.index(joint),
-                total_ratio(self.identification.known.drives[joint]),
-            )
+        for column, (joint, order) in enumerate(self.tested, first):
+            index, ratio = known.index(joint), total_ratio(known.drives[joint])
             yield column, joint, motors[order][:, index] / ratio - loads[order][:, index]
 
     @property
@@ -206,7 +201,7 @@ class Layout:
         """The values (p,) of the identification, with zero encoder offsets."""
         values = np.zeros(len(self.parameters))
         for joint, columns in self.drives.items():
-            values[columns] = self.actuator(joint).values
+            values[columns] = self.actuators[joint].values
         values[self.load] = self.identification.load_side.values
         if self.unseen and self.identification.feasible is not None:
             # an inertia that can be simulated
@@ -215,10 +210,6 @@ class Layout:
         # It stands for the zero of the motor's encoder (`layout_of`), whose expectation is zero.
         values[[self.offset(joint) for joint in self.unseen]] = 0.0
         return values
-
-    def actuator(self, joint: str) -> Estimate:
-        """Return the identified parameters of a drive without those of the load side."""
-        return _actuator_part(self.identification, joint)
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of a joint's spring, for a linear one stiffness and offset."""
@@ -273,8 +264,7 @@ def _actuator_part(identification: Identification, joint: str) -> Estimate:
     """Return the parameters of a drive by (7); a parallel spring and joint friction are in (8)."""
     whole = identification.drive_side[joint]
     load = {*map(Parameter.of_column, identification.model.names)}
-    names = [name for name in whole.names if Parameter(name, joint) not in load]
-    return whole.part([whole.names.index(name) for name in names], names)
+    return whole.of_names(name for name in whole.names if Parameter(name, joint) not in load)
 
 
 def layout_of(
@@ -288,8 +278,8 @@ def layout_of(
     robot = start.known
     parameters: list[Parameter] = []
     drives: dict[str, slice] = {}
-    for joint in robot.elastic_joints:
-        estimate = _actuator_part(start, joint)
+    actuators = {joint: _actuator_part(start, joint) for joint in robot.elastic_joints}
+    for joint, estimate in actuators.items():
         first = len(parameters)
         parameters += [Parameter(name, joint) for name in estimate.names]
         drives[joint] = slice(first, len(parameters))
@@ -309,6 +299,7 @@ def layout_of(
         parameters=tuple(parameters),
         simulated=tuple(joint for joint in start.model.torque_joints if joint in start.springs),
         unseen=unseen,
+        actuators=FrozenMapping(actuators),
         drives=FrozenMapping(drives),
         load=load,
         zeros=slice(load.stop, len(parameters)),
@@ -363,7 +354,7 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     # the column w' of an unknown I_M makes it too small (errors in variables).
     noises = [_motor_noise(start, joint, log, motion) for joint in behind]
     is_noisy = any(torque < rotor for torque, rotor in noises)
-    if is_noisy or any("motor_inertia" in layout.actuator(x).names for x in layout.unseen):
+    if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
         return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
@@ -682,7 +673,7 @@ class _Around:
 
 def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
     """Raise IdentificationError if a log has other torque sensors than the identification."""
-    identified = layout.actuator(joint).names
+    identified = layout.actuators[joint].names
     if names != identified:
         raise IdentificationError(
             f"the log determines {', '.join(names)} of {joint}, the identification "
@@ -952,7 +943,7 @@ def refined_with_logs(
     unseen = without_joint_encoder(identification.known, logs)
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
-        return _with_finding(identification, nothing_to_simulate()), logs
+        return identification.with_findings([nothing_to_simulate()]), logs
     # Angles without an encoder come from (7), and the errors of a poor start accumulate over a
     # window: an iteration in short windows comes first.
     simulated, first = _filled(layout, logs, layout.start), layout.start
@@ -973,7 +964,7 @@ def refined_with_logs(
             "the identification belong together"
         )
     if unseen:
-        if any("motor_inertia" in layout.actuator(joint).names for joint in unseen):
+        if any("motor_inertia" in layout.actuators[joint].names for joint in unseen):
             point = _without_noise_of_rotors(layout, point, simulated)
         return _refined_unseen(layout, point), [_simulated_log(layout, x, point) for x in logs]
     step = point.step
@@ -1015,20 +1006,13 @@ def _held(start: Identification, layout: Layout, point: LogPoint) -> Identificat
         ]
         if not weak:
             continue
-        kept = [name for name in estimate.names if name not in weak]
-        notes += consequences(
-            start.findings, fixed_findings(joint, drive, weak, by_simulation=True)
-        )
-        sides[joint] = estimate.part(list(map(estimate.names.index, kept)), kept)
+        notes += fixed_findings(joint, drive, weak, by_simulation=True)
+        sides[joint] = estimate.of_names(name for name in estimate.names if name not in weak)
         known[joint] = replace(drive, known=(*drive.known, *weak))
     if known == dict(start.known.drives):
         return None
-    return replace(
-        start,
-        known=start.known.with_drives(known),
-        drive_side=FrozenMapping(sides),
-        findings=(*start.findings, *notes),
-    )
+    robot = start.known.with_drives(known)
+    return replace(start, known=robot, drive_side=FrozenMapping(sides)).with_findings(notes)
 
 
 def simulated_from_motors(identification: Identification, log: Log) -> Log:
@@ -1119,7 +1103,7 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
     """Return the logs with the angles of unseen joints by (7) at the values x (p,)."""
     known, cutoff_hz = layout.identification.known, layout.identification.cutoff_hz
     drives = {
-        joint: dict(zip(layout.actuator(joint).names, x[layout.drives[joint]], strict=True))
+        joint: dict(zip(layout.actuators[joint].names, x[layout.drives[joint]], strict=True))
         for joint in layout.unseen
     }
     return [with_joint_angles(known, log, drives, cutoff_hz) if drives else log for log in logs]
@@ -1169,11 +1153,7 @@ def _worse(
 
 def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
     """Return the start with the reason why it is not replaced."""
-    return _with_finding(start, worse_than_start(reason, evidence))
-
-
-def _with_finding(start: Identification, finding: Finding) -> Identification:
-    return replace(start, findings=(*start.findings, *consequences(start.findings, [finding])))
+    return start.with_findings([worse_than_start(reason, evidence)])
 
 
 def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
@@ -1361,8 +1341,7 @@ def _with_estimates(
     start: Identification, actuators: Mapping[str, Estimate], load_side: Estimate
 ) -> Identification:
     """Return an identification with estimates of (7) by joint, and of (8)."""
-    load, load_drives = split_load_side(start.model, load_side)
-    refined = {**start.drive_side, **merged_estimates(actuators, load_drives)}
+    refined = {**start.drive_side, **merged_estimates(actuators, load_side.by_owner())}
     drives = {joint: refined[joint] for joint in start.drive_side}
     robot = with_base_parameters(start, load_side.values)
     known = {
@@ -1372,7 +1351,7 @@ def _with_estimates(
     return replace(
         start,
         drive_side=FrozenMapping(drives),
-        load=load,
+        load=load_side.of_names(start.model.expressions),
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
         findings=revalued(start.findings, drives),
@@ -1406,7 +1385,7 @@ def _estimates(layout: Layout, at: Array, step: Step) -> tuple[dict[str, Estimat
     stds = dict(zip(joints, step.stds[first:], strict=False))
     stds |= dict(zip(layout.sensed, step.stds[end:], strict=False))
     drives = {
-        joint: part(layout.actuator(joint), columns, float(stds[joint]))
+        joint: part(layout.actuators[joint], columns, float(stds[joint]))
         for joint, columns in layout.drives.items()
     }
     rest = np.append(step.stds[2 * first : end], step.stds[end + len(layout.sensed) :])

@@ -637,9 +637,9 @@ def motor_factors(fits: TwoStepFits, condition: str) -> dict[str, QRFactor]:
         assert fit.rows is not None
         rows = fit.rows.at(fits.shares[joint][condition].rows)
         places = places_of(rows.names, condition)
-        names = tuple(ParameterName.of(rows.names[place]).within(None) for place in places)
-        units = tuple(rows.units[place] for place in places)
-        factors[joint] = qr_factor_of(replace(rows, names=names, units=units, H=rows.H[:, places]))
+        rows = rows.of_columns(places)
+        names = tuple(ParameterName.of(name).within(None) for name in rows.names)
+        factors[joint] = qr_factor_of(replace(rows, names=names))
     return factors
 
 

@@ -206,6 +206,11 @@ class Identification(Result):
         """Whether to use the result, by its warnings."""
         return verdict_of(self.weighed_findings, self.joint_fits)
 
+    def with_findings(self, findings: Iterable[Finding]) -> Identification:
+        """Return the identification with more findings, what the present ones explain as notes."""
+        more = consequences(self.findings, findings)
+        return replace(self, findings=(*self.findings, *more))
+
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
         from seaid.export import content_of
@@ -282,7 +287,7 @@ def with_value_findings(result: Identification, values: Iterable[Finding]) -> Id
         findings += unused_findings(result.known, drives, joints, motions)
     with guarded(CODES["gear-compliance"], findings):
         findings += gear_findings(result.known, result.drive_side, result.gears, described)
-    return replace(result, findings=(*result.findings, *consequences(result.findings, findings)))
+    return result.with_findings(findings)
 
 
 def identification_of(
@@ -341,10 +346,9 @@ def _elastic_drives(
     elastic = {}
     for joint in robot.elastic_joints:
         drive = drives[joint]
-        names = enumerate(drive.names)
-        kept = [i for i, name in names if ParameterName(name, joint) not in load_side.names]
-        kept = [i for i in kept if drive.covariance[i, i] > 0]  # not what is zero by definition
-        part = drive.part(kept, [drive.names[i] for i in kept])
+        alone = [name for name in drive.names if ParameterName(name, joint) not in load_side.names]
+        # A parameter that is zero by definition has no distance from another value.
+        part = drive.of_names(name for name in alone if drive.standard_error(name) > 0)
         elastic[joint] = with_fixed_delays(robot.drives, part, part.covariance, joint)[0]
     return elastic
 
@@ -353,8 +357,8 @@ def consistent_bodies(result: Identification) -> Identification:
     """Return an identification with the physically consistent bodies nearest to it."""
     drives = _elastic_drives(result.known, result.load_side, result.drive_side)
     nearest = feasible_parameters(result.known, result.model, result.load_side, drives)
-    findings = (*result.findings, *consequences(result.findings, nearest.warnings))
-    return replace(result, feasible=nearest, robot=nearest.robot, findings=findings)
+    consistent = replace(result, feasible=nearest, robot=nearest.robot)
+    return consistent.with_findings(nearest.warnings)
 
 
 def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:

@@ -40,7 +40,13 @@ from seaid.log import (
     usable,
     with_directions,
 )
-from seaid.regressor import LoadModel, load_columns, motor_regressor, spring_regressor
+from seaid.regressor import (
+    LoadModel,
+    drive_torques,
+    load_columns,
+    motor_regressor,
+    spring_regressor,
+)
 from seaid.robot import (
     Robot,
     at_drives,
@@ -704,25 +710,21 @@ def _sensitivity(
     identification: Identification, robot: Robot, motion: Motion, log: Log, x: Array
 ) -> Array:
     """Return the derivative (T, n, p) of the positions of a rollout by the load side x (p,)."""
-    names, p = identification.model.torque_joints, len(identification.base.columns)
+    known, model = identification.known, identification.model
+    names = model.torque_joints
     order = [robot.index(joint) for joint in names]
-    _, _, H, _ = load_columns(identification.known, motion, identification.model, {})
-
-    def of_drives(moved: Motion) -> Array:
-        torque, _, columns, _ = load_columns(identification.known, moved, identification.model, {})
-        return torque - columns[:, :, p:] @ x[p:]
-
-    unchanged = of_drives(motion)
+    _, _, H, _ = load_columns(known, motion, model, {})
+    unchanged = drive_torques(known, motion, model, {}, x)
+    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     slopes = []
     for field in ("position", "velocity", "acceleration"):
-        moves = {f"joint_{field}": 1.0, f"motor_{field}": 0.0}
-        ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
-        changes = {
-            name: getattr(motion, name) + _NUDGE * (1.0 if is_joint else ratio)
-            for name, is_joint in moves.items()
-        }
         # Torques of drives depend on their own joint: one nudge of all gives the diagonal slopes.
-        slopes.append((unchanged - of_drives(replace(motion, **changes))) / _NUDGE)
+        changes = {
+            f"joint_{field}": getattr(motion, f"joint_{field}") + _NUDGE,
+            f"motor_{field}": getattr(motion, f"motor_{field}") + _NUDGE * ratio,
+        }
+        torque = drive_torques(known, replace(motion, **changes), model, {}, x)
+        slopes.append((unchanged - torque) / _NUDGE)
     jacobians = torque_jacobians(robot, *motion.joint_states).part(order, order)
     gains = _gains(robot, names, motion, log)
     diagonal = np.eye(len(order))

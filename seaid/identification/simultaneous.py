@@ -27,7 +27,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.checks import SURE, noise_findings
-from seaid.drives import ParameterName, groups_of, joint_of, parameter_of, readable
+from seaid.drives import ParameterName, groups_of, parameter_of, readable
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import (
     Estimate,
@@ -144,12 +144,7 @@ def _with_torque_offset(robot: Robot, actuator: Regression, joint: str) -> Regre
     """Return the motor equation of a joint with the column of an error b_0 of its torque."""
     # (7) has s = f_0 + b_0 N/r_M in the place of the spring offset f_0, which (8) has alone.
     column = actuator.H[:, actuator.names.index("spring_offset")] * offset_lever(robot, joint)
-    return replace(
-        actuator,
-        names=(*actuator.names, TORQUE_OFFSET),
-        units=(*actuator.units, "N m"),
-        H=np.column_stack([actuator.H, column]),
-    )
+    return actuator.with_columns([TORQUE_OFFSET], ["N m"], column)
 
 
 def _spring_columns(
@@ -288,25 +283,6 @@ def settled(
     )
 
 
-def split_estimate(
-    robot: Robot, model: LoadModel, estimate: Estimate
-) -> tuple[dict[str, Estimate], Estimate, Estimate]:
-    """Return drives {joint: Estimate}, base parameters, and all columns of `model`."""
-    count = len(estimate.names) - len(model.names)
-    base = range(count, count + len(model.expressions))
-    load_side = estimate.part(range(count, len(estimate.names)), model.names)
-    columns: dict[str, dict[str, int]] = {joint: {} for joint in robot.joint_names}
-    for index, name in enumerate(estimate.names):
-        if joint := joint_of(name):
-            columns[joint][parameter_of(name)] = index
-    drives = {
-        joint: estimate.part(list(by_name.values()), tuple(by_name))
-        for joint, by_name in columns.items()
-        if by_name
-    }
-    return drives, estimate.part(base, model.expressions), load_side
-
-
 def estimate_supported(
     robot: Robot,
     datasets: Sequence[Dataset],
@@ -437,7 +413,8 @@ def estimate_simultaneous(
     if estimator.weigh is settled_weights:
         cutoff_hz = datasets[0].cutoff_hz
         whole = with_drifts_of(solved, weights, solve(qr_factor, weights), whole, cutoff_hz)
-    drives, load, load_side = split_estimate(robot, model, whole)
+    of_joints = whole.by_owner()
+    drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     equal = estimator.weigh is equal_weights
     both = FittedRows(whole, qr_factor, solved, zeros, weights, equal, change)
     optional = [
@@ -447,8 +424,8 @@ def estimate_simultaneous(
     ]
     return RobotEstimate(
         drives=drives,
-        load=load,
-        load_side=load_side,
+        load=whole.of_names(model.expressions),
+        load_side=whole.of_names(model.names),
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded=start.excluded,
         checks={"both": both.checks(optional)},
@@ -467,10 +444,8 @@ def _solved_rows(
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:
     """Return the two-step estimate in the columns of the rows."""
-    known: dict[str, float] = {
-        ParameterName(name, joint): value
-        for joint, drive in start.drives.items()
-        for name, value in zip(drive.names, drive.values, strict=True)
-    }
-    known |= dict(zip(start.load_side.names, start.load_side.values, strict=True))
+    known: dict[str, float] = {}
+    for joint, drive in start.drives.items():
+        known |= drive.at(joint).by_name
+    known |= start.load_side.by_name
     return np.array([known[name] for name in rows.names])

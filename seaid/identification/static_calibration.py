@@ -9,8 +9,7 @@ the reading differs between up and down; the mean is the law, half of the differ
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -22,9 +21,9 @@ from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks import calibration_findings
 from seaid.drives import Drive, total_ratio
-from seaid.errors import Finding, IdentificationError, checked, listed
+from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
-from seaid.log import Log
+from seaid.log import Log, open_tables
 from seaid.regressor import joint_torques
 from seaid.robot import Robot, at_drives, torques_at_drives
 
@@ -75,7 +74,8 @@ class StaticCalibration(Result):
         load = k d, or k d + k_3 d^3, with d = reading less its zero.
     estimate : Estimate
         "stiffness" (of a sensor "gain"), "cubic_stiffness" (cubic law), "zero" (the reading without
-        a load), and "friction" if loads rose and fell; the intervals are by Student's t.
+        a load), and "friction" if loads rose and fell; the intervals are by Student's t. Its
+        `residual_std` is that of load less law and friction, by the degrees of freedom.
     linearity, hysteresis : float
         Largest distance of the cubic law from the straight line at the readings, and mean
         difference of the load between up and down, as parts of the range of the load; hysteresis is
@@ -96,46 +96,9 @@ class StaticCalibration(Result):
     warnings: tuple[Finding, ...] = ()
 
     def _in_short(self) -> str:
-        value = f"{self.names[0]} {self.values[0]:.4g} {self.units[0]}"
-        return f"{value}, rms {self.rms:.3g} {self.statics.load_unit}"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the p parameters."""
-        return self.estimate.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the parameters."""
-        return self.estimate.units
-
-    @property
-    def values(self) -> Array:
-        """Values of the parameters (p,)."""
-        return self.estimate.values
-
-    @property
-    def standard_errors(self) -> Array:
-        """Standard errors of the parameters (p,)."""
-        return self.estimate.standard_errors
-
-    @property
-    def intervals(self) -> Array:
-        """95 % intervals (p, 2)."""
-        return self.estimate.interval(0.95)
-
-    @property
-    def rms(self) -> float:
-        """Standard deviation of load less law and friction, by its degrees of freedom."""
-        return self.estimate.residual_std
-
-    def value(self, name: str) -> float:
-        """Return the value of a parameter."""
-        return self.estimate.value(name)
-
-    def standard_error(self, name: str) -> float:
-        """Return the standard error of a parameter."""
-        return self.estimate.standard_error(name)
+        estimate = self.estimate
+        value = f"{estimate.names[0]} {estimate.values[0]:.4g} {estimate.units[0]}"
+        return f"{value}, rms {estimate.residual_std:.3g} {self.statics.load_unit}"
 
     def load_at(self, reading: Array) -> Array:
         """Return the load (P,) of the law at readings, without friction."""
@@ -335,10 +298,15 @@ _READINGS = {
 }
 """{column: (unit, factor)} of a table of statics; sensor_<unit> is a reading in any unit."""
 
+_SENSOR = "sensor_"
+
+_COLUMNS = (*_LOADS, *_READINGS, "mass_kg", "lever_m", "direction")
+"""The columns of a table of statics, besides the readings of a sensor."""
+
 
 @checked(IdentificationError)
 def read_statics(path: str | Path) -> Statics:
-    """Read a table of loads and readings, a CSV file with a header.
+    """Read a table of loads and readings, such as a CSV file with a header.
 
     The load is `load_Nm`, `load_mNm` or `load_N`, or `mass_kg` with `lever_m` (torque by 9.80665
     m/s^2) or without (force). The reading is `deflection_rad` (`_mrad`, `_deg`, `_m`, `_mm`), or
@@ -355,7 +323,7 @@ def read_statics(path: str | Path) -> Statics:
     Raises
     ------
     IdentificationError
-        For a file that cannot be read, columns that are missing, and values that are no numbers.
+        For a file that cannot be read, missing columns, and values that are no numbers.
 
     Examples
     --------
@@ -364,31 +332,25 @@ def read_statics(path: str | Path) -> Statics:
     >>> np.savetxt("weights.csv", rows, header=header, delimiter=",", comments="")
     >>> seaid.calibrate_statics(seaid.read_statics("weights.csv"))
     """
-    columns = _columns(path)
+    try:
+        table = open_tables([Path(path)])
+        names = [x for x in table.names if x in _COLUMNS or x.startswith(_SENSOR)]
+        columns = table.load(names) if names else {}
+    except LogError as problem:
+        raise IdentificationError(str(problem)) from None
+    reading = next((x for x in columns if x in _READINGS or x.startswith(_SENSOR)), None)
     loads = _loads(columns)
-    reading = next((x for x in columns if x in _READINGS or x.startswith("sensor_")), None)
     if reading is None or loads is None:
         allowed = (
             f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
         )
         raise IdentificationError(
             f"'{path}' needs a column of loads and one of readings ({allowed}), found "
-            f"{listed(columns) or 'none'}"
+            f"{listed(table.names)}"
         )
-    unit, factor = _READINGS.get(reading, (reading.removeprefix("sensor_"), 1.0))
+    unit, factor = _READINGS.get(reading, (reading.removeprefix(_SENSOR), 1.0))
     load, load_unit = loads
     return Statics(load, factor * columns[reading], load_unit, unit, columns.get("direction"))
-
-
-def _columns(path: str | Path) -> dict[str, Array]:
-    """Return the columns of a CSV file with a header."""
-    try:
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as problem:
-        raise IdentificationError(f"'{path}' cannot be read: {problem}") from None
-    names = rows[0] if rows else []
-    return {name: _numbers(path, name, place, rows[1:]) for place, name in enumerate(names)}
 
 
 def _loads(columns: Mapping[str, Array]) -> tuple[Array, str] | None:
@@ -401,19 +363,6 @@ def _loads(columns: Mapping[str, Array]) -> tuple[Array, str] | None:
         return None
     weights = _GRAVITY * columns["mass_kg"]
     return (weights * columns["lever_m"], "N m") if "lever_m" in columns else (weights, "N")
-
-
-def _numbers(path: str | Path, name: str, place: int, rows: Sequence[Sequence[str]]) -> Array:
-    numbers = np.empty(len(rows))
-    for number, row in enumerate(rows):
-        try:
-            numbers[number] = float(row[place])
-        except (ValueError, IndexError):
-            text = f"found '{row[place]}'" if place < len(row) else "found nothing"
-            raise IdentificationError(
-                f"'{path}': row {number + 2} of column '{name}' must be a number, {text}"
-            ) from None
-    return numbers
 
 
 _HELD_S, _SMOOTH_S, _MOVES = 0.3, 0.1, 0.01

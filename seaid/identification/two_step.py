@@ -162,15 +162,14 @@ class TwoStepFits:
         robot, model = self.conditions[name].robot, self.conditions[name].model
         drives = {joint: estimate.of_condition(name) for joint, estimate in self.drives.items()}
         # The columns after those of the model are torque offsets.
-        load_side = self.load.estimate.of_condition(name).part(range(len(model.names)), model.names)
-        base, load_drives = split_load_side(model, load_side)
-        merged = merged_estimates(drives, load_drives)
+        load_side = self.load.estimate.of_condition(name).of_names(model.names)
+        merged = merged_estimates(drives, load_side.by_owner())
         names = self.load.estimate.names
         columns = [names[place] for place in places_of(names, name)]
         optional = columns[len(model.expressions) : len(model.names)]
         return RobotEstimate(
             drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
-            load=base,
+            load=load_side.of_names(model.expressions),
             load_side=load_side,
             springs={
                 joint: spring_of(robot, drives[joint], joint).values for joint in self.springs
@@ -593,16 +592,3 @@ def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: s
     used = group_of(robot.transmission, index) if signal == "joint_torque" else [index]
     channels = [getattr(motion, signal) for motion in motions]
     return all(data is not None and bool(np.all(np.isfinite(data[:, used]))) for data in channels)
-
-
-def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and the load side's estimates of drives {joint: Estimate}."""
-    p = len(model.base.columns)
-    base = load_side.part(range(p), model.expressions)
-    drives = {}
-    for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
-        # The columns of `model` are the base parameters, then the parameters of drives.
-        places = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
-        names = [model.drives[i][1] for i in places]
-        drives[joint] = load_side.part([p + i for i in places], names)
-    return base, drives

@@ -216,7 +216,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
 def _input_torque(identification: Identification, motion: Motion, joint: str) -> Array:
     """Return the motor torque (T,) from the logged input and the identified motor constant."""
     drive, estimate = identification.known.drives[joint], identification.drive_side[joint]
-    values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
+    values = {**drive.values, **estimate.by_name}
     factor = {
         "current": values.get("torque_constant", np.nan),
         "voltage": values.get("voltage_constant", np.nan),

@@ -218,6 +218,19 @@ class Regression:
         """Return the regression with some of its rows."""
         return replace(self, **{name: getattr(self, name)[rows] for name in self.arrays})
 
+    def of_columns(self, places: Iterable[int]) -> Regression:
+        """Return the regression with some of its columns."""
+        kept = list(places)
+        names, units = (tuple(texts[x] for x in kept) for texts in (self.names, self.units))
+        return replace(self, names=names, units=units, H=self.H[:, kept])
+
+    def with_columns(
+        self, names: Iterable[str], units: Iterable[str], columns: Array
+    ) -> Regression:
+        """Return the regression with further parameters, whose columns (R, k) follow its own."""
+        H = np.column_stack([self.H, columns])
+        return replace(self, names=(*self.names, *names), units=(*self.units, *units), H=H)
+
 
 def actuator_columns(
     robot: Robot, motion: Motion, joint: str

@@ -302,12 +302,7 @@ def _pairs(first: _Estimates, second: _Estimates) -> Iterator[tuple[str, Estimat
         names = second[joint].names if joint in second else ()
         shared = [name for name in estimate.names if name in names]
         if shared:
-            yield joint, _part(estimate, shared), _part(second[joint], shared)
-
-
-def _part(estimate: Estimate, names: Sequence[str]) -> Estimate:
-    """Return the estimate of the parameters of these names."""
-    return estimate.part([estimate.names.index(name) for name in names], names)
+            yield joint, estimate.of_names(shared), second[joint].of_names(shared)
 
 
 def _text(joint: str, name: str) -> str:

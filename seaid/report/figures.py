@@ -120,7 +120,7 @@ def _identified(identification: Identification, joint: str) -> Drive:
     estimate = identification.drive_side.get(joint)
     if estimate is None:
         return drive
-    values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    values = estimate.by_name
     valid = {
         name: max(value, 0.0) if parameter_named(name).is_positive else value
         for name, value in values.items()
@@ -166,7 +166,7 @@ def _elastic_side(
     turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
     stretch = turned - drive.load_radius * by_name["theta_L"]
     friction = in_band(motion, torques["friction"]) if is_motor else np.full_like(residual, np.nan)
-    zero = _spring_zero(drive, dict(zip(estimate.names, estimate.values.tolist(), strict=True)))
+    zero = _spring_zero(drive, estimate.by_name)
     return friction, in_band(motion, stretch) - zero, lever * in_band(motion, torques["spring"])
 
 

@@ -206,7 +206,8 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     """
     path = _page_path(path)
     statics, law = found.statics, found.load_at(found.statics.reading)
-    friction = found.value("friction") if "friction" in found.names else 0.0
+    estimate = found.estimate
+    friction = estimate.value("friction") if "friction" in estimate.names else 0.0
     direction = np.asarray(statics.direction)
     x = np.linspace(float(statics.reading.min()), float(statics.reading.max()), 161)
     axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)

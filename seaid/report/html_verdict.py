@@ -297,7 +297,7 @@ def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[
 
 def _drive_values(estimate: Estimate, drive: Drive) -> Array:
     """Return the nominal values (p,) of a drive, its encoder zeros as identified."""
-    fitted: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    fitted = estimate.by_name
     kept = {name: fitted[name] for name in _ZEROS[1:] if name in fitted}
     if "spring_offset" in fitted and "preload" not in drive.spring:
         # f_0 = k d_0: the encoders' offset d_0 stays, with the stiffness of the file.

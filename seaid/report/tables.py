@@ -70,14 +70,13 @@ _VALUE = (
 
 
 def measured(
-    estimate: Estimate | StaticCalibration, nominal: Mapping[str, float] | None = None
+    estimate: Estimate, nominal: Mapping[str, float] | None = None
 ) -> Iterator[tuple[str, Measured]]:
     """Yield the parameters of an estimate by name, with their nominal values."""
-    every = estimate.intervals if hasattr(estimate, "intervals") else estimate.interval()
     numbers = zip(estimate.values.tolist(), estimate.standard_errors.tolist(), strict=True)
     before = nominal or {}
     for name, (value, error), (low, high), unit in zip(
-        estimate.names, numbers, every.tolist(), estimate.units, strict=True
+        estimate.names, numbers, estimate.interval().tolist(), estimate.units, strict=True
     ):
         yield name, Measured(value, error, low, high, unit, before.get(name, math.nan))
 
@@ -124,7 +123,7 @@ def _fitting(grouping: str, room: int) -> str:
 
 def calibration_table(calibration: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
-    rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration)]
+    rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration.estimate)]
     caption = "Parameters of the law, and friction."
     return table_of("calibration", caption, (_PARAMETER, *_VALUE), rows)
 

@@ -646,7 +646,7 @@ def statics_table(found: StaticCalibration) -> Text:
     """Return the parameters of a calibration from statics, with rms, linearity and hysteresis."""
     made = table_text(tables.calibration_table(found), f"Calibration from statics, {found.law} law")
     lines = [
-        f"rms {found.rms:.3g} {found.statics.load_unit} over "
+        f"rms {found.estimate.residual_std:.3g} {found.statics.load_unit} over "
         f"{counted(len(found.statics.load), 'load')}, nonlinearity {percent(found.linearity)}"
     ]
     if np.isfinite(found.hysteresis):

@@ -282,11 +282,6 @@ def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
     assert "without the payload of 3 kg on thigh" in str(wrong.warnings[0])
 
 
-def test_bounds_that_the_data_contradict_are_named() -> None:
-    result = found(leg(), estimated(leg(), 1e-3), mass_bounds={"foot": (8.0, 9.0)})
-    assert "without mass_bounds= and com_boxes=: check" in str(result.warnings[0])
-
-
 def test_known_bodies_that_the_data_contradict_are_named() -> None:
     estimate = estimated(leg(), 1e-4)
     result = found(leg(), replace(estimate, values=-estimate.values))
@@ -297,53 +292,9 @@ def test_known_bodies_that_the_data_contradict_are_named() -> None:
     assert "check known bodies (thigh, foot), " in str(result.warnings[0])
 
 
-# Bounds
-
-
-def test_bounds_of_mass_and_centre_hold() -> None:
-    masses = {"thigh": (3.0, 3.5), "foot": (0.5, 0.5), "shank": (0.0, np.inf)}
-    box = ((-0.01, -0.02, -np.inf), (0.0, 0.02, np.inf))
-    result = found(leg(), estimated(leg(), 0.05), mass_bounds=masses, com_boxes={"shank": box})
-    bodies = dict(zip(leg().body_names, result.parameters.reshape(-1, 10), strict=True))
-    assert 3.0 < bodies["thigh"][0] < 3.5
-    assert bodies["foot"][0] == pytest.approx(0.5, rel=1e-8)
-    center = bodies["shank"][1:4] / bodies["shank"][0]
-    assert np.all(center >= box[0])
-    assert np.all(center <= box[1])
-    assert_possible(result)
-
-
-def test_bounds_against_the_data_are_named() -> None:
-    # the arm's rail is moved by its motor alone: its mass is a base parameter
-    robot = arm()
-    model = model_of(robot)
-    told = next(
-        robot.body_names[column // 10]
-        for row, column in enumerate(model.base.columns)
-        if column % 10 == 0 and np.count_nonzero(model.base.grouping[row, ::10]) > 1
-    )
-    total = true_values(robot, model)[model.base.columns.index(10 * robot.body_names.index(told))]
-    bounds = dict.fromkeys(robot.body_names, (0.0, 0.1 * total / robot.n))
-    result = found(robot, estimated(robot, 0.01), mass_bounds=bounds)
-    assert any(f"mass of {told} is at its upper bound" in words for words in result.active_bounds)
-    assert np.all(result.parameters[::10] <= 0.1 * total / robot.n)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"mass_bounds": {"feet": (1, 2)}}, "mass_bounds=: no body is named 'feet'; did you mean"),
-        ({"mass_bounds": {"foot": (2, 1)}}, "mass_bounds of 'foot' leave no mass: found 2 to 1 kg"),
-        ({"mass_bounds": {"foot": (0, 0)}}, "leave no mass"),
-        ({"mass_bounds": {"foot": (-1, 1)}}, "allowed: 0 <= least <= most"),
-        (
-            {"mass_bounds": {"foot": 3.0}},
-            r"must have shape \(2\), found \(\); give \(least, most\)",
-        ),
-        ({"mass_bounds": {"foot": (np.nan, 1)}}, "must be .least, most. in kg, found"),
-        ({"com_boxes": {"foot": ((0, 0, 0), (1, -1, 1))}}, "com_boxes of 'foot' leave no point"),
-        ({"com_boxes": {"foot": ((0, 0), (1, 1))}}, "give two corners of x, y, z in m"),
-        ({"com_boxes": {"sole": ((0, 0, 0), (1, 1, 1))}}, "com_boxes=: no body is named 'sole'"),
         ({"weight": -1.0}, "weight= must be zero or more and finite .*found -1.0"),
         ({"weight": np.nan}, "weight= must be zero or more"),
         ({"white_covariance": np.eye(3)}, "white_covariance must have shape"),
