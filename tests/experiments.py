@@ -17,8 +17,7 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify, validate
-from seaid.identification.result import Identification
-from seaid.identification.validation import Validation
+from seaid.identification.result import Identification, Validation
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot

@@ -9,8 +9,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
-from seaid.identification.result import Identification
-from seaid.identification.validation import Fit, Validation
+from seaid.identification.result import Fit, Identification, Validation
 from seaid.regressor.base import BaseParameters
 from seaid.regressor.load import LoadModel
 from seaid.robot.inertia import UNITS

@@ -14,7 +14,6 @@ from .extension import Extension as Extension
 from .extension import SensorErrors as SensorErrors
 from .extension import extension_of as extension_of
 from .gear import GearRatio as GearRatio
-from .gear import for_sensors as for_sensors
 from .gear import gear_ratio as gear_ratio
 from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import cross_validate as cross_validate
@@ -25,15 +24,16 @@ from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
 from .problem import Method as Method
+from .result import Fit as Fit
 from .result import Identification as Identification
+from .result import Validation as Validation
 from .static_calibration import StaticCalibration as StaticCalibration
 from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics
 from .static_calibration import held_poses as held_poses
 from .static_calibration import read_statics as read_statics
-from .validation import Fit as Fit
 from .validation import Traces as Traces
-from .validation import Validation as Validation
 from .validation import compared as compared
 from .validation import fit_of as fit_of
+from .validation import for_sensors as for_sensors
 from .validation import verdict_with as verdict_with

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from seaid.errors import Finding
     from seaid.estimation import FittedRows
     from seaid.identification.datasets import Dataset
-    from seaid.identification.result import Identification
-    from seaid.identification.validation import Validation
+    from seaid.identification.result import Identification, Validation
     from seaid.log import Log, Motion
     from seaid.regressor import LoadModel
 

@@ -17,7 +17,6 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
 from seaid.drives import (
     SeriesElasticDrive,
-    between_encoders,
     is_harmonic,
     of_spring,
     spring_slopes,
@@ -27,13 +26,11 @@ from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import merged_estimates, spring_of
-from seaid.regressor import gear_regression, has_deflection, spring_regressor
+from seaid.regressor import gear_regression, has_deflection
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
     from seaid.estimation import Estimate, Estimator
-    from seaid.identification.result import Identification
-    from seaid.log import Motion
     from seaid.robot import Robot
 
 _SIGNIFICANT = 4.0
@@ -170,45 +167,6 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
         ),
         white_standard_errors=None if white is None else np.abs(np.diag(J)) * white,
     )
-
-
-def for_sensors(result: Identification, motion: Motion) -> tuple[Identification, Motion]:
-    """Return identification and motion such that both have the deflection of a spring, or neither.
-
-    Without it, drives and springs are those between the encoders.
-    """
-    known = result.known
-    seen = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
-    if seen - set(result.gears):
-        assert motion.deflection is not None
-        used = np.isin(known.joint_names, [*result.gears])
-        motion = replace(motion, deflection=np.where(used, motion.deflection, np.nan))
-    blind = [joint for joint in result.gears if joint not in seen]
-    drives, springs = dict(result.drive_side), dict(result.springs)
-    for joint in blind:
-        drives[joint] = replace(
-            drives[joint], values=_between(result, joint, drives[joint].names, drives[joint].values)
-        )
-        if joint in springs:
-            names = spring_regressor(known, joint).names
-            springs[joint] = _between(result, joint, names, springs[joint])
-    if blind:
-        result = replace(result, drive_side=FrozenMapping(drives), springs=FrozenMapping(springs))
-    return result, motion
-
-
-def _between(result: Identification, joint: str, names: Sequence[str], values: Array) -> Array:
-    """Return parameters of a drive between the encoders: F = k (d - c F - o) + f_0."""
-    named, offset = dict(zip(names, values, strict=True)), result.gears[joint].value("gear_offset")
-    softer = between_encoders(named, result.robot.drives[joint].gear_compliance)
-    if "deflection_zero" in named:
-        softer["deflection_zero"] += offset
-    elif "spring_offset" in named:
-        k = named.get("stiffness", result.known.drives[joint].values.get("stiffness", 0.0))
-        # F = (k (d - o) + f_0) / (1 + c k).
-        share = 1.0 / (1.0 + result.robot.drives[joint].gear_compliance * k)
-        softer["spring_offset"] = share * (named["spring_offset"] - k * offset)
-    return np.array([softer[name] for name in names])
 
 
 _RESOLVED = 0.05

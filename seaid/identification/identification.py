@@ -51,9 +51,9 @@ from seaid.identification.output_error import (
     simulated_from_motors,
 )
 from seaid.identification.problem import Method, Options, concluded, solved
-from seaid.identification.result import Identification, consistent_bodies
+from seaid.identification.result import Fit, Identification, Validation, consistent_bodies
 from seaid.identification.simulated_joints import check_refinable
-from seaid.identification.validation import Fit, Validation, compared
+from seaid.identification.validation import compared
 from seaid.log import Log, reconstruct_motions
 from seaid.robot import Robot
 

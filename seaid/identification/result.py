@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._files import write_json
-from seaid._progress import Result, counted
+from seaid._progress import Display, Result, counted, sampled_text
 from seaid.checks import (
     CODES,
     SURE,
@@ -65,12 +65,115 @@ from seaid.regressor import BaseParameters, LoadModel
 from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 
-if TYPE_CHECKING:
-    from seaid.identification.validation import Validation
-
-
 _FAR_M = 1e4
 """Distance of a centre of mass from which a body has no mass but for rounding."""
+
+
+NUMBERS = (
+    "rms_error",
+    "relative_error",
+    "relative_error_with_standstill",
+    "raw_relative_error",
+    "r_squared",
+    "counted_share",
+)
+"""Fields of a Fit that tables and files contain."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Display):
+    """Measured and computed torque (T, n) below the cutoff, and error measures (n,).
+
+    Both torques are NaN in the filter transients at the ends. The samples that count are those from
+    which parameters are identified, too: not those at which a motor with dry friction stands, since
+    the model has no torque there, only one anywhere within Coulomb friction. `counted_share` is
+    their share.
+
+    `rms_error` is in the unit of the torque; `relative_error` is the norm of the error over that of
+    the signal; `relative_error_with_standstill` the same with the samples at standstill;
+    `raw_relative_error` as `relative_error`, without the low pass; `r_squared` is one minus the
+    variance of the error over that of the signal. NaN for a joint without such an equation, and,
+    but for the one with standstill, for a motor that never moves.
+
+    Attributes
+    ----------
+    measured, computed : array (T, n)
+    counted : bool array (T, n)
+    rms_error, relative_error, r_squared, raw_relative_error : array (n,)
+    relative_error_with_standstill, counted_share : array (n,)
+    """
+
+    measured: Array
+    computed: Array
+    counted: BoolArray
+    rms_error: Array
+    relative_error: Array
+    r_squared: Array
+    raw_relative_error: Array
+    relative_error_with_standstill: Array
+    counted_share: Array
+
+    def to_dict(self, names: Iterable[str]) -> dict[str, dict[str, float | None]]:
+        """Return the `NUMBERS` of each column by its name, null where there is no equation."""
+        return {
+            column: {name: _number(getattr(self, name)[index]) for name in NUMBERS}
+            for index, column in enumerate(names)
+        }
+
+    @property
+    def whole_relative_error(self) -> float:
+        """The norm of the errors of all joints over that of their torques."""
+        size = float(np.linalg.norm(self.measured[self.counted]))
+        error = float(np.linalg.norm((self.measured - self.computed)[self.counted]))
+        return error / size if size > 0 else float("nan")
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
+    """Predicted torques of a log, `actuator` (motor torque of elastic joints) and `load` side.
+
+    Attributes
+    ----------
+    joints : tuple of n str
+        The n joints.
+    time : ndarray (T,)
+        Time [s].
+    cutoff_hz : float
+        Cutoff of the comparison.
+    actuator, load : Fit
+        Torques and error measures of both sides.
+    motions : tuple of Motion
+        The motions of the log, several if it has gaps in time: for figures over the motion, and to
+        predict the same torques with other values.
+    warnings : tuple of Finding
+        Joints whose torque the model does not predict here, though it explains the own logs better.
+    """
+
+    table_name = "validation_table"
+
+    joints: tuple[str, ...]
+    time: Array
+    cutoff_hz: float
+    actuator: Fit
+    load: Fit
+    motions: tuple[Motion, ...] = ()
+    warnings: tuple[Finding, ...] = ()
+
+    def _in_short(self) -> str:
+        sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
+        known = {side: errors[np.isfinite(errors)] for side, errors in sides.items()}
+        texts = [f"{100 * x.max():.2g} % ({side} torque)" for side, x in known.items() if len(x)]
+        errors = ", ".join(texts)
+        return f"{sampled_text(self.time, self.joints)}: relative error at most {errors}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers for `parameters.json`, null for a joint without such an equation."""
+        sides = {"actuator": self.actuator, "load": self.load}
+        return {side: fit.to_dict(self.joints) for side, fit in sides.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

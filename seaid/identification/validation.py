@@ -3,138 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray
-from seaid._progress import Display, Result, sampled_text
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks import Verdict, verdict_of
-from seaid.errors import Finding, by_severity
+from seaid.drives import between_encoders
+from seaid.errors import by_severity
 from seaid.identification.drive_estimates import TORQUE_OFFSET
 from seaid.identification.extension import extension_of
-from seaid.identification.gear import for_sensors
 from seaid.identification.motor_constants import CONSTANTS
+from seaid.identification.result import Fit, Identification, Validation
 from seaid.log import Motion, in_band
 from seaid.regressor import (
     INPUTS,
     actuator_columns,
+    has_deflection,
     known_friction,
     load_side,
     load_torques,
     sensed_torque,
     signals,
+    spring_regressor,
     under_load,
     unknown_friction,
     with_gear_torque,
 )
 
 if TYPE_CHECKING:
-    from seaid.identification.result import Identification
     from seaid.simulation import ReplayComparison
-
-NUMBERS = (
-    "rms_error",
-    "relative_error",
-    "relative_error_with_standstill",
-    "raw_relative_error",
-    "r_squared",
-    "counted_share",
-)
-"""Fields of a Fit that tables and files contain."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit(Display):
-    """Measured and computed torque (T, n) below the cutoff, and error measures (n,).
-
-    Both torques are NaN in the filter transients at the ends. The samples that count are those from
-    which parameters are identified, too: not those at which a motor with dry friction stands, since
-    the model has no torque there, only one anywhere within Coulomb friction. `counted_share` is
-    their share.
-
-    `rms_error` is in the unit of the torque; `relative_error` is the norm of the error over that of
-    the signal; `relative_error_with_standstill` the same with the samples at standstill;
-    `raw_relative_error` as `relative_error`, without the low pass; `r_squared` is one minus the
-    variance of the error over that of the signal. NaN for a joint without such an equation, and,
-    but for the one with standstill, for a motor that never moves.
-
-    Attributes
-    ----------
-    measured, computed : array (T, n)
-    counted : bool array (T, n)
-    rms_error, relative_error, r_squared, raw_relative_error : array (n,)
-    relative_error_with_standstill, counted_share : array (n,)
-    """
-
-    measured: Array
-    computed: Array
-    counted: BoolArray
-    rms_error: Array
-    relative_error: Array
-    r_squared: Array
-    raw_relative_error: Array
-    relative_error_with_standstill: Array
-    counted_share: Array
-
-    def to_dict(self, names: Iterable[str]) -> dict[str, dict[str, float | None]]:
-        """Return the `NUMBERS` of each column by its name, null where there is no equation."""
-        return {
-            column: {name: _number(getattr(self, name)[index]) for name in NUMBERS}
-            for index, column in enumerate(names)
-        }
-
-    @property
-    def whole_relative_error(self) -> float:
-        """The norm of the errors of all joints over that of their torques."""
-        size = float(np.linalg.norm(self.measured[self.counted]))
-        error = float(np.linalg.norm((self.measured - self.computed)[self.counted]))
-        return error / size if size > 0 else float("nan")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Validation(Result):
-    """Predicted torques of a log, `actuator` (motor torque of elastic joints) and `load` side.
-
-    Attributes
-    ----------
-    joints : tuple of n str
-        The n joints.
-    time : ndarray (T,)
-        Time [s].
-    cutoff_hz : float
-        Cutoff of the comparison.
-    actuator, load : Fit
-        Torques and error measures of both sides.
-    motions : tuple of Motion
-        The motions of the log, several if it has gaps in time: for figures over the motion, and to
-        predict the same torques with other values.
-    warnings : tuple of Finding
-        Joints whose torque the model does not predict here, though it explains the own logs better.
-    """
-
-    table_name = "validation_table"
-
-    joints: tuple[str, ...]
-    time: Array
-    cutoff_hz: float
-    actuator: Fit
-    load: Fit
-    motions: tuple[Motion, ...] = ()
-    warnings: tuple[Finding, ...] = ()
-
-    def _in_short(self) -> str:
-        sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
-        known = {side: errors[np.isfinite(errors)] for side, errors in sides.items()}
-        texts = [f"{100 * x.max():.2g} % ({side} torque)" for side, x in known.items() if len(x)]
-        errors = ", ".join(texts)
-        return f"{sampled_text(self.time, self.joints)}: relative error at most {errors}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers for `parameters.json`, null for a joint without such an equation."""
-        sides = {"actuator": self.actuator, "load": self.load}
-        return {side: fit.to_dict(self.joints) for side, fit in sides.items()}
 
 
 def verdict_with(
@@ -324,5 +223,40 @@ def _smooth(motion: Motion, torque: Array) -> Array:
     return smooth
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def for_sensors(result: Identification, motion: Motion) -> tuple[Identification, Motion]:
+    """Return identification and motion such that both have the deflection of a spring, or neither.
+
+    Without it, drives and springs are those between the encoders.
+    """
+    known = result.known
+    seen = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
+    if seen - set(result.gears):
+        assert motion.deflection is not None
+        used = np.isin(known.joint_names, [*result.gears])
+        motion = replace(motion, deflection=np.where(used, motion.deflection, np.nan))
+    blind = [joint for joint in result.gears if joint not in seen]
+    drives, springs = dict(result.drive_side), dict(result.springs)
+    for joint in blind:
+        drives[joint] = replace(
+            drives[joint], values=_between(result, joint, drives[joint].names, drives[joint].values)
+        )
+        if joint in springs:
+            names = spring_regressor(known, joint).names
+            springs[joint] = _between(result, joint, names, springs[joint])
+    if blind:
+        result = replace(result, drive_side=FrozenMapping(drives), springs=FrozenMapping(springs))
+    return result, motion
+
+
+def _between(result: Identification, joint: str, names: Sequence[str], values: Array) -> Array:
+    """Return parameters of a drive between the encoders: F = k (d - c F - o) + f_0."""
+    named, offset = dict(zip(names, values, strict=True)), result.gears[joint].value("gear_offset")
+    softer = between_encoders(named, result.robot.drives[joint].gear_compliance)
+    if "deflection_zero" in named:
+        softer["deflection_zero"] += offset
+    elif "spring_offset" in named:
+        k = named.get("stiffness", result.known.drives[joint].values.get("stiffness", 0.0))
+        # F = (k (d - o) + f_0) / (1 + c k).
+        share = 1.0 / (1.0 + result.robot.drives[joint].gear_compliance * k)
+        softer["spring_offset"] = share * (named["spring_offset"] - k * offset)
+    return np.array([softer[name] for name in names])

@@ -10,8 +10,8 @@ import pytest
 
 import seaid
 from seaid.identification.identification import identify, validate
-from seaid.identification.result import Identification
-from seaid.identification.validation import Validation, verdict_with
+from seaid.identification.result import Identification, Validation
+from seaid.identification.validation import verdict_with
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
 

@@ -28,8 +28,8 @@ from seaid.drives import ParameterName
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import identify
-from seaid.identification.result import Identification
-from seaid.identification.validation import Validation, compared
+from seaid.identification.result import Identification, Validation
+from seaid.identification.validation import compared
 from seaid.project.saved import load_run, save_run
 from seaid.report import html_traces, tables
 from seaid.report.figures import actuator_figures
