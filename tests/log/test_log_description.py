@@ -1,7 +1,6 @@
 """Log descriptions: foreign columns, units, sides, clocks become our channels; mistakes named."""
 
 import tomllib
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidWarning
+from seaid.errors import LogError
 from seaid.log.description import LogDescription, changed_source, description_for
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair import Repairs
@@ -403,20 +402,6 @@ def test_dead_side_of_a_moving_joint_is_refused(tmp_path: Path) -> None:
     path = log_file(tmp_path, dead=np.zeros(200))
     text = error_of(path, robot, described(motor_position="dead"))
     assert "'arm.motor_position_rad' is 0 all the time while the other side of the joint" in text
-
-
-def test_degrees_are_suspected_from_the_limits(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY, kind="revolute")
-    path = log_file(tmp_path, degrees=np.rad2deg(wave(0.7)))
-    with pytest.warns(
-        SeaidWarning, match=r"'arm' ranges from -5\d\.\d+ to 5\d\.\d+ rad, .*in degrees, give"
-    ):
-        read_log(path, robot, description=described(joint_position="degrees"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        source = {"column": "degrees", "unit": "deg"}
-        read_log(path, robot, description=described(joint_position=source))
-        read_log(path, robot, description=described())
 
 
 # Where descriptions come from
