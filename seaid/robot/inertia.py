@@ -53,6 +53,21 @@ def pseudo_inertia(parameters: Array) -> Array:
     return pseudo
 
 
+def second_moments(parameters: Array) -> Array:
+    """Return the second moments (3, 3) of a body with mass about its centre of mass [kg m^2].
+
+    They are S_c = S - h h^T / m, in terms of the pseudo-inertia.
+    """
+    pseudo = pseudo_inertia(parameters)
+    return np.asarray(pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / parameters[0])
+
+
+def principal_moments(parameters: Array) -> Array:
+    """Return the principal moments of inertia (3,) about the centre of mass [kg m^2], ascending."""
+    second = second_moments(parameters)
+    return _eigenvalues(np.trace(second) * np.eye(3) - second)
+
+
 def from_pseudo_inertia(pseudo: Array) -> Array:
     """Return the ten parameters of a 4x4 pseudo-inertia."""
     second = pseudo[:3, :3]
@@ -122,10 +137,7 @@ def inconsistency(parameters: Array) -> str | None:
         return f"a negative mass, {mass:.4g} kg"
     if mass == 0:
         return "inertia without mass" if np.any(parameters) else None
-    pseudo = pseudo_inertia(parameters)
-    # S_c = S - h h^T / m: second moments about the centre of mass.
-    second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
-    moments = _eigenvalues(np.trace(second) * np.eye(3) - second)
+    moments = principal_moments(parameters)
     allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale
     clean = np.where(np.abs(moments) > _ROUNDING * np.max(np.abs(moments)), moments, 0.0)
     shown = ", ".join(f"{moment:.4g}" for moment in clean)

@@ -20,8 +20,8 @@ from seaid.robot import (
     UrdfTree,
     find_mesh,
     inconsistency,
-    pseudo_inertia,
     search_folders,
+    second_moments,
 )
 
 Color = tuple[int, int, int]
@@ -226,8 +226,7 @@ def _ellipsoid(joint: int, name: str, parameters: Array) -> Ellipsoid:
     center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
     rotation, semi_axes = np.eye(3), np.zeros(3)
     if problem is None:
-        second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
-        what = f"the inertia of '{name}'"
+        what, second = f"the inertia of '{name}'", second_moments(parameters)
         moments, rotation = safely(np.linalg.eigh, second, what=what, error=RobotError)
         semi_axes = np.sqrt(5.0 * np.maximum(moments, 0.0) / mass)
         rotation[:, 2] = np.cross(rotation[:, 0], rotation[:, 1])  # no mirror image
