@@ -70,7 +70,7 @@ FLOORS = (
 )
 """The packages along the way of the data: each imports only from those before it."""
 
-ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_files", "_progress", "_tables")}
+ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_files", "_progress")}
 """What stands at the root: used by all packages, and importing nothing but each other."""
 
 UPWARDS = {

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._files import plain, read_json
-from seaid._tables import Reader
 from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
 from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown
+from seaid.log import Reader
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:

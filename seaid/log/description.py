@@ -16,7 +16,6 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml, toml_key, toml_text
 from seaid._progress import MOST_NAMES, Display, counted
-from seaid._tables import Interval, Reader, Within, types_of
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.channels import (
     OF_BASE,
@@ -29,6 +28,7 @@ from seaid.log.channels import (
 )
 from seaid.log.readers.table import Block
 from seaid.log.repair import Repairs
+from seaid.log.tables import Interval, Reader, Within, types_of
 
 _MOST = 1e30
 """Largest magnitude of a value, so that products and quotients with it stay finite."""
@@ -246,12 +246,12 @@ class LogDescription(Display):
 
     joints: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
     time: Clock | None = None
-    where: str | None = None
-    exclude_s: tuple[tuple[float, float], ...] = ()
+    where: ColumnName | None = None
+    exclude_s: tuple[Interval, ...] = ()
     repair: Repairs = field(default_factory=Repairs)
     base: Mapping[str, VectorSource] = field(default_factory=dict)
     contacts: Mapping[str, Mapping[str, VectorSource]] = field(default_factory=dict)
-    files: tuple[str, ...] = ()
+    files: tuple[FileName, ...] = ()
 
     def _in_short(self) -> str:
         columns = counted(sum(map(len, self.joints.values())), "column")
@@ -435,19 +435,16 @@ def _names_joints(path: Path) -> bool:
         return True
 
 
-_TOP_LEVEL: dict[str, Any] = {
-    **dict.fromkeys(("joints", "base", "contacts"), Mapping[str, Any]),
-    **{"time": Any, "where": ColumnName | None, "exclude_s": tuple[Interval, ...]},
-    **{"repair": Repairs, "files": tuple[FileName, ...]},
-}
-"""{key: type} of a description; those of tables of joints and vectors follow from quantities."""
+_TABLES = ("joints", "base", "contacts")
+_TOP_LEVEL = types_of(LogDescription) | dict.fromkeys(_TABLES, Mapping[str, Any]) | {"time": Any}
+"""{key: type} of a description; what its tables have depends on the quantities."""
 
 _READER = Reader(LogError)
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     values = _READER.table(_TOP_LEVEL, content, where)
-    tables = {key: values.pop(key, {}) for key in ("joints", "base", "contacts")}
+    tables = {key: values.pop(key, {}) for key in _TABLES}
     return LogDescription(
         joints={
             joint: _joint(f"{where} [joints.{shortened(joint)}]", table)

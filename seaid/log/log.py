@@ -260,15 +260,18 @@ class Log(Display):
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
 
-    def sensors(self) -> dict[str, Array]:
-        """Return {field: samples (T, n)} of all fields that are not None."""
+    def sensors(self, joints: Sequence[str] | None = None) -> dict[str, Array]:
+        """Return {field: samples (T, n)} of all fields that are not None, of `joints` if given."""
         samples = {field: getattr(self, field) for field in SENSORS}
-        return {field: values for field, values in samples.items() if values is not None}
+        samples = {field: values for field, values in samples.items() if values is not None}
+        if joints is None:
+            return samples
+        columns = [self.joint_names.index(joint) for joint in joints]
+        return {field: values[:, columns] for field, values in samples.items()}
 
     def logged(self, joint: str) -> dict[str, Array]:
         """Return {field: samples (T,)} of the sensors that the log has of a joint."""
-        index = self.joint_names.index(joint)
-        samples = {field: values[:, index] for field, values in self.sensors().items()}
+        samples = {field: values[:, 0] for field, values in self.sensors([joint]).items()}
         return {field: values for field, values in samples.items() if not np.all(np.isnan(values))}
 
     def between(self, start_s: float, end_s: float) -> Log:

@@ -6,7 +6,6 @@ The types are annotations, such as those of the fields of a dataclass: texts, nu
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -34,16 +33,13 @@ Interval = Annotated[
 ]
 
 
-def _is_number(value: Any) -> bool:
-    """Return whether a value is a number that a float can hold, as an integer may not be."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and abs(value) <= sys.float_info.max
-
-
 _SCALARS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
     str: ("a text", lambda value: isinstance(value, str)),
     Path: ("a text", lambda value: isinstance(value, str) and value != ""),
-    **dict.fromkeys((int, float), ("a number", _is_number)),
+    **dict.fromkeys(
+        (int, float),
+        ("a number", lambda value: type(value) is not bool and isinstance(value, int | float)),
+    ),
     bool: ("true or false", lambda value: isinstance(value, bool)),
 }
 """{type: (what a message calls a value of it, whether a value is one)}."""
@@ -76,7 +72,9 @@ class Reader:
 
     def instance(self, kind: type[_Instance], table: Any, where: str) -> _Instance:
         """Return the object of a dataclass whose fields are the keys of a table."""
-        values = self.table(types_of(kind), table, where, needed_of(kind))
+        entries: Any = fields(kind)  # type: ignore[arg-type]
+        needed = [x.name for x in entries if x.default is x.default_factory is MISSING]
+        values = self.table(types_of(kind), table, where, needed)
         try:
             return kind(**values)
         except self.error as problem:
@@ -101,8 +99,7 @@ class Reader:
         return self.folder / value if kind is Path else value
 
     def _object(self, kind: Any, value: Any, key: str, where: str) -> Any:
-        is_made = isinstance(value, kind)
-        return value if is_made else self.instance(kind, value, f"{where} [{key}]")
+        return value if isinstance(value, kind) else self.instance(kind, value, f"{where} [{key}]")
 
     def _mapping(self, hint: Any, value: Any, key: str, where: str) -> FrozenMapping[Any]:
         names = value if isinstance(value, Mapping) else ()
@@ -125,14 +122,15 @@ class Reader:
         return read
 
     def _alternative(self, hint: Any, value: Any, key: str, where: str) -> Any:
-        """Return the value as the first of several annotations that it fits."""
+        """Return the value as the first of several annotations that it fits, all with limits."""
         hints = [kind for kind in get_args(hint) if kind is not NoneType]
         if len(hints) == 1:
             return self.value(hints[0], value, key, where)
         for kind in hints:
             with suppress(self.error):
                 return self.value(kind, value, key, where)
-        raise self.refusal(value, " or ".join(map(_words, hints)), key, where)
+        words = (get_args(kind)[1].words for kind in hints)
+        raise self.refusal(value, " or ".join(words), key, where)
 
     def _listed(self, hint: Any, value: Any, key: str, where: str) -> tuple[Any, ...]:
         """Return a list of any length, or one of so many numbers, as a tuple."""
@@ -154,18 +152,6 @@ _READERS: dict[Any, Callable[[Reader, Any, Any, str, str], Any]] = {
 """{kind of an annotation: what reads a value of it}."""
 
 
-def _words(hint: Any) -> str:
-    """Return what a message calls a value of an annotation."""
-    if get_origin(hint) is Annotated:
-        return str(get_args(hint)[1].words)
-    return _SCALARS[hint][0]
-
-
 def types_of(kind: type) -> dict[str, Any]:
     """Return {field: annotation} of a dataclass, with their limits."""
     return hints_of(kind, with_limits=True)
-
-
-def needed_of(kind: Any) -> list[str]:
-    """Return the fields of a dataclass that have no default."""
-    return [x.name for x in fields(kind) if x.default is MISSING and x.default_factory is MISSING]

@@ -91,9 +91,8 @@ def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
 
 def _eigenvalues(matrix: Array) -> Array:
     """Return the eigenvalues of a symmetric matrix of a body, in ascending order."""
-    return np.asarray(
-        safely(np.linalg.eigvalsh, matrix, what="the inertia of a body", error=RobotError)
-    )
+    what = "the inertia of a body"
+    return np.asarray(safely(np.linalg.eigvalsh, matrix, what=what, error=RobotError))
 
 
 def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:

@@ -12,11 +12,11 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Display
-from seaid._tables import Reader, Within, types_of
 from seaid.errors import LogError
 from seaid.log.channels import Quantity, quantity_of
+from seaid.log.tables import Reader, Within, types_of
 
-_Positive = Annotated[float, Within("a finite number above 0", lambda value: value > 0)]
+_Positive = Annotated[float, Within("a finite number above 0", lambda value: 0 < value < np.inf)]
 _Share = Annotated[float, Within("a share from 0 to 1", lambda value: 0 <= value <= 1)]
 
 
