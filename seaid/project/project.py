@@ -308,9 +308,11 @@ def _contacts(reader: Reader, value: Any, where: str) -> tuple[Contact, ...]:
     contacts = list[Contact]()
     for number, entry in enumerate(value if isinstance(value, list) else [value], 1):
         place = f"{where} contacts {number}"
-        values = reader.table(
-            _OF_CONTACT, {"link": entry} if isinstance(entry, str) else entry, place
-        )
+        content = {"link": entry} if isinstance(entry, str) else entry
+        if not isinstance(content, Mapping):
+            wanted = 'a list of links or of tables, as { link = "foot" }'
+            raise reader.refusal(value, wanted, "contacts", where)
+        values = reader.table(_OF_CONTACT, content, place)
         links = values.pop("links", ())
         links = [values.pop("link")] if "link" in values else links
         if not links:
