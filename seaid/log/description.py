@@ -26,19 +26,18 @@ from seaid.log.channels import (
     Quantity,
     units_of,
 )
-from seaid.log.readers.table import Block
+from seaid.log.readers.table import MOST_COLUMNS, Block
 from seaid.log.repair import Repairs
 from seaid.log.tables import Interval, Reader, Within, types_of
 
-_MOST = 1e30
-"""Largest magnitude of a value, so that products and quotients with it stay finite."""
+_LEAST, _MOST = 1e-30, 1e30
+"""Least divisor and largest magnitude, so that products and quotients stay finite."""
 
 _NUMBER = f"a finite number (at most {_MOST:g} in size)"
 Number = Annotated[float, Within(_NUMBER, lambda x: abs(x) <= _MOST)]
-Factor = Annotated[float, Within(f"{_NUMBER} that is not zero", lambda x: 0 < abs(x) <= _MOST)]
+Factor = Annotated[float, Within(f"{_NUMBER} that is not zero", lambda x: x and abs(x) <= _MOST)]
 Divisor = Annotated[
-    float,
-    Within(f"a number above zero ({1 / _MOST:g} to {_MOST:g})", lambda x: 1 / _MOST <= x <= _MOST),
+    float, Within(f"a number above zero ({_LEAST:g} to {_MOST:g})", lambda x: _LEAST <= x <= _MOST)
 ]
 ColumnName = Annotated[str, Within("the name of a column", lambda name: True)]
 FileName = Annotated[str, Within("the name of a file", lambda name: name != "")]
@@ -513,15 +512,11 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
         if type(entry) is not int and not (isinstance(entry, str) and entry):
             raise LogError(f"{where}: columns must be names of columns, found {shown(entry)}")
         if part := _SLICE.fullmatch(str(entry)):
-            places = range(int(part[2]), min(int(part[3]), _MOST_PLACES))
+            places = range(int(part[2]), min(int(part[3]), MOST_COLUMNS))
             columns += [f"{part[1]}[{place}]" for place in places]
         else:
             columns.append(str(entry))
     return tuple(columns)
-
-
-_MOST_PLACES = 10_000
-"""Most columns of an array."""
 
 
 def _joint(where: str, table: Any) -> dict[str, Source]:

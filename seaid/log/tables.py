@@ -29,7 +29,7 @@ class Within:
 
 Interval = Annotated[
     tuple[float, float],
-    Within("an interval [start, end] in seconds, start before end", lambda span: span[0] < span[1]),
+    Within("an interval [start, end] in seconds, start before end", lambda x: [*x] == sorted({*x})),
 ]
 
 

@@ -46,11 +46,13 @@ def pseudo_inertia(parameters: Array) -> Array:
     inertia = np.zeros((3, 3))
     for value, (row, column) in zip(parameters[4:], _UPPER, strict=True):
         inertia[row, column] = inertia[column, row] = value
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    pseudo[:3, 3] = pseudo[3, :3] = parameters[1:4]
-    pseudo[3, 3] = parameters[0]
-    return pseudo
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return _of_moments(second, parameters[1:4], parameters[0])
+
+
+def _of_moments(second: Array, first: Array, mass: float) -> Array:
+    """Return the pseudo-inertia of second moments (3, 3), first moments (3,) and a mass."""
+    return np.block([[second, first[:, None]], [first, mass]])
 
 
 def second_moments(parameters: Array) -> Array:
@@ -85,8 +87,7 @@ def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     """Return the ten parameters of mass [kg], centre [m] and 3x3 inertia at the centre [kg m^2]."""
     # Parallel axes (Steiner) in terms of the second moments: S = S_c + m c c^T.
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia + mass * np.outer(com, com)
-    pseudo = np.block([[second, mass * com[:, None]], [mass * com[None, :], np.array([[mass]])]])
-    return from_pseudo_inertia(pseudo)
+    return from_pseudo_inertia(_of_moments(second, mass * com, mass))
 
 
 def _eigenvalues(matrix: Array) -> Array:
