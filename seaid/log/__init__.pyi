@@ -70,6 +70,9 @@ from .repair import Repairs as Repairs
 from .repair.channels import held_over as held_over
 from .repair.channels import on_time as on_time
 from .repair.channels import wrap_period as wrap_period
+from .tables import Interval as Interval
+from .tables import Reader as Reader
+from .tables import types_of as types_of
 from .usable_parts import REST as REST
 from .usable_parts import check_whole as check_whole
 from .usable_parts import stretches as stretches

@@ -316,7 +316,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
     "frame": (
         {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
-        "no frame is named 'body'; allowed: base, world",
+        "'frame': no value is named 'body'; allowed: base, world",
     ),
     "no frame": (
         {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
@@ -324,11 +324,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "order": (
         {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
-        "no order is named 'zyxw'; did you mean",
+        "'order': no value is named 'zyxw'; did you mean",
     ),
     "scale": (
         {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
-        "scale must be a finite number, found 'g'",
+        "'scale' must be a finite number (at most 1e+30 in size) that is not zero, found 'g'",
     ),
     "above": (
         {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
@@ -339,7 +339,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "unknown is not for position, found 0",
     ),
     "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
-    "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
+    "table": ({"contacts": 3}, "[contacts] must be a table, found 3"),
     "column": ({"base": {"position": "tau[0:3]"}}, "no column is named 'tau[0]'"),
     "source": (
         {"base": {"position": {"column": "q[0]"}}},

@@ -495,11 +495,14 @@ def test_a_coarse_torque_is_not_saturated() -> None:
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        ({"rate_hz": 0.0}, r"Repairs.rate_hz must be a finite number above 0, or None, found 0"),
-        ({"longest_gap_s": np.inf}, r"Repairs.longest_gap_s must be a finite number .* found inf"),
-        ({"most_missing": 1.5}, r"Repairs.most_missing must be a share from 0 to 1, found 1.5"),
-        ({"most_disordered": np.nan}, r"Repairs.most_disordered must be .* found nan"),
-        ({"most_saturated": "all"}, r"Repairs.most_saturated must be .* found 'all'"),
+        ({"rate_hz": 0.0}, r"Repairs: 'rate_hz' must be a finite number above 0, found 0"),
+        (
+            {"longest_gap_s": np.inf},
+            r"Repairs: 'longest_gap_s' must be a finite number .* found inf",
+        ),
+        ({"most_missing": 1.5}, r"Repairs: 'most_missing' must be a share from 0 to 1, found 1.5"),
+        ({"most_disordered": np.nan}, r"Repairs: 'most_disordered' must be .* found nan"),
+        ({"most_saturated": "all"}, r"Repairs: 'most_saturated' must be .* found 'all'"),
     ],
 )
 def test_limits_that_cannot_be_meant(bad: dict[str, float], message: str) -> None:

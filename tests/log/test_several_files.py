@@ -171,7 +171,7 @@ def test_a_first_project_lists_the_files_of_one_log(arm: Robot, tmp_path: Path) 
             "several files have a column 'q': write 'a.csv:q' or 'b.csv:q'",
         ),
         (["a.csv", "no.csv"], {}, "no log file at"),
-        ("none.toml", {"files": 3}, "files must be a list of names of files, found 3"),
+        ("none.toml", {"files": 3}, "'files' must be a list, as files = "),
     ],
 )
 def test_mistakes_are_named(

@@ -119,7 +119,7 @@ def test_pieces_have_a_whole_number_of_samples(
                     "joints": {"arm": {"joint_position": {"column": "q", "wraps": 10**400}}}
                 }
             },
-            "wraps must be a finite number",
+            "'wraps' must be a number above zero",
         ),
     ],
 )
