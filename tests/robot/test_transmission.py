@@ -875,7 +875,7 @@ def test_held_poses_calibrate_the_springs_of_coupled_joints() -> None:
     log = Log(np.linspace(0.0, 9.0, len(rest)), robot.joint_names, motor, rest)
     for joint, drive in robot.drives.items():
         found = calibrate_statics(held_poses(robot, log, joint))
-        assert found.value("stiffness") == pytest.approx(drive.values["stiffness"], rel=1e-6)
+        assert found.estimate.value("stiffness") == pytest.approx(drive.values["stiffness"], rel=1e-6)
 
 
 def test_springs_of_coupled_joints_without_encoders_are_refused() -> None:
