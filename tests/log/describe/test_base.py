@@ -17,6 +17,7 @@ from seaid.errors import LogError
 from seaid.log import CHANNELS, BaseLog
 from seaid.log.base_log import matrices
 from seaid.log.description import Clock
+from tests.plants import write_columns
 
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
 RATE_HZ = 100.0
@@ -67,6 +68,24 @@ def states() -> dict[str, Array]:
         "torque": waves(12, 8.0),
         "flags": lifted.astype(float),
     }
+
+
+def of_joints(position: str = "{}_pos", torque: str = "{}_torque") -> dict[str, Array]:
+    """Return columns of positions and torques, by patterns of their names."""
+    one, columns = states(), {}
+    for k, joint in enumerate(go2().joint_names):
+        columns[position.format(joint)] = one["joints"][:, k]
+        columns[torque.format(joint)] = one["torque"][:, k]
+    return columns
+
+
+def of_feet(pattern: str, factor: float = 1.0) -> dict[str, Array]:
+    return {pattern.format(x): factor * y for x, y in zip(FEET, states()["flags"].T, strict=True)}
+
+
+def of_axes(pattern: str, values: Array, axes: str = "wxyz") -> dict[str, Array]:
+    """Return a column for each axis of vectors or of quaternions."""
+    return {pattern.format(x): y for x, y in zip(axes[-values.shape[1] :], values.T, strict=True)}
 
 
 def described(path: Path, robot: seaid.Robot | None = None, **more: Any) -> BaseLog:
@@ -147,16 +166,9 @@ def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None
     parts = ("position", "orientation", "velocity", "w", "specific_force")
     columns = {"time_s": one["time"]}
     for head, name in zip(heads, parts, strict=False):
-        for x, values in zip("wxyz"[-one[name].shape[1] :], one[name].T, strict=True):
-            columns[f"{head}{x}"] = values
-    for foot, flags in zip(FEET, one["flags"].T, strict=True):
-        columns[heads[-1].format(foot)] = flags
-    for k, joint in enumerate(go2().joint_names):
-        columns[f"{joint}_pos"] = one["joints"][:, k]
-        columns[f"{joint}_torque"] = one["torque"][:, k]
-    path = tmp_path / "walk.csv"
-    table = np.column_stack([*columns.values()])
-    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+        columns |= of_axes(head + "{}", one[name])
+    columns |= of_feet(heads[-1]) | of_joints()
+    path = write_columns(tmp_path / "walk.csv", columns)
     check(described(path), *parts[:3], "angular_velocity", "specific_force")
 
 
@@ -173,19 +185,11 @@ def test_units_in_the_names_of_vectors_are_converted(tmp_path: Path, style: str)
     one, columns, rng = states(), {"time_s": states()["time"]}, np.random.default_rng(0)
     parts = ("position", "orientation", "w")
     for (head, factor), name in zip(UNITS[style], parts, strict=True):
-        axes = "XYZ" if head.startswith("Gyro") else "wxyz"[-one[name].shape[1] :]
-        for x, values in zip(axes, factor * one[name].T, strict=True):
-            columns[head.format(x)] = values
-    for x, values in zip("xyz", rng.normal(size=(3, len(one["time"]))), strict=True):
-        columns[f"FL_foot_{x}_mm"] = values  # the place of a foot
-    for foot, flags in zip(FEET, one["flags"].T, strict=True):
-        columns[f"{foot}_touch"] = flags
-    for k, joint in enumerate(go2().joint_names):
-        columns[f"{joint}_pos"] = one["joints"][:, k]
-        columns[f"{joint}_torque_Nm"] = one["torque"][:, k]
-    table = np.column_stack([*columns.values()])
-    path = tmp_path / "sway.csv"
-    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+        axes = "XYZ" if head.startswith("Gyro") else "wxyz"
+        columns |= of_axes(head, factor * one[name], axes)
+    columns |= of_axes("FL_foot_{}_mm", rng.normal(size=(len(one["time"]), 3)))  # its place
+    columns |= of_feet("{}_touch") | of_joints(torque="{}_torque_Nm")
+    path = write_columns(tmp_path / "sway.csv", columns)
     check(described(path), "position", "orientation", "angular_velocity", atol=1e-9)
     assert not any("how it" in one for one in seaid.describe_log(path, go2()).unsure)
 
@@ -213,14 +217,8 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
 ) -> None:
     """A log of joint positions, an IMU and force sensors needs no torque."""
     one, rng = states(), np.random.default_rng(0)
-    columns = {"time_s": one["time"]}
-    for head, name in (
-        ("imu_gyro_", "w"),
-        ("imu_acc_", "specific_force"),
-        ("quat_", "orientation"),
-    ):
-        for x, values in zip("wxyz"[-one[name].shape[1] :], one[name].T, strict=True):
-            columns[f"{head}{x}"] = values
+    columns = {"time_s": one["time"]} | of_axes("imu_gyro_{}", one["w"])
+    columns |= of_axes("imu_acc_{}", one["specific_force"]) | of_axes("quat_{}", one["orientation"])
     wrenches = {foot: rng.normal(size=(len(one["time"]), 6)) for foot in FEET}
     for foot, wrench in wrenches.items():
         for k, (name, x) in enumerate((name, x) for name in style.split() for x in "xyz"):
@@ -231,12 +229,7 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
         columns[f"FL_foot_des_force_{x}"] = rng.normal(size=len(one["time"]))  # not measured
     for k, joint in enumerate(go2().joint_names):
         columns[f"{joint}_pos"] = one["joints"][:, k]
-    path = tmp_path / "walk.csv"
-    np.savetxt(
-        path,
-        np.column_stack([*columns.values()]),
-        **{"delimiter": ",", "header": ",".join(columns), "comments": "", "fmt": "%.12g"},
-    )
+    path = write_columns(tmp_path / "walk.csv", columns)
     guess = seaid.describe_log(path, go2())
     said = guess.to_toml()
     assert "taken for the force of the ground on FL_foot, in the axes of that link" in said
@@ -310,47 +303,30 @@ def test_a_velocity_alone_gives_the_acceleration() -> None:
     np.testing.assert_allclose(forces[0], forces[1], atol=0.25)
 
 
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "width": ({"base": {"position": "q[0:2]"}}, "[base] position: needs 3 columns, found 2"),
-    "key": ({"base": {"posiion": "q[0:3]"}}, "no key is named 'posiion'"),
-    "name": ({"base": {"position": [1.5, 2, 3]}}, "columns must be names of columns, found 1.5"),
-    "frame": (
-        {"base": {"velocity": {"columns": "q[0:3]", "frame": "body"}}},
-        "no frame is named 'body'; allowed: base, world",
-    ),
-    "no frame": (
-        {"base": {"position": {"columns": "q[0:3]", "frame": "base"}}},
-        "frame is not for position, found 'base'",
-    ),
-    "order": (
-        {"base": {"orientation": {"columns": "q[0:4]", "order": "zyxw"}}},
-        "no order is named 'zyxw'; did you mean",
-    ),
-    "scale": (
-        {"base": {"position": {"columns": "q[0:3]", "scale": "g"}}},
-        "scale must be a finite number, found 'g'",
-    ),
-    "above": (
-        {"base": {"position": {"columns": "q[0:3]", "above": 1}}},
-        "above is not for position, found 1",
-    ),
-    "unknown": (
-        {"base": {"position": {"columns": "q[0:3]", "unknown": 0}}},
-        "unknown is not for position, found 0",
-    ),
-    "link": ({"contacts": {"FL_fot": {"contact": "c[0]"}}}, "did you mean 'FL_foot'"),
-    "table": ({"contacts": 3}, "contacts: must be a table, found 3"),
-    "column": ({"base": {"position": "tau[0:3]"}}, "no column is named 'tau[0]'"),
-    "source": (
-        {"base": {"position": {"column": "q[0]"}}},
-        "no key is named 'column'; did you mean 'columns'",
-    ),
-}
-
-
-@pytest.mark.parametrize("what", WRONG)
-def test_messages_of_a_description(what: str, tmp_path: Path) -> None:
-    table, message = WRONG[what]
+@pytest.mark.parametrize(
+    ("quantity", "source", "message"),
+    [
+        ("position", "q[0:2]", "[base] position: needs 3 columns, found 2"),
+        ("posiion", "q[0:3]", "no key is named 'posiion'"),
+        ("position", [1.5, 2, 3], "columns must be names of columns, found 1.5"),
+        ("velocity", {"frame": "body"}, "no frame is named 'body'; allowed: base, world"),
+        ("position", {"frame": "base"}, "frame is not for position, found 'base'"),
+        ("orientation", {"order": "zyxw"}, "no order is named 'zyxw'; did you mean"),
+        ("position", {"scale": "g"}, "scale must be a finite number, found 'g'"),
+        ("position", {"above": 1}, "above is not for position, found 1"),
+        ("position", {"unknown": 0}, "unknown is not for position, found 0"),
+        ("position", {"column": "q[0]"}, "no key is named 'column'; did you mean 'columns'"),
+        ("position", "tau[0:3]", "no column is named 'tau[0]'"),
+        ("", {"FL_fot": {"contact": "c[0]"}}, "did you mean 'FL_foot'"),
+        ("", 3, "contacts: must be a table, found 3"),
+    ],
+)
+def test_messages_of_a_description(
+    quantity: str, source: Any, message: str, tmp_path: Path
+) -> None:
+    if quantity and isinstance(source, dict) and "column" not in source:
+        source = {"columns": "q[0:4]" if quantity == "orientation" else "q[0:3]", **source}
+    table = {"base": {quantity: source}} if quantity else {"contacts": source}
     np.savez(tmp_path / "a.npz", q=np.zeros((100, 12)), c=np.zeros((100, 4)))
     joints = {joint: {"joint_position": f"q[{k}]"} for k, joint in enumerate(go2().joint_names)}
     given = {"time": {"rate_hz": 100}, "joints": joints, **table}
@@ -438,20 +414,14 @@ def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Pa
     columns = {"stamp_sec": np.floor(time), "stamp_nsec": np.round(time % 1 * 1e9)}
     vectors = {"quat": one["orientation"], "gyro": one["w"], "acc": one["specific_force"]}
     columns |= {f"imu_{x}_{k}": y[:, k] for x, y in vectors.items() for k in range(y.shape[1])}
-    names = go2().joint_names
-    for k, joint in enumerate(names):
-        columns |= {f"{joint}.position": one["joints"][:, k], f"{joint}.load": one["torque"][:, k]}
+    columns |= of_joints("{}.position", "{}.load")
     columns |= {f"{foot}.contact": 2 - one["flags"][:, k] for k, foot in enumerate(FEET)}
-    table = np.column_stack(list(columns.values()))
-    header = ",".join(columns)
-    np.savetxt(tmp_path / "walk.csv", table, fmt="%.17g", delimiter=",", header=header, comments="")
+    write_columns(tmp_path / "walk.csv", columns, "%.17g")
     base = described(tmp_path / "walk.csv")
     check(base, "orientation", "angular_velocity", "specific_force")
     guess = seaid.describe_log(tmp_path / "walk.csv", go2())
-    assert guess.description.to_dict()["time"] == {
-        "column": "stamp_sec",
-        "nanoseconds": "stamp_nsec",
-    }
+    clock = {"column": "stamp_sec", "nanoseconds": "stamp_nsec"}
+    assert guess.description.to_dict()["time"] == clock
     assert any("codes: 1 is taken for contact" in one for one in guess.unsure)
     assert guess.description.contacts[FEET[0]]["contact"].unknown == 0
 
@@ -480,14 +450,11 @@ def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_pat
     vectors = {"orientation": flips * one["orientation"], "angular_velocity": one["w"]}
     for name, values in vectors.items():
         columns |= dict(zip(CHANNELS[name], values.T, strict=True))
-    for k, joint in enumerate(go2().joint_names):
-        columns[f"{joint}.joint_position_rad"] = one["joints"][:, k]
-        columns[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
+    columns |= of_joints("{}.joint_position_rad", "{}.joint_torque_Nm")
     kept = np.ones(len(flips), dtype=bool)
     kept[50:-50:50] = False  # at the changes of sign
-    path = tmp_path / "walk.csv"
-    rows = np.column_stack([*columns.values()])[kept]
-    np.savetxt(path, rows, "%.15g", ",", header=",".join(columns), comments="")
+    columns = {name: values[kept] for name, values in columns.items()}
+    path = write_columns(tmp_path / "walk.csv", columns, "%.15g")
     log = seaid.read_log(path, go2(), repair=seaid.Repairs())
     assert log.base is not None
     assert log.base.orientation is not None
@@ -499,18 +466,13 @@ def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_pat
 @pytest.mark.parametrize("scale", [120.0, 2.0, -1.0])
 def test_a_contact_beyond_zero_and_one_is_no_flag(tmp_path: Path, scale: float) -> None:
     """Noise of a force in the air would be a contact, and so would be Spot's code of its loss."""
-    one, table = states(), {"time_s": states()["time"]}
-    for k, joint in enumerate(go2().joint_names):
-        table[f"{joint}.joint_position_rad"] = one["joints"][:, k]
-        table[f"{joint}.joint_torque_Nm"] = one["torque"][:, k]
-    table |= {f"{foot}.contact": scale * one["flags"][:, k] for k, foot in enumerate(FEET)}
-    table[f"{FEET[-1]}.contact"] = np.full(len(one["time"]), np.nan)  # counts as not logged
-    path, rows = tmp_path / "walk.csv", np.column_stack([*table.values()])
-    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    table = {"time_s": states()["time"]} | of_joints("{}.joint_position_rad", "{}.joint_torque_Nm")
+    wrong, right = (of_feet("{}.contact", factor) for factor in (scale, 1.0))
+    nothing = {f"{FEET[-1]}.contact": np.full(len(table["time_s"]), np.nan)}  # as if not logged
+    path = write_columns(tmp_path / "walk.csv", table | wrong | nothing)
     with pytest.raises(LogError, match=r"contact of 'FL_foot' must be 0 .*\[contacts.FL_foot\]"):
         seaid.read_log(path, go2())
-    rows[:, -4:-1] /= scale
-    np.savetxt(path, rows, "%.9g", ",", header=",".join(table), comments="")
+    write_columns(path, table | right | nothing)
     log = seaid.read_log(path, go2())
     assert log.base is not None
     assert [*log.base.contacts] == list(FEET[:-1])
@@ -552,13 +514,9 @@ def test_an_acceleration_without_gravity_may_be_in_g(tmp_path: Path) -> None:
     acceleration = (one["specific_force"] - up) / 9.80665
     parts = {"imu_q_{}": one["orientation"], "imu_gyro_{}": one["w"], "imu_acc_{}_g": acceleration}
     for head, values in parts.items():
-        axes = "wxyz"[-values.shape[1] :]
-        columns |= {head.format(x): y for x, y in zip(axes, values.T, strict=True)}
-    columns |= {f"{foot}_contact": one["flags"][:, k] for k, foot in enumerate(FEET)}
-    for k, joint in enumerate(go2().joint_names):
-        columns |= {f"{joint}_pos": one["joints"][:, k], f"{joint}_torque": one["torque"][:, k]}
-    table, path = np.column_stack([*columns.values()]), tmp_path / "walk.csv"
-    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+        columns |= of_axes(head, values)
+    columns |= of_feet("{}_contact") | of_joints()
+    path = write_columns(tmp_path / "walk.csv", columns)
     check(described(path), "orientation", "angular_velocity", "specific_force", atol=1e-6)
 
 
@@ -567,26 +525,15 @@ def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:
     columns = {"time": one["time"], "imu_acc_x": one["w"][:, 0], "imu_acc_z": one["w"][:, 2]}
     columns |= {f"q_{x}": one["joints"][:, k] for k, x in enumerate(go2().joint_names)}
     columns |= {"odom_x": one["w"][:, 0], "odom_y": one["w"][:, 1]}  # a robot on wheels
-    text = "\n".join(
-        [
-            ",".join(columns),
-            *(",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist()),
-        ]
-    )
-    (tmp_path / "walk.csv").write_text(text)
+    write_columns(tmp_path / "walk.csv", columns)
     unsure = seaid.describe_log(tmp_path / "walk.csv", go2()).unsure
     lacking = [one for one in unsure if "a vector of the base needs x, y and z" in one]
     assert lacking == ["imu_acc: has no y: a vector of the base needs x, y and z"]
 
 
 def test_the_torque_of_a_series_elastic_actuator_is_that_of_its_spring(tmp_path: Path) -> None:
-    one = states()
-    columns = {"time_s": one["time"]}
-    for k, joint in enumerate(go2().joint_names):
-        columns[f"{joint}_pos"] = one["joints"][:, k]
-        columns[f"{joint}/sea_torque_Nm"] = one["torque"][:, k]
-    path, table = tmp_path / "sway.csv", np.column_stack([*columns.values()])
-    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    columns = {"time_s": states()["time"]} | of_joints(torque="{}/sea_torque_Nm")
+    path = write_columns(tmp_path / "sway.csv", columns)
     guess = seaid.describe_log(path, go2())
     assert all("joint_torque" in own for own in guess.description.joints.values())
     assert not any("sea" in text for text in guess.unsure)

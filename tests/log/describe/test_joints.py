@@ -13,12 +13,12 @@ from seaid.drives.controller import Controller
 from seaid.errors import LogError
 from seaid.log import describe
 from seaid.log.describe import Description, describe_log
-from seaid.log.describe.names import meaning_of
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import load_robot
 from tests.measured import LOGS
 from tests.one_joint import chain
+from tests.plants import write_columns
 
 TIME = np.arange(500) / 200
 Columns = dict[str, Array]
@@ -36,153 +36,6 @@ def guess(folder: Path, **columns: Array) -> Description:
 def plain(found: Description) -> dict[str, Any]:
     joints: dict[str, Any] = found.description.to_dict()["joints"]
     return joints
-
-
-@pytest.mark.parametrize(
-    ("name", "quantity", "side", "joint", "unit"),
-    [
-        ("mpos_0", "position", "motor", "0", None),
-        ("pos_12", "position", "", "12", None),
-        ("q1", "position", "", "1", None),
-        ("qd2", "velocity", "", "2", None),
-        ("tau_meas1", "torque", "", "1", None),
-        ("wcur_0", "current", "", "0", None),
-        ("defl_vel_3", "velocity", "", "3", None),
-        ("t_tx_0", "time", "", "tx_0", None),
-        ("knee_motor_angle_deg", "position", "motor", "knee", "deg"),
-        ("kneeMotorAngle", "position", "motor", "knee", None),
-        ("elbow.joint_position_rad", "position", "joint", "elbow", "rad"),
-        ("slide.joint_position_m", "position", "joint", "slide", "m"),
-        ("pos_elbow_joint", "position", "", "elbow_joint", None),
-        ("/joint_states/effort[hip]", "torque", "", "hip", None),
-        ("/drives/motor.angle[2]", "position", "motor", "2", None),
-        ("input_volts", "voltage", "", "input", None),
-        ("timestamp_ms", "time", "", "", "ms"),
-        ("knee_motor_current_mA", "current", "motor", "knee", "mA"),
-        ("knee_torque_mNm", "torque", "", "knee", "mNm"),
-        ("TORQUE_MNM_2", "torque", "", "2", "mNm"),
-        ("slide_force_kN", "torque", "", "slide", "kN"),
-        ("torque1mNm", "torque", "", "1", "mNm"),
-        ("torq_left_s0", "torque", "", "left_s0", None),
-        ("torAct", "torque", "", "", None),
-        ("posAct", "position", "", "", None),
-        ("currentmA", "current", "", "", "mA"),
-        ("vbus mV", "voltage", "", "vbus", "mV"),
-        ("slide.link_pos_um", "position", "joint", "slide", "um"),
-        ("slide_position_meters", "position", "", "slide", "m"),
-        ("slide_position_micrometers", "position", "", "slide", "um"),
-        ("knee_enc_mrad", "position", "", "knee", "mrad"),
-        ("pos_mdeg_3", "position", "", "3", "mdeg"),
-        ("enc_counts", "position", "", "", "counts"),
-        ("motor_counts", "position", "motor", "", "counts"),
-        ("knee_motor_turns", "position", "motor", "knee", "turn"),
-        ("hip_yaw_motor_rad", "position", "motor", "hip_yaw", "rad"),
-        ("hip_yaw_rpm", "velocity", "", "hip_yaw", "rpm"),
-        ("vel_deg_s", "velocity", "", "", "deg/s"),
-        ("dq1 [rad/s]", "velocity", "", "1", "rad/s"),
-        ("acc_2 (m/s^2)", "acceleration", "", "2", "m/s^2"),
-        ("q[1](rad)", "position", "", "1", "rad"),
-        ("tau (measured) [Nm]", "torque", "", "", "Nm"),
-        ("position[A]", "position", "", "A", None),
-        ("ang_left_s0", "position", "", "left_s0", None),
-        ("current_position", "position", "", "", None),
-        ("/joint_states/elbow/position", "position", "", "elbow", None),
-        ("sample_count", "", "", "sample", None),
-        ("firmware_rev", "", "", "firmware", None),
-        ("θ_m1", "position", "motor", "1", None),
-        ("τ_knee", "torque", "", "knee", None),
-        ("\N{MATHEMATICAL ITALIC SMALL THETA}2", "position", "", "2", None),
-        ("θ\N{COMBINING DOT ABOVE}", "velocity", "", "", None),
-        ("q\N{COMBINING DIAERESIS}_1", "acceleration", "", "1", None),
-        ("ω", "velocity", "", "", None),
-        ("t_\N{MICRO SIGN}s", "time", "", "", "us"),
-        ("pos_Hüfte", "position", "", "hufte", None),
-        ("pos_肩", "position", "", "肩", None),
-        ("位置", "", "", "位置", None),
-        ("²", "", "", "2", None),
-        ("", "", "", "", None),
-        ("🤖", "", "", "", None),
-    ],
-)
-def test_name_of_a_column_is_read(
-    name: str, quantity: str, side: str, joint: str, unit: str | None
-) -> None:
-    found = meaning_of(name)
-    assert (found.quantity, found.side, found.joint, found.unit) == (quantity, side, joint, unit)
-    assert found.is_raw
-
-
-@pytest.mark.parametrize(
-    ("name", "joint", "quantity", "side"),
-    [
-        ("ang_left_s0", "left_s0", "position", ""),
-        ("left_w0_motor_pos", "left_w0", "position", "motor"),
-        ("LEFT_S0_TORQUE", "left_s0", "torque", ""),
-        ("elbow_vel", "elbow_joint", "velocity", ""),
-        ("position[elbow_joint]", "elbow_joint", "position", ""),
-        ("position[elbow]", "elbow_joint", "position", ""),
-        ("tau_motor_arm", "motor_arm", "torque", ""),
-        ("/joint_states/left_s0/effort", "left_s0", "torque", ""),
-        ("q1", "1", "position", ""),  # the joint q1: without its name there would be no quantity
-        ("q1_torque", "q1", "torque", ""),
-    ],
-)
-def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
-    name: str, joint: str, quantity: str, side: str
-) -> None:
-    joints = ("left_s0", "left_w0", "elbow_joint", "motor_arm", "q1")
-    found = meaning_of(name, joints)
-    assert (found.joint, found.quantity, found.side) == (joint, quantity, side)
-
-
-@pytest.mark.parametrize(
-    ("name", "quantity", "unit"),
-    [
-        ("x_axis [mm]", "position", "mm"),
-        ("x_axis_mm", "position", "mm"),
-        ("x_axis (m)", "position", "m"),
-        ("x_axis scale [mm]", "position", "mm"),
-        ("x_axis linear scale um", "position", "um"),
-        ("x_axis_m", "", None),  # of the motor, perhaps
-        ("x_axis lvdt [mm]", "", None),  # of what, nobody says
-        ("x_axis torque_scale", "torque", None),
-    ],
-)
-def test_a_length_of_a_joint_is_its_position(name: str, quantity: str, unit: str | None) -> None:
-    found = meaning_of(name, ("x_axis", "z_axis"))
-    assert (found.joint, found.quantity, found.unit) == ("x_axis", quantity, unit)
-
-
-@pytest.mark.parametrize(
-    ("name", "quantity", "joint", "role"),
-    [
-        ("/lowstate/motor_state[3]/q", "position", "3", "measured"),
-        ("/lowstate/motor_state.7/dq", "velocity", "7", "measured"),
-        ("low_state.motor_state.7.tau_est", "torque", "7", "estimated"),
-        ("/lowcmd/motor_cmd[3]/q", "position", "3", "command"),
-        ("/arm_controller/state/actual/positions[0]", "position", "0", "measured"),
-        ("/arm_controller/state/desired/positions[0]", "position", "0", "command"),
-        ("/arm_controller/state/error/positions[0]", "position", "0", "derived"),
-        ("/arm/state/feedback/positions/left_s0", "position", "left_s0", "measured"),
-        ("/arm/state/reference/positions/left_s0", "position", "left_s0", "command"),
-        ("/effort_controllers/commands/data[1]", "torque", "1", "command"),
-        ("/elbow_position_controller/command/data", "position", "elbow_joint", "command"),
-        ("/odrive_axis1/controller_status/pos_measured", "position", "odrive_1", "measured"),
-        ("/iiwa/JointState/measured_torque/a1", "torque", "a1", "measured"),
-        ("/wrench/force/x", "", "x", "derived"),
-        ("Present_Position_1", "position", "1", "measured"),
-        ("Axis1.SetPos", "position", "1", "command"),
-        ("observation.state.left_s0.pos", "position", "left_s0", "measured"),
-    ],
-)
-@pytest.mark.parametrize("joints", [(), ("left_s0", "elbow_joint")])
-def test_all_parts_of_a_topic_count(
-    name: str, quantity: str, joint: str, role: str, joints: tuple[str, ...]
-) -> None:
-    found = meaning_of(name, joints)
-    if not joints:
-        joint = joint.removesuffix("_joint")
-    assert (found.quantity, found.joint, found.role) == (quantity, joint, role)
 
 
 @pytest.mark.parametrize(
@@ -217,12 +70,6 @@ def test_labels_are_joints_by_name_by_number_or_in_order(
     text = "\n".join(found.unsure)
     assert note in text
     assert note or "in their order" not in text
-
-
-def test_the_gear_ratio_is_noted_in_equal_units(tmp_path: Path) -> None:
-    joint = np.rad2deg(wave(0.5))
-    found = guess(tmp_path, t=TIME, knee_motor_rad=wave(0.5, 100.0), knee_enc_deg=joint)
-    assert "knee: the motor turns 100 times as far: check the gear ratio" in found.unsure
 
 
 def test_a_motor_that_turns_against_its_joint_has_the_opposite_sign(tmp_path: Path) -> None:
@@ -261,16 +108,6 @@ def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
     assert log.motor_voltage is not None
     np.testing.assert_allclose(log.motor_voltage[:, 0], wave(0.7, 5e-3), atol=1e-12)
     np.testing.assert_allclose(log.motor_position[:, 0], np.deg2rad(wave(0.5, 90.0)), atol=1e-9)
-
-
-def test_a_torque_in_amperes_needs_a_constant_and_is_noted(tmp_path: Path) -> None:
-    found = guess(tmp_path, t=TIME, q=wave(0.5), tau_mA=wave(0.6))
-    assert "tau_mA: a torque in amperes: describe it with torque_constant_Nm_per_A" in found.unsure
-
-
-@pytest.mark.parametrize("name", ["pos_cmd_0", "goal_position", "tau_fric1", "q_des", "pos_filt2"])
-def test_commanded_and_computed_columns_are_no_sensors(name: str) -> None:
-    assert not meaning_of(name).is_raw
 
 
 @pytest.mark.parametrize("name", ["cmd_1", "action[1]", "target_q1", "j1_ref"])
@@ -397,13 +234,9 @@ def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
         current_1=wave(1.0),
         temp_1=wave(0.1) + 40,
     )
-    assert plain(found) == {
-        "joint_1": {
-            "motor_position": "motor_pos_1",
-            "joint_position": "link_pos_1",
-            "motor_current": "current_1",
-            "motor_temperature": "temp_1",
-        }
+    assert plain(found)["joint_1"] == {
+        **{"motor_position": "motor_pos_1", "joint_position": "link_pos_1"},
+        **{"motor_current": "current_1", "motor_temperature": "temp_1"},
     }
     assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
     assert "joint_1: the motor turns 100 times as far: check the gear ratio" in found.unsure
@@ -503,11 +336,6 @@ def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
     assert len(str(describe_log(path))) < 5_000
 
 
-def test_absurd_samples_are_no_sensors(tmp_path: Path) -> None:
-    found = guess(tmp_path, t=TIME, q=wave(0.5), q_2=wave(0.5, 1e308), tau=wave(1.0, 1e155))
-    assert "q_2, tau: has values beyond 1e+30: no sensor, excluded" in found.unsure
-
-
 def test_two_positions_without_sides_are_told_by_how_far_they_move(tmp_path: Path) -> None:
     found = guess(
         tmp_path, t=TIME, angle_0=wave(0.5, 90.0), encoder_0=wave(0.5, 0.9), torque_0=wave(1.0)
@@ -561,45 +389,36 @@ HEBI = (
     *("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage"),
     "motor_temperature",
 )
-UNPOWERED = (*HEBI[:4], HEBI[-1])
 STIFF = ("joint_position", "motor_torque")
 
 
 @pytest.mark.slow  # 0.8 s
 @pytest.mark.parametrize(
-    ("folder", "ending", "joints", "quantities"),
+    ("place", "joints", "quantities"),
     [
-        ("hebi_arms/capstone_repeat_waypoints.npz", "", 5, HEBI),
-        ("hebi_arms/grav_comp_bad.npz", "", 2, HEBI),
-        ("hebi_arms/ps4_repeat_waypoints.npz", "", 3, HEBI),
-        ("hebi_arms/ps5_robot_data.npz", "", 3, HEBI),
-        ("hebi_arms/star_trace.npz", "", 2, HEBI),
-        ("hebi_arms/virtual_spring.npz", "", 2, HEBI),
-        (
-            "hebi_arms/sample.npz",
-            "",
-            2,
-            ("joint_position", "deflection", "joint_torque", "motor_current", HEBI[-1]),
-        ),
-        ("hebi_x5_unloaded/exampleLog.csv", "", 1, HEBI),
+        ("hebi_arms/capstone_repeat_waypoints.npz", 5, HEBI),
+        ("hebi_arms/grav_comp_bad.npz", 2, HEBI),
+        ("hebi_arms/ps4_repeat_waypoints.npz", 3, HEBI),
+        ("hebi_arms/ps5_robot_data.npz", 3, HEBI),
+        ("hebi_arms/star_trace.npz", 2, HEBI),
+        ("hebi_arms/virtual_spring.npz", 2, HEBI),
+        ("hebi_arms/sample.npz", 2, ("joint_position", "deflection", *HEBI[2:4], HEBI[-1])),
+        ("hebi_x5_unloaded/exampleLog.csv", 1, HEBI),
         pytest.param(
-            "hebi_x5_unloaded/exampleLog.hebilog",
-            "",
-            1,
-            (*HEBI[:4], HEBI[-1]),
+            *("hebi_x5_unloaded/exampleLog.hebilog", 1, (*HEBI[:4], HEBI[-1])),
             marks=pytest.mark.hebi,
         ),
-        ("ur10_exciting/ur10_exciting_trajectory.npz", "", 6, STIFF),
-        ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
-        ("double_pendulum_a0/strong_torque", "*.npz", 2, STIFF),
-        ("double_pendulum_a0/weak_torque", "*.npz", 2, STIFF),
-        ("xl330_pendulum/raw", "*.npz", 1, (STIFF[0], "position_command", HEBI[-1])),
+        ("ur10_exciting/ur10_exciting_trajectory.npz", 6, STIFF),
+        ("ur10_exciting/ur10_exciting_trajectory.db3", 6, STIFF),
+        ("double_pendulum_a0/strong_torque/*.npz", 2, STIFF),
+        ("double_pendulum_a0/weak_torque/*.npz", 2, STIFF),
+        ("xl330_pendulum/raw/*.npz", 1, (STIFF[0], "position_command", HEBI[-1])),
     ],
 )
 def test_every_measured_set_is_described(
-    folder: str, ending: str, joints: int, quantities: tuple[str, ...]
+    place: str, joints: int, quantities: tuple[str, ...]
 ) -> None:
-    for path in sorted((LOGS / folder).glob(ending))[:2] if ending else [LOGS / folder]:
+    for path in sorted(LOGS.glob(place))[:2]:
         found = describe_log(path)
         assert len(found.description.joints) == joints
         for sources in found.description.joints.values():
@@ -672,23 +491,6 @@ def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> 
     assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
 
 
-def unlimited_chain(folder: Path, joints: list[str] | None = None) -> Robot:
-    """Return a chain of seven joints whose limits in the file are (0, 0)."""
-    inertial = (
-        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    )
-    links = "".join(f'<link name="l{k}">{inertial}</inertial></link>' for k in range(8))
-    moving = "".join(
-        f'<joint name="panda_joint{k}" type="revolute"><parent link="l{k - 1}"/>'
-        f'<child link="l{k}"/><axis xyz="0 {k % 2} {1 - k % 2}"/>'
-        '<limit effort="80" velocity="2"/></joint>'
-        for k in range(1, 8)
-    )
-    path = folder / "chain.urdf"
-    path.write_text(f'<robot name="chain">{links}{moving}</robot>')
-    return load_robot(path, joints=joints)
-
-
 @pytest.mark.parametrize("name", ["log.csv", "log.npz", "still.npz"])
 @pytest.mark.parametrize(
     "joints", [["panda_joint5"], ["panda_joint2", "panda_joint4"], ["panda_joint4", "panda_joint5"]]
@@ -703,9 +505,13 @@ def test_joints_that_move_are_found_among_all_of_the_file(
     if path.suffix == ".npz":
         np.savez(path, t=t[:, 0], q=q, tau=tau)
     else:
-        header = ",".join(["t", *(f"q{n}" for n in k), *(f"tau{n}" for n in k)])
-        np.savetxt(path, np.hstack([t, q, tau]), delimiter=",", header=header, comments="")
-    guess = describe_log(path, unlimited_chain(tmp_path, joints))
+        columns = {f"q{n}": one for n, one in zip(k, q.T, strict=True)}
+        columns |= {f"tau{n}": one for n, one in zip(k, tau.T, strict=True)}
+        write_columns(path, {"t": t[:, 0], **columns})
+    names = [f"panda_joint{number}" for number in k]
+    urdf = chain(tmp_path, *names, limit=0.0).urdf  # limits (0, 0) are none
+    assert urdf is not None
+    guess = describe_log(path, load_robot(urdf, joints=joints))
     of = "{}{}" if path.suffix == ".csv" else "{}[{}]"
     for joint in joints:
         number = int(joint[-1]) - (path.suffix == ".npz")
@@ -715,15 +521,6 @@ def test_joints_that_move_are_found_among_all_of_the_file(
         assert sources["motor_torque"].column == of.format("tau", number)
     assert {*guess.description.joints} == {*joints}
     assert not any("deg" in one or "no joint of the robot" in one for one in guess.unsure)
-
-
-def test_an_estimate_that_never_changes_is_no_torque(tmp_path: Path) -> None:
-    time = np.arange(0.0, 5.0, 0.01)
-    table, path = np.column_stack([time, np.sin(time), np.ones_like(time)]), tmp_path / "run.csv"
-    np.savetxt(path, table, delimiter=",", header="t,q_1,torque_est_1", comments="")
-    guess = describe_log(path, chain(tmp_path, "elbow"))
-    assert {*guess.description.joints["elbow"]} == {"joint_position"}
-    assert "elbow: no torque, current or voltage found" in guess.unsure
 
 
 def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
@@ -745,7 +542,5 @@ def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) ->
     whole = ["time", "pos_hip", "pos_knee", "vel_hip", "vel_knee", "eff_hip", "eff_knee"]
     assert describe_log(path, robot, columns=whole).to_toml() == guess.to_toml()
     for names in (["t", "q", "tau"], whole[:-1], [*whole, "more"], ["t"]):
-        with pytest.raises(
-            LogError, match=r"columns= does not name the 7 columns of the log: give one"
-        ):
+        with pytest.raises(LogError, match="columns= does not name the 7 columns of the log"):
             describe_log(path, robot, columns=names)

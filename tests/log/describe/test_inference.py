@@ -20,7 +20,7 @@ from seaid.log.describe import Description, describe_log
 from seaid.log.describe.names import meaning_of
 from tests.one_joint import chain
 
-FOLDER = Path(__file__).parents[1] / "data" / "headers"
+FOLDER = Path(__file__).parents[2] / "data" / "headers"
 HEADERS = tomllib.loads((FOLDER / "headers.toml").read_text("utf-8"))["header"]
 MORE = tomllib.loads((FOLDER / "more_headers.toml").read_text("utf-8"))["header"]
 TWENTY = tomllib.loads((FOLDER / "twenty_headers.toml").read_text("utf-8"))["header"]
@@ -198,3 +198,112 @@ def test_most_columns_of_real_headers_are_right(headers: list[dict[str, Any]]) -
     assert np.mean([right for _, right, _ in found]) >= LEAST
     sure = [not listed for truth, right, listed in found if right and not truth.doubtful]
     assert np.mean(sure) >= SURE
+
+
+# Doubts and assumptions of describe_log: unknown words, and samples that contradict names
+
+STAMPS: Array = np.arange(1000.0) / 200
+
+
+def sine(size: float = 1.0, phase: float = 0.0) -> Array:
+    """Return a sine of 0.5 Hz; a phase of pi/2 and a size of pi make its derivative."""
+    return size * np.sin(np.pi * STAMPS + phase)
+
+
+SPEED = sine(np.pi, np.pi / 2)
+TORQUE = sine(3.0, 1.0) + 0.3 * np.sin(11 * STAMPS)
+
+
+def asked(folder: Path, **columns: Array) -> Description:
+    """Return the inference for columns of a robot with one joint."""
+    np.savez(folder / "log.npz", t=STAMPS, **columns)  # type: ignore[arg-type]
+    return describe_log(folder / "log.npz", chain(folder, "knee"))
+
+
+def test_what_names_and_samples_agree_on_is_sure(tmp_path: Path) -> None:
+    found = asked(tmp_path, knee_pos=sine(), knee_vel=SPEED, knee_current_A=TORQUE)
+    assert found.unsure == ()
+    assert found.assumed == (
+        "knee_pos: taken for rad",
+        "knee_pos: taken for the joint side of the gear; it may be the motor side",
+    )
+    assert "# assumed: knee_pos: taken for rad\n" in found.to_toml()
+    assert "assumed: knee_pos: taken for rad\n" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "name"),
+    [
+        ("deg", np.degrees(1.0), "knee_vel_rad_s"),
+        ("turn", 1 / (2 * np.pi), "knee_vel_rad_s"),
+        (None, 1.0, "knee_vel_rad_s"),
+        ("turn", 60 / (2 * np.pi) / 60, "knee_rpm"),
+    ],
+)
+def test_a_velocity_with_a_unit_gives_that_of_the_position(
+    tmp_path: Path, unit: str | None, size: float, name: str
+) -> None:
+    speed = SPEED * (30 / np.pi if name == "knee_rpm" else 1.0)
+    found = asked(tmp_path, knee_pos=sine(size), knee_tau_Nm=TORQUE, **{name: speed})
+    assert found.description.joints["knee"]["joint_position"].unit == unit
+    assert f"knee_pos: {unit or 'rad'} by its velocity" in found.assumed
+
+
+P: Array = sine()
+DOUBTS: tuple[tuple[dict[str, Array], str], ...] = (
+    ({"knee_pos_rad": P, "knee_vel_deg_s": SPEED}, "as knee_vel_deg_s says: check the units"),
+    ({"knee_pos": P, "knee_vel": -SPEED}, "knee_vel: position and velocity have opposite signs"),
+    ({"knee_pos": P, "knee_vel": np.sin(17 * STAMPS)}, "one is not the velocity of the other"),
+    ({"knee_pos_mm": sine(50)}, "knee_pos_mm: mm does not fit the type of knee"),
+    ({"knee_pos_rad": sine(57)}, "goes beyond the limits of knee: check its unit"),
+    ({"knee_pos_deg": sine(0.2)}, "knee_pos_deg: hardly moves in deg: check its unit"),
+    ({"knee_pos": sine(0.1)}, "knee_pos (moves by 0.2): taken for rad"),
+    ({"knee_pos": P, "iq_measured": TORQUE}, "taken for rad; turns are usual of such drives"),
+    ({"knee_pos": P, "knee_current": np.abs(TORQUE)}, "a magnitude or the current of a supply?"),
+    ({"knee_pos": P, "knee_motor_torque": np.round(100 * TORQUE)}, "raw values of the drive?"),
+    ({"knee_pos": P, "knee_tau_Nm": TORQUE, "knee_tau_cmd_Nm": TORQUE}, "which one is measured?"),
+    ({"knee_pos": P, "knee_blurb_torque": TORQUE}, "the meaning of blurb in the name is not known"),
+    (
+        {"knee_pos": P, "knee_tau": TORQUE, "other_tau": TORQUE},
+        "other_tau: has the name of a torque, and is not used",
+    ),
+    (
+        {"knee_pos": P, "knee_tau": TORQUE, "knee_blurb": 2 * SPEED},
+        "knee_blurb: not understood, and not used; it moves like the velocity of knee",
+    ),
+    ({"knee_pos": P, "knee_blurb": TORQUE}, "not understood: it may be what a joint lacks"),
+    (
+        {"knee_pos": P, "knee_current": np.floor(STAMPS) % 3},
+        "whole numbers only: a state, excluded",
+    ),
+    (
+        {"knee_pos_estimate": P, "knee_current_A": TORQUE},
+        "knee_pos_estimate: an estimate of the drive, as there is no other position",
+    ),
+    (
+        {"drive_knee_position": P, "drive_foot_position": sine(1, 2)},
+        "drive_foot_position: has the name of a position, and is not used",
+    ),
+    (
+        {"knee_motor_rad": sine(100), "knee_enc_deg": np.rad2deg(P)},
+        "knee: the motor turns 100 times as far: check the gear ratio",
+    ),
+    ({"knee_pos": P, "tau_mA": TORQUE}, "a torque in amperes: describe it with torque_constant_"),
+    (
+        {"knee_pos": P, "q_2": sine(1e308), "tau": sine(1e155)},
+        "q_2, tau: has values beyond 1e+30: no sensor, excluded",
+    ),
+    ({"knee_pos": P, "torque_est": 1 + 0 * P}, "knee: no torque, current or voltage found"),
+)
+
+
+@pytest.mark.parametrize(("columns", "doubt"), DOUBTS, ids=[doubt for _, doubt in DOUBTS])
+def test_what_names_or_samples_leave_open_is_a_doubt(
+    tmp_path: Path, columns: dict[str, Array], doubt: str
+) -> None:
+    assert doubt in "\n".join(asked(tmp_path, **columns).unsure)
+
+
+def test_a_word_that_most_names_have_is_no_doubt(tmp_path: Path) -> None:
+    found = asked(tmp_path, blurb_knee_pos=sine(), blurb_knee_vel=SPEED, blurb_knee_amps=TORQUE)
+    assert "blurb in the name" not in "\n".join(found.unsure)

@@ -78,11 +78,7 @@ def error_of(path: Path, robot: Robot, description: Any) -> str:
     [
         ("joint_position", {"column": "b", "unit": "deg"}, np.pi / 180),
         ("joint_position", {"column": "b", "unit": "turn", "sign": -1}, -2 * np.pi),
-        (
-            "motor_position",
-            {"column": "b", "unit": "counts", "counts_per_turn": 4096},
-            2 * np.pi / 4096,
-        ),
+        ("motor_position", {"column": "b", "unit": "counts", "counts_per_turn": 4}, np.pi / 2),
         ("motor_position", {"column": "b", "side": "joint"}, 200.0),
         ("motor_position", {"column": "b", "side": "joint", "unit": "deg"}, 200 * np.pi / 180),
         ("joint_position", {"column": "b", "side": "motor"}, 1 / 200),
@@ -398,13 +394,6 @@ def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
         read_log(tmp_path / "bad.npz", robot)
 
 
-def test_dead_side_of_a_moving_joint_is_refused(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    path = log_file(tmp_path, dead=np.zeros(200))
-    text = error_of(path, robot, described(motor_position="dead"))
-    assert "'arm.motor_position_rad' is 0 all the time while the other side of the joint" in text
-
-
 def test_degrees_are_suspected_from_the_limits(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY, kind="revolute")
     path = log_file(tmp_path, degrees=np.rad2deg(wave(0.7)))
@@ -437,12 +426,6 @@ def test_toml_beside_the_log_is_taken_and_others_are_left_alone(tmp_path: Path) 
     beside.write_text("[joints.arm]\nx = ]")
     with pytest.raises(LogError, match="is not valid TOML"):
         read_log(path, robot)
-
-
-def test_columns_and_description_are_not_both_given(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    with pytest.raises(LogError, match="give columns= or description=, not both"):
-        read_log(log_file(tmp_path), robot, columns={"time_s": "t"}, description=described())
 
 
 names = st.text(st.characters(exclude_categories=["C"]), min_size=1, max_size=12)
@@ -483,6 +466,13 @@ def test_description_survives_its_toml(
 # Mistakes
 
 
+def of(column: str, **more: Any) -> Table:
+    return {"column": column, **more}
+
+
+SERVO = {"goal": "a", "position": "b", "gain": 1, "supply": 1}
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -494,54 +484,28 @@ def test_description_survives_its_toml(
         ({"motor_torque": 3.5}, "motor_torque: must be a table, found 3.5"),
         ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
         ({"motor_torque": {"column": 3.5}}, "column must be a text, found 3.5"),
-        (
-            {"motor_torque": {"column": "c", "unit": "deg"}},
-            "no unit of this quantity is named 'deg'; allowed",
-        ),
-        (
-            {"motor_torque": {"column": "c", "unit": "N"}},
-            "no unit of this quantity is named 'N'; did you",
-        ),
-        ({"joint_position": {"column": "b", "unit": "m"}}, "no unit of this quantity is named 'm'"),
-        (
-            {"motor_position": {"column": "a", "wraps": 1, "times": "b"}},
-            "wraps is a constant period: times must be a number",
-        ),
-        ({"motor_torque": {"column": "c", "unit": "A"}}, "unit 'A' or 'mA' and torque_constant"),
-        ({"motor_torque": {"column": "c", "sign": 2}}, "sign must be 1 or -1, found 2"),
-        ({"motor_torque": {"column": "c", "scale": 0}}, "scale must be not zero, found 0"),
-        ({"motor_torque": {"column": "c", "scale": "x"}}, "scale must be a finite number, found"),
-        (
-            {"motor_torque": {"column": "c", "scale": None}},
-            "scale must be a finite number, found None",
-        ),
-        ({"motor_torque": {"column": "c", "times": True}}, "or the name of a column, found True"),
-        (
-            {"motor_torque": {"column": "c", "side": "link"}},
-            "no side is named 'link'; allowed: mot",
-        ),
-        ({"motor_current": {"column": "c", "side": "joint"}}, "only positions and torques have a"),
-        (
-            {"motor_position": {"column": "a", "unit": "counts"}},
-            "counts_per_turn (or counts_per_m)",
-        ),
-        ({"motor_position": {"column": "a", "wraps": -1}}, "wraps must be above zero, found -1"),
-        (
-            {"motor_position": {"column": "a", "time": {"unit": "s"}}},
-            "a time needs either column or rate",
-        ),
-        ({"motor_position": {"column": "a", "time": {"column": "t", "unit": "h"}}}, "unit of time"),
-        (
-            {"motor_position": {"column": "a", "time": {"rate_hz": -1}}},
-            "rate_hz must be above zero",
-        ),
-        ({"motor_position": {"column": "a", "time": "tt"}}, "no column is named 'tt'"),
+        ({"motor_torque": of("c", unit="deg")}, "no unit of this quantity is named 'deg'; allowed"),
+        ({"motor_torque": of("c", unit="N")}, "no unit of this quantity is named 'N'; did you"),
+        ({"joint_position": of("b", unit="m")}, "no unit of this quantity is named 'm'"),
+        ({"motor_position": of("a", wraps=1, times="b")}, "wraps is a constant period: times must"),
+        ({"motor_position": of("a", wraps=10**400)}, "wraps must be a finite number"),
+        ({"motor_position": of("a", wraps=-1)}, "wraps must be above zero, found -1"),
+        ({"motor_torque": of("c", unit="A")}, "unit 'A' or 'mA' and torque_constant"),
+        ({"motor_torque": of("c", sign=2)}, "sign must be 1 or -1, found 2"),
+        ({"motor_torque": of("c", scale=0)}, "scale must be not zero, found 0"),
+        ({"motor_torque": of("c", scale="x")}, "scale must be a finite number, found"),
+        ({"motor_torque": of("c", scale=None)}, "scale must be a finite number, found None"),
+        ({"motor_torque": of("c", times=True)}, "or the name of a column, found True"),
+        ({"motor_torque": of("c", side="link")}, "no side is named 'link'; allowed: mot"),
+        ({"motor_current": of("c", side="joint")}, "only positions and torques have a"),
+        ({"motor_position": of("a", unit="counts")}, "counts_per_turn (or counts_per_m)"),
+        ({"motor_position": of("a", time={"unit": "s"})}, "a time needs either column or rate"),
+        ({"motor_position": of("a", time=of("t", unit="h"))}, "unit of time"),
+        ({"motor_position": of("a", time={"rate_hz": -1})}, "rate_hz must be above zero"),
+        ({"motor_position": of("a", time="tt")}, "no column is named 'tt'"),
         ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
         ({"motor_torque": {"servo": {"goal": "a"}}}, "servo: key 'position' is missing"),
-        (
-            {"motor_torque": {"servo": {"goal": "a", "position": "b", "gain": 1, "supply": 1}}},
-            "servo gives a motor_voltage only",
-        ),
+        ({"motor_torque": {"servo": SERVO}}, "servo gives a motor_voltage only"),
         ({"motor_voltage": {"servo": {"goals": "a"}}}, "no key is named 'goals'; did you mean"),
         ({"time": "x"}, "no column is named 'x'"),
     ],
@@ -562,14 +526,8 @@ def test_mistake_in_a_joint_is_named(tmp_path: Path, change: Table, words: str) 
         ({"exclude_s": [[0, "x"]]}, "must be a list of intervals [start, end] in seconds, found"),
         ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
         ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
-        (
-            {"joints": {"arn": {"joint_position": "a"}}},
-            "no joint is named 'arn'; did you mean 'arm'",
-        ),
-        (
-            {"time": None},
-            'no time is given; name its column, time = "...", or a constant rate, time = { rate_hz',
-        ),
+        ({"joints": {"arn": {"joint_position": "a"}}}, "named 'arn'; did you mean 'arm'"),
+        ({"time": None}, 'no time is given; name its column, time = "...", or a constant rate, ti'),
         ({"where": 3}, "'where' must be the name of a column, found 3"),
         ({"where": "off"}, "the column of 'where' is zero at all samples"),
         ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
@@ -584,26 +542,21 @@ def test_mistake_in_the_description_is_named(tmp_path: Path, change: Table, word
     assert words in error_of(path, robot, described() | change)
 
 
-def test_stiff_drive_has_no_deflection(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, {"type": "stiff", "gear_ratio": 2.0})
-    text = error_of(log_file(tmp_path), robot, described(motor_position=None, deflection="a"))
-    assert "joint 'arm' has a stiff drive, which has no deflection" in text
-
-
-def test_description_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    text = error_of(log_file(tmp_path), robot, tmp_path / "no.toml")
-    assert "cannot read the description" in text
-
-
-def test_description_made_in_python_is_checked_too(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY)
+def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> None:
+    robot, path = robot_of(tmp_path, ROTARY), log_file(tmp_path, dead=np.zeros(200))
+    assert "cannot read the description" in error_of(path, robot, tmp_path / "no.toml")
+    text = error_of(path, robot, described(motor_position="dead"))
+    assert "'arm.motor_position_rad' is 0 all the time while the other side of the joint" in text
     given = description_for(Path("x"), described())
     assert given is not None
-    wrong = LogDescription(
-        {"arm": dict(given.joints["arm"]) | {"speed": given.joints["arm"]["motor_torque"]}}
-    )
-    assert "no key is named 'speed'" in error_of(log_file(tmp_path), robot, wrong)
+    speed = {"speed": given.joints["arm"]["motor_torque"]}
+    wrong = LogDescription({"arm": dict(given.joints["arm"]) | speed})  # made in Python
+    assert "no key is named 'speed'" in error_of(path, robot, wrong)
+    stiff = robot_of(tmp_path, STIFF)
+    text = error_of(path, stiff, described(motor_position=None, deflection="a"))
+    assert "joint 'arm' has a stiff drive, which has no deflection" in text
+    with pytest.raises(LogError, match="give columns= or description=, not both"):
+        read_log(path, robot, columns={"time_s": "t"}, description=described())
 
 
 # Measured logs

@@ -13,7 +13,7 @@ from seaid.log import describe_log, logs_of_files, read_log
 from seaid.project.first_project import write_first_project
 from seaid.project.project import ProjectLog, load_project
 from seaid.robot import Robot
-from tests.one_joint import one_joint
+from tests.plants import write_columns
 
 FAST: Array = np.linspace(0.0, 4.0, 401)
 SLOW: Array = np.linspace(0.0, 4.0, 201)
@@ -28,15 +28,8 @@ def tau(time: Array) -> Array:
     return 2e3 * np.cos(2 * time)
 
 
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    return one_joint(tmp_path)
-
-
 def write(path: Path, **columns: Array) -> Path:
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
-    return path
+    return write_columns(path, columns)
 
 
 def both(folder: Path, time: str = "t") -> list[Path]:
