@@ -35,7 +35,7 @@ from seaid.regressor.load import load_model
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
 from tests import terms
-from tests.excitation.test_target import assert_gradient
+from tests.excitation.test_objective import assert_gradient
 from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
@@ -174,29 +174,23 @@ def test_loads_obey_the_equations(
         np.testing.assert_allclose(loads[2, inside, index], slope(angle)[inside], atol=1e-3)
 
 
-@pytest.mark.rounding
-@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
-@pytest.mark.parametrize(("one", "two"), [(HEAVY, FULL), (SMOOTH, CUBIC)], ids=["heavy", "smooth"])
-def test_gradient_of_loads_equals_differences(
-    one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
-) -> None:
-    robot = robot_of(tmp_path, one, two, is_coupled)
-    limits = drive_limits(robot, LIMITED, np.full(2, 2.0))
-    assert limits is not None
-    limits = pickle.loads(pickle.dumps(limits))
+def check_load_gradient(robot: Robot, limits: Limits) -> None:
+    found = drive_limits(robot, limits, np.full(robot.n, 2.0))
+    assert found is not None
+    bounds = pickle.loads(pickle.dumps(found))
     basis, time = FourierBasis(3, 4.0), np.linspace(0.0, 3.9, 50)
     position, velocity, acceleration = maps = basis.matrices(time)
     rng = np.random.default_rng(0)
-    x = 0.3 * rng.normal(size=(2, basis.size))
+    x = 0.3 * rng.normal(size=(robot.n, basis.size))
 
     def loads(x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
         states = (position @ x.T, velocity @ x.T, acceleration @ x.T)
-        return drive_loads(limits, time, states), states
+        return drive_loads(bounds, time, states), states
 
     values, states = loads(x)
-    kinds, joints = (np.tile(index.ravel(), 4) for index in np.indices((4, 2)))
+    kinds, joints = (np.tile(index.ravel(), 4) for index in np.indices((4, robot.n)))
     instants = rng.integers(0, len(time), len(kinds))
-    gradient = drive_load_gradient(limits, time, states, values, (kinds, instants, joints), maps)
+    gradient = drive_load_gradient(bounds, time, states, values, (kinds, instants, joints), maps)
     for _ in range(3):
         direction = rng.normal(size=x.shape)
         plus, minus = (loads(x + sign * 1e-6 * direction)[0] for sign in (1, -1))
@@ -205,9 +199,25 @@ def test_gradient_of_loads_equals_differences(
         np.testing.assert_allclose(found, numeric, rtol=2e-6, atol=1e-8 * np.abs(numeric).max())
 
 
+@pytest.mark.rounding
+@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
+@pytest.mark.parametrize(("one", "two"), [(HEAVY, FULL), (SMOOTH, CUBIC)], ids=["heavy", "smooth"])
+def test_gradient_of_loads_equals_differences(
+    one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
+) -> None:
+    check_load_gradient(robot_of(tmp_path, one, two, is_coupled), LIMITED)
+
+
+def test_gradient_of_loads_of_the_leg(elastic_leg: Robot) -> None:
+    limits = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, deflection=0.004)
+    check_load_gradient(elastic_leg, limits)
+
+
 DEAD = elastic(
     {"dead_zone": 0.005, "spring_damping": 0.1}, spring=("linear", "dead_zone", "damping")
 )
+DAMPED = elastic({"spring_damping": 0.1}, spring=("linear", "damping"))
+FIFTH = elastic({"fifth_stiffness": 1e7}, spring=("fifth",))
 DRIVEN = elastic({"torque_constant": 0.05, **FRICTION}, motor_input="current", friction=TERMS)
 
 
@@ -297,39 +307,21 @@ def test_excitation_is_found_for_drives_with_terms(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("two", "limits", "words"),
     [
-        (DEAD, Limits(motor_speed=100.0), "spring with dead zone: its motor_speed do not follow"),
-        (
-            elastic({"spring_damping": 0.1}, spring=("linear", "damping")),
-            Limits(deflection=0.1),
-            "'two' has a spring with damping: its deflection do not follow",
-        ),
-        (
-            elastic({"fifth_stiffness": 1e7}, spring=("fifth",)),
-            Limits(motor_speed=100.0),
-            "'two': its spring has no linear stiffness",
-        ),
-        (
-            replace(ELASTIC, spring=("linear", "cubic")),
-            Limits(motor_speed=100.0),
-            "'two': its drive has no nominal cubic stiffness",
-        ),
-        (
-            replace(ELASTIC, friction=(*DRY, "stribeck")),
-            Limits(motor_torque=0.1),
-            "'two': its drive has no nominal stribeck friction",
-        ),
-        (
-            replace(ELASTIC, parallel_spring=("linear",)),
-            Limits(joint_torque=1.0),
-            "'two': its drive has no nominal parallel stiffness",
-        ),
+        (DEAD, {"motor_speed": 100.0}, "spring with dead zone: its motor_speed do not follow"),
+        (DAMPED, {"deflection": 0.1}, "'two' has a spring with damping: its deflection do not fol"),
+        (FIFTH, {"motor_speed": 100.0}, "'two': its spring has no linear stiffness"),
+        ({"spring": ("linear", "cubic")}, {"motor_speed": 100.0}, "nominal cubic stiffness"),
+        ({"friction": (*DRY, "stribeck")}, {"motor_torque": 0.1}, "nominal stribeck friction"),
+        ({"parallel_spring": ("linear",)}, {"joint_torque": 1.0}, "nominal parallel stiffness"),
     ],
 )
 def test_limits_that_need_more_say_what(
-    two: Drive, limits: Limits, words: str, tmp_path: Path
+    two: Any, limits: dict[str, float], words: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(ExcitationError, match=words):
-        drive_limits(arm(tmp_path, STIFF, two), limits, np.ones(2))
+    two = replace(ELASTIC, **two) if isinstance(two, dict) else two
+    with pytest.raises(ExcitationError, match=words) as caught:
+        drive_limits(arm(tmp_path, STIFF, two), Limits(**limits), np.ones(2))
+    assert "'two'" in str(caught.value)
 
 
 def test_columns_near_a_value_need_the_value(tmp_path: Path) -> None:

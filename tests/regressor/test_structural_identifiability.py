@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import seaid
 from seaid._arrays import Array
@@ -34,6 +35,7 @@ from seaid.robot.robot import Payload, Robot, load_robot
 from tests.regressor.modular.arithmetic import ResidueNumbers
 from tests.regressor.modular.decision import exact_decision
 from tests.regressor.modular.dynamics import PRIME, residue
+from tests.regressor.trees import Joint, joints, robot_of
 from tests.representatives import quick_first
 
 Chain = Callable[..., Path]
@@ -448,22 +450,13 @@ def test_another_seed_gives_the_same_answer(load_quietly: Callable[..., Robot]) 
     assert first.base.columns == second.base.columns
 
 
-numbers = st.sampled_from(["0", "0", "1", "-1", "0.3", "-0.25"])
-triples = st.tuples(numbers, numbers, numbers).map(" ".join)
-angles = st.sampled_from(["0", "0", "1.5707963267948966", "3.141592653589793", "0.4", "-1.1"])
 sensor_sets = st.frozensets(st.sampled_from(SENSORS))
 random_joints = st.tuples(
-    st.sampled_from(["continuous", "prismatic"]),
-    triples.filter(lambda axis: set(axis.split()) != {"0"}),
-    triples,
-    st.tuples(angles, angles, angles).map(" ".join),
-    st.integers(0, 3),
+    joints,
     st.sampled_from(["ideal", "stiff", "elastic", "unknown rotor"]),
     sensor_sets,
     sensor_sets,
 )
-Joint = tuple[str, str, str, str, int, str, frozenset[str], frozenset[str]]
-SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
 
 
 def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
@@ -482,23 +475,17 @@ def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
 @settings(max_examples=20)
 @given(tree=st.lists(random_joints, min_size=1, max_size=4))
 def test_more_sensors_never_tell_less_and_both_ranks_agree(
-    tree: list[Joint], tmp_path_factory: pytest.TempPathFactory
+    tree: list[tuple[Joint, str, frozenset[str], frozenset[str]]],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    text = '<link name="l0"/>'
+    few: dict[str, Any] = {}
+    more: dict[str, Any] = {}
     drives: dict[str, Any] = {}
-    for number, (kind, axis, xyz, rpy, parent, drive, *_) in enumerate(tree, 1):
-        text += (
-            f'<link name="l{number}"/><joint name="j{number}" type="{kind}"><axis xyz="{axis}"/>'
-            f'<parent link="l{min(parent, number - 1)}"/><child link="l{number}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}</joint>'
-        )
-        table = drive_of(kind, drive)
-        drives |= {} if table is None else {f"j{number}": table}
-    path = tmp_path_factory.mktemp("tree") / "tree.urdf"
-    path.write_text(f'<robot name="tree">{text}</robot>')
-    robot = load_robot(path, drives)
-    few: Any = {f"j{number}": joint[6] for number, joint in enumerate(tree, 1)}
-    more: Any = {f"j{number}": joint[6] | joint[7] for number, joint in enumerate(tree, 1)}
+    for number, (joint, drive, some, others) in enumerate(tree, 1):
+        name, table = f"j{number}", drive_of(joint[0], drive)
+        few[name], more[name] = some, some | others
+        drives |= {} if table is None else {name: table}
+    robot = robot_of(tmp_path_factory.mktemp("tree"), [joint for joint, *_ in tree], drives)
     less, greater = identifiability(robot, few), identifiability(robot, more)
     full = identifiability(robot)
     for found in (less, greater, full):
@@ -671,3 +658,108 @@ def test_script_refuses_an_unknown_sensor_in_one_line() -> None:
     assert done.returncode == 1
     assert "did you mean 'motor_torque'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+# What motor angle and motor torque determine with their derivatives, against simulations
+
+MOTOR_SIDE: tuple[Sensor, ...] = ("motor_position", "motor_torque")
+RATIO = 50.0
+PENDULUM = {"Iyy": 0.09, "mx": 0.24, "mz": -0.1}
+DRIVE = {"viscous": 3e-4, "inertia": 4e-5, "stiffness": 60.0, "offset": 1.5}
+
+
+def pendulum_about(folder: Path, axis: str) -> seaid.Robot:
+    path = folder / "one.urdf"
+    path.write_text(
+        f"""<robot name="one">
+        <link name="base"/><link name="arm"><inertial>
+        <origin xyz="0.2 0 0"/><mass value="1.2"/>
+        <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
+        <axis xyz="{axis}"/><limit lower="-3" upper="3" effort="50" velocity="20"/></joint>
+        </robot>"""
+    )
+    drive = seaid.SeriesElasticDrive(gear_ratio=RATIO, friction=("viscous",))
+    return seaid.load_robot(path, {"j": drive})
+
+
+def motor_angles(parameters: Array, start: Array, gravity: float) -> Array:
+    """Return the motor angles (T,) of a motor, a spring and a pendulum under a given torque."""
+    viscous, inertia, stiffness, offset, J, mx, mz = parameters
+
+    def rate(time: float, state: Array) -> list[float]:
+        theta, w, q, v = state
+        given = 0.03 * np.sin(1.3 * time) + 0.02 * np.sin(4.1 * time + 1) + 0.02 * np.cos(9 * time)
+        torque = stiffness * (theta / RATIO - q) + offset
+        weight = gravity * (mx * np.cos(q) + mz * np.sin(q))
+        return [w, (given - viscous * w - torque / RATIO) / inertia, v, (torque + weight) / J]
+
+    times = np.linspace(0, 3, 200)
+    run = solve_ivp(rate, (0, 3), start, t_eval=times, rtol=1e-11, atol=1e-12, method="DOP853")
+    return np.asarray(run.y[0])
+
+
+def rank_of_simulations(gravity: float) -> int:
+    """Return the number of combinations in the angles, besides those of the first state."""
+    truth, start = np.array([*DRIVE.values(), *PENDULUM.values()]), np.array([0.1, 0.0, 0.0, 0.2])
+    columns = []
+    for place in range(len(truth) + len(start)):
+        ends = []
+        for sign in (1, -1):
+            changed, begin = truth.copy(), start.copy()
+            if place < len(truth):
+                changed[place] *= 1 + sign * 1e-4
+            else:
+                begin[place - len(truth)] += sign * 1e-4
+            ends.append(motor_angles(changed, begin, gravity))
+        columns.append(ends[0] - ends[1])
+    S = np.column_stack(columns)
+    norms = np.linalg.norm(S, axis=0)
+    kept = norms > 1e-9 * norms.max()
+    sizes = np.linalg.svd(S[:, kept] / norms[kept], compute_uv=False)
+    rank = int(np.argmax(sizes[:-1] / sizes[1:])) + 1
+    assert sizes[rank - 1] > 100 * sizes[rank]
+    return rank - len(start)
+
+
+@pytest.mark.slow  # 1.8 s
+@pytest.mark.parametrize(("axis", "gravity", "rank"), [("0 1 0", 9.81, 6), ("0 0 1", 0.0, 4)])
+def test_the_count_is_that_of_simulated_motor_angles(
+    tmp_path: Path, axis: str, gravity: float, rank: int
+) -> None:
+    """An offset of the spring is one of the joint's angle, and turns the last body."""
+    found = seaid.identifiability(pendulum_about(tmp_path, axis), MOTOR_SIDE)
+    assert found.rank == 0
+    assert found.derivatives is not None
+    # an offset moves the first angle of the joint, which is free in the simulation
+    assert len(found.derivatives.columns) == rank == rank_of_simulations(gravity)
+    alone = np.count_nonzero(found.derivatives.grouping, axis=1) == 1
+    names = [name for name, one in zip(found.derivatives.names, alone, strict=True) if one]
+    for name in ("stiffness of j", "motor_inertia of j", "viscous_friction of j"):
+        assert name in names
+    assert "By derivatives of motor angle and motor torque" in str(found.summary())
+
+
+def test_the_leg_without_joint_encoders() -> None:
+    leg = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    by_regression = seaid.identifiability(leg)
+    found = seaid.identifiability(leg, MOTOR_SIDE)
+    assert found.derivatives is not None
+    assert by_regression.derivatives is None
+    # all but one: the offset of the ankle's spring turns the foot
+    assert len(found.derivatives.columns) == by_regression.rank - 1 == 44
+    assert found.derivatives.gap > 1e6
+    expressions = found.derivatives.expressions
+    for joint in leg.elastic_joints:
+        assert f"stiffness of {joint}" in expressions
+
+
+def test_the_other_joints_may_have_any_sensors() -> None:
+    leg = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    both: tuple[Sensor, ...] = (*MOTOR_SIDE, "joint_position")
+    sensors = {joint: MOTOR_SIDE if joint == "knee_pitch" else both for joint in leg.joint_names}
+    found = seaid.identifiability(leg, sensors)
+    assert found.derivatives is not None
+    assert len(found.derivatives.columns) == 45
+    sensors["hip_yaw"] = ("motor_torque",)
+    assert seaid.identifiability(leg, sensors).derivatives is None

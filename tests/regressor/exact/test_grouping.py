@@ -15,6 +15,7 @@ from seaid.regressor.base import base_parameters as numeric_base_parameters
 from seaid.regressor.base import cross_check
 from seaid.robot.robot import Robot, load_robot
 from seaid.symbolic import ExactBaseParameters, base_parameters
+from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 
 SMALL = {
     "ur5_robot.urdf": 36,
@@ -24,12 +25,12 @@ SMALL = {
     "tiago_no_hand.urdf": 58,
     "a1.urdf": 68,
     "allegro_left_hand.urdf": 94,
+    "panda.urdf": 43,
     "double_pendulum.urdf": 6,
     "finger_edu.urdf": 17,
     "hextilt_flying_arm_5.urdf": 23,
 }
 TempPaths = pytest.TempPathFactory
-SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
 
 
 def three_ways(robot: Robot) -> list[ExactBaseParameters]:
@@ -48,76 +49,33 @@ def test_three_ways_give_the_same_rationals(
     example_path: Callable[[str], Path],
     load_quietly: Callable[..., Robot],
 ) -> None:
-    ways = three_ways(load_quietly(example_path(name)))
+    arm = [f"panda_joint{number}" for number in range(1, 8)] if name == "panda.urdf" else None
+    ways = three_ways(load_quietly(example_path(name), joints=arm and tuple(arm)))
     assert [way.rank for way in ways] == [count] * 3
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
     assert ways[0].expressions == ways[1].expressions == ways[2].expressions
     assert np.array_equal(ways[0].grouping, ways[2].grouping)
 
 
-def test_panda_arm_by_three_ways(
-    example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    arm = load_quietly(
-        example_path("panda.urdf"), joints=tuple(f"panda_joint{number}" for number in range(1, 8))
-    )
-    ways = three_ways(arm)
-    assert [way.rank for way in ways] == [43] * 3
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
+GRAVITIES = [(0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.5, 0.0, -9.0)]
 
 
-@pytest.mark.rounding
-def test_three_ways_with_sliding_joints_and_skew_axes(write_chain: Callable[..., Path]) -> None:
-    rpy = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
-    joints = {
-        "a": f'prismatic <axis xyz="1 2 -2"/>{SLIDE}',
-        "b": f'continuous <axis xyz="0.3 -0.1 0.8"/>{rpy}',
-        "c": f'prismatic <axis xyz="0 1 0"/>{SLIDE}{rpy}',
-        "d": f'continuous <axis xyz="0 0 -1"/>{rpy}',
-    }
-    robot = load_robot(write_chain(joints), gravity=(0.5, 0.0, -9.0))
-    ways = three_ways(robot)
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
-    assert cross_check(numeric_base_parameters(robot), ways[0]).agree
-
-
-numbers = st.sampled_from(["0", "0", "1", "-1", "0.3", "-0.25", "0.1234567"])
-triples = st.tuples(numbers, numbers, numbers).map(" ".join)
-angles = st.sampled_from(["0", "0", "1.5707963267948966", "3.141592653589793", "0.4", "-1.1"])
-joints = st.tuples(
-    st.sampled_from(["continuous", "prismatic"]),
-    triples.filter(lambda axis: axis != "0 0 0").filter(lambda axis: set(axis.split()) != {"0"}),
-    triples,
-    st.tuples(angles, angles, angles).map(" ".join),
-    st.integers(0, 3),
-)
-
-
-@given(tree=st.lists(joints, min_size=1, max_size=4), gravity=st.sampled_from([0.0, -9.81]))
+@given(tree=st.lists(joints, min_size=1, max_size=4), gravity=st.sampled_from(GRAVITIES))
 def test_any_tree_has_one_answer(
-    tree: list[tuple[str, str, str, str, int]], gravity: float, tmp_path_factory: TempPaths
+    tree: list[Joint], gravity: tuple[float, float, float], tmp_path_factory: TempPaths
 ) -> None:
-    text = '<link name="l0"/>'
-    for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1):
-        text += (
-            f'<link name="l{number}"/><joint name="j{number}" type="{kind}"><axis xyz="{axis}"/>'
-            f'<parent link="l{min(parent, number - 1)}"/><child link="l{number}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}</joint>'
-        )
-    path = tmp_path_factory.mktemp("tree") / "tree.urdf"
-    path.write_text(f'<robot name="tree">{text}</robot>')
-    robot = load_robot(path, gravity=(0.0, 0.0, gravity))
+    robot = robot_of(tmp_path_factory.mktemp("tree"), tree, gravity=gravity)
     ways = three_ways(robot)
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
     check = cross_check(numeric_base_parameters(robot), ways[0])
-    assert check.agree, (check, path)
+    assert check.agree, (check, tree)
 
 
 def test_directions_that_coincide_through_sliding_joints_are_named(
     write_chain: Callable[..., Path],
 ) -> None:
     quarter, half = "1.5707963267948966", "3.141592653589793"
-    joints = {
+    chain = {
         "a": ("continuous", "-0.25 0.1234567 0", "1 0.3 -1", f"0 {quarter} 0"),
         "b": ("prismatic", "0 1 -0.25", "0 0 0", f"{quarter} 0.4 {quarter}"),
         "c": ("prismatic", "0 1 0.3", "0.3 0.1234567 0.3", f"{half} {half} 0.4"),
@@ -127,7 +85,7 @@ def test_directions_that_coincide_through_sliding_joints_are_named(
     path = write_chain(
         {
             name: f'{kind} <axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}'
-            for name, (kind, axis, xyz, rpy) in joints.items()
+            for name, (kind, axis, xyz, rpy) in chain.items()
         }
     )
     with pytest.warns(SeaidWarning, match=r"my_d_link counts as identifiable .* [1-9]e-17"):
@@ -166,8 +124,8 @@ def test_known_torques_only(tulip_leg: Robot, rows: tuple[str, ...], count: int 
 
 
 def test_known_torques_are_those_of_the_named_joints_in_any_order(tulip_urdf: Path) -> None:
-    joints = ["ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"]
-    robot = load_robot(tulip_urdf, joints=joints)
+    order = ["ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"]
+    robot = load_robot(tulip_urdf, joints=order)
     exact = base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"])
     check = cross_check(
         numeric_base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"]), exact

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,21 +14,39 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+import seaid.log.long_log as long_log_module
 from seaid._arrays import Array
-from seaid.errors import ExcitationError, IdentificationError
+from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.fitting import (
     ESTIMATORS,
     LinearEstimator,
+    StoredRows,
     huber,
     huber_weights,
+    stored_estimate,
     tukey,
     tukey_weights,
 )
-from seaid.estimation.least_squares import ordinary, weighted
+from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
+from seaid.estimation.qr_factor import QRFactor
+from seaid.identification.datasets import rows_of_equations
+from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
-from seaid.regressor.regression import Regression
+from seaid.log.long_log import LongLog, open_long_log
+from seaid.log.motion import Motion, motion_of, reconstruct_motion
+from seaid.log.reading import Log, write_log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model, load_regression
+from seaid.regressor.regression import (
+    Regress,
+    Regression,
+    actuator_regression,
+    regressions_of_parts,
+    stacked,
+)
 from tests.experiments import arm, arm_log, true_value
+from tests.plants import regression
 from tests.standard_errors import check_scores
 
 Solver = Callable[[Regression], Estimate]
@@ -43,18 +64,9 @@ def experiment(
     drawn = lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.normal(size=shape), axis=0)
     H = np.concatenate([drawn[:, :3, place] for place in range(len(stds))])
     noise = np.concatenate([std * drawn[:, 3, place] for place, std in enumerate(stds)])
-    return Regression(
-        names=("a", "b", "c"),
-        units=("kg",) * 3,
-        H=H,
-        y=H @ TRUTH + noise,
-        joint=np.repeat(np.arange(len(stds)), count),
-        time=np.tile(0.05 * np.arange(count), len(stds)),
-        run=np.zeros(len(H)),
-        excluded=0,
-        propagated=np.empty((len(H), 0)),
-        joint_names=("hip", "knee", "ankle")[: len(stds)],
-    )
+    joint = np.repeat(np.arange(len(stds)), count)
+    names = ("hip", "knee", "ankle")[: len(stds)]
+    return regression(H, H @ TRUTH + noise, joint=joint, joint_names=names)
 
 
 def spoiled(data: Regression, share: float, seed: int = 0) -> Regression:
@@ -172,20 +184,6 @@ def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
     assert np.all(carrying.white_standard_errors > plain.white_standard_errors)  # type: ignore[operator]
 
 
-@ROBUST
-def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
-    data = experiment(6)
-    twice = replace(data, H=np.column_stack([data.H[:, :2], data.H[:, 0]]))
-    with pytest.raises(ExcitationError, match=r"combination of .* is unidentifiable"):
-        estimator(twice)
-    with pytest.raises(IdentificationError, match="2 rows cannot determine 3 parameters"):
-        estimator(replace(experiment(6, 2), joint_names=()))
-    H = data.H.copy()
-    H[5, 1] = np.nan
-    with pytest.raises(IdentificationError, match="not finite: b"):
-        estimator(replace(data, H=H))
-
-
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("seaid.estimation.fitting._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
@@ -228,3 +226,150 @@ def test_spikes_in_a_log(name: LinearEstimator) -> None:
         off = spiky.drives[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
         assert off == pytest.approx(1.0, abs=0.05)
         assert spiky.checks[joint].condition_number < 3 * clean.checks[joint].condition_number
+
+
+# Long logs in pieces: the same rows, the same estimate, the same errors as in memory
+
+CUTOFF_HZ = 8.0
+ROBOT = arm().without_nominal()
+JOINT = "shoulder"
+
+
+@cache
+def log(seed: int = 0) -> Log:
+    return arm_log(seed, motion_seed=seed)
+
+
+@pytest.fixture(scope="module")
+def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("npz") / "log.npz"
+    write_log(log(), file)
+    return file
+
+
+def stream_estimate(
+    logs: list[LongLog],
+    regress: Regress,
+    weigh: Callable[[QRFactor], Array] = settled_weights,
+    propagated: Array | None = None,
+) -> tuple[Estimate, QRFactor]:
+    with rows_of_equations(logs, {"": regress}, True, None, False) as stored:
+        rows = stored[""]
+        assert isinstance(rows, StoredRows)
+        return stored_estimate(rows, weigh, propagated)[:2]
+
+
+def opened(path: Path, chunk_samples: int = 1500) -> LongLog:
+    return open_long_log(path, ROBOT, cutoff_hz=CUTOFF_HZ, chunk_samples=chunk_samples)
+
+
+@cache
+def motion(seed: int = 0) -> Motion:
+    return reconstruct_motion(ROBOT, log(seed), CUTOFF_HZ)
+
+
+def actuator(one: Motion) -> Regression:
+    return actuator_regression(ROBOT, one, JOINT)
+
+
+def load_side() -> tuple[Callable[[Motion], Regression], Array]:
+    """Return the regression of the load side with springs as found, and their covariance."""
+    spring = spring_of(ROBOT, ordinary(actuator(motion())), JOINT)
+    telescope = ordinary(actuator_regression(ROBOT, motion(), "telescope"))
+    other = spring_of(ROBOT, telescope, "telescope")
+    springs = {JOINT: spring.values, "telescope": other.values}
+    model = load_model(ROBOT, base_parameters(ROBOT), ROBOT.joint_names)
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2], covariance[2:, 2:] = spring.covariance, other.covariance
+    return lambda one: load_regression(ROBOT, one, model, springs), covariance
+
+
+def assert_same(found: Estimate, expected: Estimate) -> None:
+    assert found.names == expected.names
+    assert np.max(np.abs(found.values - expected.values) / expected.standard_errors) < 1e-9
+    assert found.standard_errors == pytest.approx(expected.standard_errors, rel=1e-8)
+    assert found.white_standard_errors == pytest.approx(expected.white_standard_errors, rel=1e-8)
+    assert found.residual_std == pytest.approx(expected.residual_std, rel=1e-9)
+
+
+def test_rows_are_those_of_the_whole_log(npz: Path) -> None:
+    whole = actuator(motion())
+    found = stacked([rows for _, rows in regressions_of_parts(opened(npz), {"": actuator})])
+    assert np.array_equal(found.time, whole.time)
+    assert found.excluded == whole.excluded > 0
+    scale = np.max(np.abs(whole.H), axis=0)
+    assert np.max(np.abs(found.H - whole.H) / scale) < 1e-9
+    assert np.max(np.abs(found.y - whole.y)) < 1e-9 * np.max(np.abs(whole.y))
+
+
+@pytest.mark.parametrize("chunk", [1250, 1777, 100_000])
+def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
+    found = stream_estimate([opened(npz, chunk)], actuator, equal_weights)[0]
+    assert_same(found, ordinary(actuator(motion())))
+
+
+def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
+    regress, propagated = load_side()
+    expected = weighted(regress(motion()), propagated)
+    assert_same(stream_estimate([opened(npz)], regress, settled_weights, propagated)[0], expected)
+
+
+def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two actuator sides and the load side: one reading, after that for the largest speeds."""
+    long_log, reconstructed = opened(npz, 3000), []
+
+    def counted(*arguments: Any) -> Motion:
+        reconstructed.append(arguments)
+        return motion_of(*arguments)
+
+    monkeypatch.setattr(long_log_module, "motion_of", counted)
+    pieces = len(list(long_log.motions()))
+    reconstructed.clear()
+    found = identify(ROBOT, long_log)
+    first_pieces = 3  # asked which torques there are
+    assert len(reconstructed) <= pieces + first_pieces
+    whole = identify(ROBOT, log(), method="two-step", cutoff_hz=CUTOFF_HZ)
+    assert_same(found.load, whole.load)
+    for joint in ROBOT.elastic_joints:
+        assert_same(found.drives[joint], whole.drives[joint])
+
+
+def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("seaid.estimation.fitting.np.save", full)
+    with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
+        stream_estimate([opened(npz)], actuator)
+
+
+@pytest.mark.slow  # 2.0 s
+def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
+    write_log(log(1), tmp_path / "other.npz")
+    logs = [opened(npz), opened(tmp_path / "other.npz")]
+    both = stacked([actuator(motion()), actuator(motion(1))])
+    found, qr_factor = stream_estimate(logs, actuator)
+    assert_same(found, ordinary(both))
+    assert qr_factor.count == len(both.y)
+    assert qr_factor.excluded == both.excluded
+    assert qr_factor.joint_names == ROBOT.joint_names
+
+
+def test_part_without_motion_is_still_left_out_by_the_speed_of_the_whole(tmp_path: Path) -> None:
+    """A piece in which the motor hardly moves would find its own noise fast."""
+    still = log().motor_position.copy()
+    still[:2000, 1] = still[2000, 1] + 1e-6 * np.sin(np.arange(2000) / 30)
+    write_log(replace(log(), motor_position=still), tmp_path / "still.npz")
+    rows = stacked(
+        [rows for _, rows in regressions_of_parts(opened(tmp_path / "still.npz"), {"": actuator})]
+    )
+    assert np.min(rows.time) > 1.8
+
+
+def test_joint_that_never_moves(tmp_path: Path) -> None:
+    still = log().motor_position.copy()
+    still[:, 1] = 0.1
+    write_log(replace(log(), motor_position=still), tmp_path / "log.npz")
+    words = r"0 rows \(1\d\d more are near standstill\) cannot determine 4 .* with more motion"
+    with pytest.raises(IdentificationError, match=words):
+        stream_estimate([opened(tmp_path / "log.npz")], actuator)

@@ -20,6 +20,7 @@ from seaid.estimation.instrumental_variables import (
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
+from tests.plants import regression
 from tests.standard_errors import check_scores
 
 TRUTH = np.array([2.0, -1.0, 0.5])
@@ -37,17 +38,8 @@ def experiment(
     H[:, 1] += noise * rng.normal(size=len(H))
     Z = exact + 0.5 * noise * rng.normal(size=exact.shape)
     joint = np.repeat(np.arange(float(len(stds))), count)
-    rows = Regression(
-        names=("a", "b", "c"),
-        units=("kg",) * 3,
-        H=H,
-        y=exact @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)),
-        joint=joint,
-        time=np.tile(0.05 * np.arange(count), len(stds)),
-        run=np.zeros(len(H)),
-        excluded=0,
-        propagated=np.empty((len(H), 0)),
-    )
+    y = exact @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H))
+    rows = regression(H, y, joint=joint)
     return rows, Z
 
 
@@ -152,17 +144,8 @@ def currents(seed: int, noise: tuple[float, ...], count: int = 400) -> tuple[Reg
     H = np.zeros((n, count, 2 * n))
     for e in range(n):
         H[e, :, e], H[e, :, n + e] = measured[e], -v[e]
-    rows = Regression(
-        names=tuple(f"k{e}" for e in range(n)) + tuple(f"f{e}" for e in range(n)),
-        units=("N m",) * (2 * n),
-        H=H.reshape(-1, 2 * n),
-        y=y.ravel(),
-        joint=np.repeat(np.arange(float(n)), count),
-        time=np.tile(0.05 * np.arange(count), n),
-        run=np.zeros(n * count),
-        excluded=0,
-        propagated=np.empty((n * count, 0)),
-    )
+    joint = np.repeat(np.arange(n), count)
+    rows = regression(H.reshape(-1, 2 * n), y.ravel(), unit="N m", joint=joint)
     return rows, np.concatenate([k, f])
 
 

@@ -13,32 +13,20 @@ from seaid._arrays import Array
 from seaid.checks import noise_findings
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
-from seaid.estimation.least_squares import ordinary, weighted
+from seaid.estimation.least_squares import (
+    equal_weights,
+    ordinary,
+    orthonormal,
+    settled_weights,
+    solve,
+    weighted,
+)
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.regressor.regression import Regression
+from tests.plants import regression
 from tests.standard_errors import check_scores
 
 TRUTH = np.array([2.0, -1.0, 0.5])
-
-
-def rows(
-    H: Array, y: Array, joint: Array | None = None, propagated: Array | None = None
-) -> Regression:
-    """Return a regression whose rows follow each other in time, joint by joint."""
-    joint = np.zeros(len(y)) if joint is None else joint
-    time = np.empty(len(y))
-    for one in np.unique(joint):
-        time[joint == one] = 0.05 * np.arange(np.sum(joint == one))
-    return Regression(
-        names=tuple("abcdef"[: H.shape[1]]),
-        units=("kg",) * H.shape[1],
-        H=H,
-        y=y,
-        joint=joint,
-        time=time,
-        run=np.zeros(len(y)),
-        excluded=0,
-        propagated=np.empty((len(y), 0)) if propagated is None else propagated,
-    )
 
 
 def experiment(seed: int, stds: tuple[float, ...] = (1.0,), count: int = 300) -> Regression:
@@ -46,7 +34,7 @@ def experiment(seed: int, stds: tuple[float, ...] = (1.0,), count: int = 300) ->
     rng = np.random.default_rng(seed)
     H = rng.normal(size=(count * len(stds), 3))
     joint = np.repeat(np.arange(float(len(stds))), count)
-    return rows(H, H @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)), joint)
+    return regression(H, H @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)), joint=joint)
 
 
 @pytest.mark.rounding
@@ -63,7 +51,7 @@ def test_ordinary_is_least_squares() -> None:
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_estimator_is_exact_without_noise(name: LinearEstimator) -> None:
     H = experiment(0).H
-    exact = ESTIMATORS[name].solve(rows(H, H @ TRUTH), None)
+    exact = ESTIMATORS[name].solve(regression(H, H @ TRUTH), None)
     assert exact.values == pytest.approx(TRUTH, rel=1e-12)
 
 
@@ -92,7 +80,7 @@ def test_condition_number_is_that_of_unit_columns() -> None:
     H = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]) * [7.0, 1e-3]
     sine = np.sqrt(0.5)
     expected = np.sqrt((1 + sine) / (1 - sine))
-    assert ordinary(rows(H, np.ones(3))).condition_number == pytest.approx(expected)
+    assert ordinary(regression(H, np.ones(3))).condition_number == pytest.approx(expected)
 
 
 def test_weighted_is_the_textbook_with_the_weights_of_its_own_residuals() -> None:
@@ -150,7 +138,7 @@ def test_standard_errors_are_the_spread_over_experiments_when_noise_is_correlate
     for seed in range(700):
         rng = np.random.default_rng(seed)
         H, noise = (np.convolve(rng.normal(size=1009), kernel, "valid") for _ in range(2))
-        found = ordinary(rows(H[:, None], 2 * H + noise))
+        found = ordinary(regression(H[:, None], 2 * H + noise))
         scores.append((found.values - 2) / found.standard_errors)
         white.append((found.values - 2) * np.linalg.norm(H) / found.residual_std)
     check_scores(scores)
@@ -162,7 +150,7 @@ def test_uncertainty_of_the_target_is_carried_along(estimator: type) -> None:
     """y was computed with a factor known to 10 %: so are the parameters."""
     H = experiment(5).H
     y = H @ TRUTH
-    data = rows(H, y, propagated=y[:, None])
+    data = regression(H, y, propagated=y[:, None])
     found = estimator(data, np.array([[0.01]]))
     assert found.covariance == pytest.approx(0.01 * np.outer(TRUTH, TRUTH), rel=1e-9)
 
@@ -190,24 +178,11 @@ def test_columns_with_noise_of_their_own_do_not_take_it_away() -> None:
 
 def test_few_independent_rows_are_flagged() -> None:
     rng = np.random.default_rng(0)
-    data = rows(rng.normal(size=(7, 5)), rng.normal(size=7))
+    data = regression(rng.normal(size=(7, 5)), rng.normal(size=7))
     (warning,) = noise_findings(ordinary(data))
     assert (warning.code, warning.severity) == ("few-rows", "doubtful")
     assert "5 parameters were estimated from" in warning.message
     assert not noise_findings(ordinary(experiment(5)))
-
-
-def test_too_few_rows_say_how_many_and_what_to_do() -> None:
-    with pytest.raises(IdentificationError, match="2 rows cannot determine 3 parameters: record"):
-        ordinary(rows(np.ones((2, 3)), np.ones(2)))
-
-
-@pytest.mark.rounding
-def test_column_of_zeros_is_named() -> None:
-    H = experiment(6).H.copy()
-    H[:, 1] = 0.0
-    with pytest.raises(ExcitationError, match="the motion does not excite b: move these joints"):
-        ordinary(rows(H, np.ones(len(H))))
 
 
 @pytest.mark.rounding
@@ -216,7 +191,7 @@ def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
     H = experiment(7).H.copy()
     H[:, 2] = 3 * H[:, 0]
     with pytest.raises(ExcitationError, match="combination of a, c is unidentifiable") as caught:
-        estimator(rows(H, np.ones(len(H))))
+        estimator(regression(H, np.ones(len(H))))
     assert "(a - 3 c; " in str(caught.value) or "(c - 0.33 a; " in str(caught.value)
     assert "torque_joints=" in str(caught.value)
     assert "needed 1e-07" in str(caught.value)
@@ -241,23 +216,9 @@ def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
         ordinary(replace(named, joint=named.joint + 2))
 
 
-@pytest.mark.rounding
-@pytest.mark.parametrize("estimator", [ordinary, weighted])
-def test_constant_torque_and_regressor_leave_everything_open(estimator: type) -> None:
-    H = np.tile([1.0, 2.0, 3.0], (100, 1))
-    with pytest.raises(ExcitationError, match="combination of a, b, c is unidentifiable"):
-        estimator(rows(H, np.full(100, 4.0)))
-
-
 def test_constant_torque_with_a_moving_regressor_has_an_answer() -> None:
     H = np.column_stack([experiment(9).H[:, :2], np.ones(300)])
-    assert ordinary(rows(H, np.full(300, 4.0))).values == pytest.approx([0, 0, 4], abs=1e-12)
-
-
-@pytest.mark.rounding
-def test_everything_dead_is_named() -> None:
-    with pytest.raises(ExcitationError, match="does not excite a, b, c: move these joints"):
-        weighted(rows(np.zeros((50, 3)), np.ones(50)))
+    assert ordinary(regression(H, np.full(300, 4.0))).values == pytest.approx([0, 0, 4], abs=1e-12)
 
 
 def test_joint_with_few_rows_gets_finite_errors() -> None:
@@ -267,5 +228,105 @@ def test_joint_with_few_rows_gets_finite_errors() -> None:
     H = data.H[few].copy()
     H[data.joint[few] == 0, 0] = 0.0  # two rows of joint 1 are all that tells this parameter
     H[data.joint[few] == 1, 1:] = 0.0
-    found = weighted(rows(H, data.y[few], data.joint[few]))
+    found = weighted(regression(H, data.y[few], joint=data.joint[few]))
     assert np.all(np.isfinite(found.covariance))
+
+
+# Weights of equations by cheap turns: their residuals are those of the whole solution
+
+
+def qr_factor(seed: int, badly: float = 1.0) -> QRFactor:
+    """Return what four equations of 40 rows tell of six columns; the noise of each is its own."""
+    rng = np.random.default_rng(seed)
+    joint = np.repeat(np.arange(4), 40)
+    H = rng.normal(size=(160, 6)) * np.logspace(0, 6, 6)
+    H[:, 5] = 1e6 * H[:, 0] + badly * rng.normal(size=160)
+    noise = np.array([0.1, 1.0, 10.0, 300.0])[joint] * rng.normal(size=160)
+    y = H @ rng.normal(size=6) / np.logspace(0, 6, 6).sum() + noise
+    return qr_factor_of(regression(H, y, joint=joint))
+
+
+def weights_one_by_one(found: QRFactor) -> Array:
+    weights = equal_weights(found)
+    for _ in range(1000):
+        std = found.residual_norms(solve(found, weights).values) / np.sqrt(found.counts)
+        new = np.max(std) / std
+        if np.allclose(new, weights, rtol=1e-6):
+            return new
+        weights = new
+    raise AssertionError("not settled")
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("badly", [1e6, 1.0])
+def test_residuals_are_those_of_the_whole_solution(
+    monkeypatch: pytest.MonkeyPatch, seed: int, badly: float
+) -> None:
+    found = qr_factor(seed, badly)
+    cheap = orthonormal(found, solve(found, equal_weights(found)).values)
+    assert cheap.products is not None
+    assert np.sum(cheap.products, axis=0) == pytest.approx(np.eye(6), abs=1e-8)
+    weights = np.random.default_rng(seed).uniform(1, 1000, 4)
+    norms = cheap.residual_norms(weights)
+    assert norms == pytest.approx(found.residual_norms(solve(found, weights).values), rel=1e-8)
+    assert cheap.residual_norms(np.array([1.0, 1.0, 1.0, 1e5])) is None
+    monkeypatch.setattr("seaid.estimation.least_squares._LARGEST_PRODUCTS", 0)
+    large = orthonormal(found, solve(found, equal_weights(found)).values)
+    assert large.products is None
+    assert large.residual_norms(weights) == pytest.approx(norms, rel=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_weights_settle_where_they_did(seed: int) -> None:
+    found = qr_factor(seed)
+    assert settled_weights(found) == pytest.approx(weights_one_by_one(found), rel=1e-8)
+
+
+def undriven(noise: float, seed: int = 0) -> QRFactor:
+    """Return a driven equation, and one without a torque whose columns are noisy.
+
+    The true parameters are ones; zero parameters satisfy the second equation exactly.
+    """
+    rng = np.random.default_rng(seed)
+    own, shared = rng.normal(size=(2, 400))
+    driven = np.column_stack([own, 0.3 * shared, np.zeros(400)])
+    free = np.column_stack([np.zeros(400), shared, -shared])
+    y = np.append(driven.sum(axis=1), np.zeros(400))
+    H = np.vstack([driven, free]) + noise * rng.normal(size=(800, 3))
+    joint = np.repeat([0.0, 1.0], 400)
+    return qr_factor_of(regression(H, y + 1e-3 * rng.normal(size=800), joint=joint))
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.3, 0.45])
+def test_equation_without_a_torque_does_not_get_all_weight(noise: float) -> None:
+    """Its weight made all parameters zero at noise of 0.3."""
+    found = undriven(noise)
+    weights = settled_weights(found)
+    assert np.max(weights) < 2.5
+    unweighted = solve(found, equal_weights(found)).values
+    assert np.all(solve(found, weights).values > 0.4 * unweighted)
+    if noise < 0.2:  # it does no harm: the weights are those of the residuals
+        assert weights == pytest.approx(weights_one_by_one(found), rel=1e-8)
+
+
+# What rows do not tell
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize(
+    ("H", "words"),
+    [
+        (np.ones((2, 3)), "2 rows cannot determine 3 parameters: record"),
+        (experiment(6).H * [1, 0, 1], "the motion does not excite b: move these joints"),
+        (np.zeros((50, 3)), "does not excite a, b, c: move these joints"),
+        (np.tile([1.0, 2.0, 3.0], (100, 1)), "combination of a, b, c is unidentifiable"),
+        (experiment(6).H[:, [0, 1, 0]], "combination of a, c is unidentifiable"),
+        (np.where(np.arange(300)[:, None] == 5, [1, np.nan, 1], 0.0), "not finite: b"),
+    ],
+)
+def test_every_estimator_names_what_rows_do_not_tell(
+    name: LinearEstimator, H: Array, words: str
+) -> None:
+    with pytest.raises((IdentificationError, ExcitationError), match=words):
+        ESTIMATORS[name].solve(regression(H, np.linspace(1.0, 2.0, len(H))), None)
