@@ -23,9 +23,8 @@ from seaid.drives import (
     drives_from_mapping,
     spring_curve,
 )
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import motor_equation, spring_force
-from seaid.drives.functions import friction_curve, smooth_columns, spring_curve
+from seaid.drives.functions import friction_curve, smooth_columns
 from seaid.drives.regressor import drive_regressor
 from seaid.drives.symbols import Dahl, after_travel, states
 from seaid.errors import RobotError

@@ -283,14 +283,8 @@ def test_values_are_read_under_keys_with_units() -> None:
     [
         ({"spring": ["linear", "quintic"]}, "no spring term is named 'quintic'"),
         ({"spring": ["dead_zone"]}, "needs a stiffness term"),
-        (
-            {"friction": ["coulomb", "smooth_coulomb"]},
-            "shifted_coulomb, dahl, found coulomb, smooth_coulomb",
-        ),
-        (
-            {"spring": ["linear", "dead_zone", "smooth_dead_zone"]},
-            "one of dead_zone, smooth_dead_zone, found dead_zone, smooth_dead_zone",
-        ),
+        ({"friction": ["coulomb", "smooth_coulomb"]}, "dahl, found coulomb, smooth_coulomb"),
+        ({"spring": ["linear", "dead_zone", "smooth_dead_zone"]}, "found dead_zone, smooth_dead_z"),
         ({"presliding_angle_rad": 0.1}, "but the drive lacks the term 'dahl' of friction"),
         ({"motor_input": "volts"}, "no motor input is named 'volts'; did you mean 'voltage'?"),
         ({"parallel_spring": ["cubic"]}, "no parallel spring term is named 'cubic'"),
@@ -305,7 +299,7 @@ def test_values_are_read_under_keys_with_units() -> None:
         ({"transmission": {"knee": "one"}}, "transmission 'knee' must be a number, found 'one'"),
         (
             {"friction": ["load"], "load_friction": -1.0},
-            "'load_friction' must be zero or more and finite, found -1.0",
+            "must be zero or more and finite",
         ),
     ],
 )

@@ -162,6 +162,7 @@ def changed(content: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
 
 
 ROTARY = {"type": "series_elastic", "gear_ratio": 10.0, "stiffness_Nm_per_rad": 70.0}
+RACK = {"type": "stiff", "gear_ratio_rad_per_m": 3.0}
 SLIDING, TURNING = (
     KNOWN.joint_names[KNOWN.is_prismatic.index(is_prismatic)] for is_prismatic in (True, False)
 )
@@ -174,16 +175,8 @@ SLIDING, TURNING = (
         ("drive_tables", ..., "key 'drive_tables' is missing"),
         ("drive_tables", [], r"drive_tables must be an object, found \[\]"),
         ("drive_tables.more", ROTARY, "drive_tables: no key is named 'more'"),
-        (
-            f"drive_tables.{SLIDING}",
-            ROTARY,
-            f"joint '{SLIDING}' is prismatic: its elastic drive has",
-        ),
-        (
-            f"drive_tables.{TURNING}",
-            {"type": "stiff", "gear_ratio_rad_per_m": 3.0},
-            "found gear_ratio_",
-        ),
+        (f"drive_tables.{SLIDING}", ROTARY, f"joint '{SLIDING}' is prismatic: its elastic drive h"),
+        (f"drive_tables.{TURNING}", RACK, "found gear_ratio_"),
         (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
         (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
         (f"drive_tables.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),

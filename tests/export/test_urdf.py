@@ -166,30 +166,52 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.parameters, parameters, rtol=1e-12)
 
 
-def test_the_source_must_be_the_robots_own(tmp_path: Path) -> None:
+def moved(folder: Path, text: str | None = None, name: str = "leg.urdf") -> dict[str, Path]:
+    """Put another file in the place of the robot's own, or beside it; return it as source=."""
+    (folder / name).unlink(missing_ok=True)
+    if text is not None:
+        (folder / name).write_text(text)
+    return {} if name == "leg.urdf" else {"source": folder / name}
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "out", "words"),
+    [
+        (('"hip"', '"hop"'), "other.urdf", "out.urdf", "named 'hip'; did you mean 'hop'"),
+        (('"thigh"', '"femur"'), "o.urdf", "out.urdf", "moves link 'femur', in the robot it moves"),
+        (('<child link="camera"/>', '<child link="eye"/>'), "leg.urdf", "out.urdf", "link 'eye', "),
+        (None, "leg.urdf", "out.urdf", r"no URDF file at '.*leg\.urdf'"),
+        ((FIXED[700:], ""), "leg.urdf", "out.urdf", r"leg\.urdf' is not well-formed XML"),
+        (("", ""), "leg.urdf", "./leg.urdf", r"leg.urdf' is the source URDF: name another file"),
+        (("", ""), "out.toml", "out.urdf", r"out\.toml' is the source URDF"),
+        (
+            ("", ""),
+            "leg.urdf",
+            "out.toml",
+            r"no name for a URDF: name a file that ends in \.urdf",
+        ),
+        (("", ""), "leg.urdf", "OUT.TOML", "is no name for a URDF"),
+        (("", ""), "leg.urdf", "", "is no name for a URDF"),
+    ],
+)
+def test_files_that_do_not_fit_are_named_and_left(
+    change: tuple[str, str] | None, name: str, out: str, words: str, tmp_path: Path
+) -> None:
     robot = fixed_robot(tmp_path)
-    other = tmp_path / "other.urdf"
-    other.write_text(FIXED.replace('"hip"', '"hop"'))
-    with pytest.raises(RobotError, match="no joint is named 'hip'; did you mean 'hop'"):
-        write_urdf(robot, tmp_path / "out.urdf", source=other)
-    other.write_text(FIXED.replace('"thigh"', '"femur"'))
-    with pytest.raises(RobotError, match="moves link 'femur', in the robot it moves 'thigh'"):
-        write_urdf(robot, tmp_path / "out.urdf", source=other)
+    options = moved(tmp_path, FIXED.replace(*change) if change else None, name)
+    before = {path: path.read_text() for path in tmp_path.iterdir()}
+    with pytest.raises(RobotError, match=words):
+        write_urdf(robot, tmp_path / out if out else "", **options)
+    assert {path: path.read_text() for path in tmp_path.iterdir()} == before
+
+
+def test_robots_without_a_file_or_bodies_are_refused(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
     with pytest.raises(RobotError, match="name its URDF with source="):
         write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
-    with pytest.raises(RobotError, match="no inertial parameters to write"):
-        write_urdf(robot.without_nominal(), tmp_path / "out.urdf")
-    (tmp_path / "leg.urdf").unlink()
-    with pytest.raises(RobotError, match="no URDF file at"):
-        write_urdf(robot, tmp_path / "out.urdf")
-
-
-def test_an_unwritable_folder_leaves_nothing_behind(tmp_path: Path) -> None:
-    robot = fixed_robot(tmp_path)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(SeaidError, match="cannot write"):
-        write_urdf(robot, tmp_path / "file" / "out.urdf")
-    assert (tmp_path / "file").read_text() == ""
+    for write in (write_urdf, write_mjcf):
+        with pytest.raises(RobotError, match="no inertial parameters to write"):
+            write(robot.without_nominal(), tmp_path / "out.urdf")
 
 
 def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,22 +232,6 @@ def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.M
                 write_urdf(robot, tmp_path / "out.urdf")
         assert [(tmp_path / f"out.{end}").read_text() for end in ("urdf", "toml")] == ["old"] * 2
         assert len(list(tmp_path.iterdir())) == 3
-
-
-def test_the_file_that_is_taken_is_not_written_over(tmp_path: Path) -> None:
-    robot = fixed_robot(tmp_path)
-    with pytest.raises(RobotError, match=r"leg.urdf' is the source URDF: name another file"):
-        write_urdf(robot, tmp_path / "." / "leg.urdf")
-    assert (tmp_path / "leg.urdf").read_text() == FIXED
-
-
-def test_a_link_that_is_not_there_is_told(tmp_path: Path) -> None:
-    robot = fixed_robot(tmp_path)
-    (tmp_path / "leg.urdf").write_text(
-        FIXED.replace('<child link="camera"/>', '<child link="eye"/>')
-    )
-    with pytest.raises(RobotError, match="joint 'mount' names link 'eye', which is not there"):
-        write_urdf(robot, tmp_path / "out.urdf")
 
 
 def test_meshes_named_relative_to_the_file_are_told_where_they_would_be_lost(
@@ -287,12 +293,6 @@ def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
 
 
-@pytest.mark.parametrize("robot", [leg(), arm()], ids=lambda robot: robot.name)
-def test_drives_survive_their_file(robot: Robot, tmp_path: Path) -> None:
-    write_drives(robot.drives, tmp_path / "drives.toml")
-    assert load_robot(robot.urdf or MODELS, tmp_path / "drives.toml").drives == (robot.drives)
-
-
 def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
     drives: dict[str, Drive] = {
         "a": SeriesElasticDrive(
@@ -310,8 +310,9 @@ def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
             gear_ratio=2.0, motor_input="current", friction=(), extra_terms=("c*theta_M_dot**3",)
         ),
     }
-    write_drives(drives, tmp_path / "drives.toml")
-    assert read_drives(tmp_path / "drives.toml") == drives
+    for one in (drives, leg().drives, arm().drives):
+        write_drives(one, tmp_path / "drives.toml")
+        assert read_drives(tmp_path / "drives.toml") == one
 
 
 # Odd robots, odd paths
@@ -390,34 +391,6 @@ def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_p
     assert {link.name for link in read.links} >= {"base", *robot.body_names}
     assert lines[0] == '<?xml version="1.0"?>'
     assert any("<mujoco/>" in line for line in lines)
-
-
-@pytest.mark.parametrize("name", ["out.toml", "", "OUT.TOML"])
-def test_a_path_that_is_no_urdf_is_refused(tmp_path: Path, name: str) -> None:
-    robot = fixed_robot(tmp_path)
-    with pytest.raises(RobotError, match=r"is no name for a URDF: name a file that ends in \.urdf"):
-        write_urdf(robot, tmp_path / name if name else "")
-
-
-def test_drives_are_not_written_over_the_file_that_is_taken(tmp_path: Path) -> None:
-    robot = fixed_robot(tmp_path)
-    (tmp_path / "leg.urdf").rename(tmp_path / "leg.toml")
-    with pytest.raises(RobotError, match=r"leg\.toml' is the source URDF"):
-        write_urdf(robot, tmp_path / "leg.urdf", source=tmp_path / "leg.toml")
-    assert (tmp_path / "leg.toml").read_text() == FIXED
-
-
-@pytest.mark.parametrize("harm", ["gone", "cut", "folder"])
-def test_a_source_that_is_gone_or_damaged_meanwhile_is_said(tmp_path: Path, harm: str) -> None:
-    robot, path = fixed_robot(tmp_path), tmp_path / "leg.urdf"
-    path.unlink()
-    if harm == "cut":
-        path.write_text(FIXED[:700])
-    if harm == "folder":
-        path.mkdir()
-    with pytest.raises(RobotError, match=r"leg\.urdf'"):
-        write_urdf(robot, tmp_path / "out.urdf")
-    assert not (tmp_path / "out.urdf").exists()
 
 
 def test_a_stiff_drive_without_a_ratio_is_written_with_the_one_it_has(tmp_path: Path) -> None:

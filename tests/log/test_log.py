@@ -1,6 +1,5 @@
 """Log, read_log and write_log: round trips, foreign columns, and what is wrong named."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -112,20 +111,6 @@ def test_prismatic_joint_has_metres_and_newtons(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.joint_position[:, 0], VALUES[:, 1])
     np.testing.assert_array_equal(log.joint_torque[:, 0], VALUES[:, 2])
     assert np.all(np.isnan(log.motor_position))
-
-
-def test_failing_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("old")
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savetxt", full)
-    with pytest.raises(SeaidError, match=r"cannot write '.*log\.csv': No space left on device"):
-        write_log(log_of(), path)
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["log.csv"]
 
 
 def test_log_cannot_be_written_in_an_unknown_format_or_place(tmp_path: Path) -> None:

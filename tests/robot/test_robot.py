@@ -177,42 +177,31 @@ def test_payload_adds_to_the_known_side_and_not_to_the_parameters(write_chain: C
     assert np.max(np.abs(total - joint_torques(plain, *state))) > 1.0
 
 
-@pytest.mark.parametrize(
-    ("mass", "words"),
-    [
-        (0.0, "payload on 'foot' must have a mass of more than zero, found 0.0"),
-        (-2.0, "payload on 'foot' must have a mass of more than zero, found -2.0"),
-        (np.nan, "mass of the payload on 'foot' must be finite, found nan"),
-        (np.inf, "mass of the payload on 'foot' must be finite, found inf"),
-        ("2", "mass of the payload on 'foot' must be a number, found '2'"),
-    ],
-)
-def test_payload_of_impossible_mass_is_refused(mass: float, words: str) -> None:
-    with pytest.raises(RobotError, match=words):
-        Payload("foot", mass)
-
-
-def test_payload_of_impossible_shape_is_refused() -> None:
-    with pytest.raises(RobotError, match=r"com of the payload on 'foot' must .*found \[nan, 0.0"):
-        Payload("foot", 1.0, (np.nan, 0.0, 0.0))
-    with pytest.raises(RobotError, match=r"com of the payload on 'foot' must have shape \(3\)"):
-        Payload("foot", 1.0, (0.0, 0.0))  # type: ignore[arg-type]
-    with pytest.raises(RobotError, match=r"inertia of .*'foot' must be a symmetric matrix"):
-        Payload("foot", 1.0, inertia=((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    with pytest.raises(RobotError, match="without negative principal moments"):
-        Payload("foot", 1.0, inertia=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+SKEW = ((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+HUGE = ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))
+NEGATIVE = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+HERE = (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
     ("payload", "words"),
     [
-        ((1e10, (0.0, 0.0, 0.0)), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
-        ((1e-320, (0.0, 0.0, 0.0)), "mass of the payload on 'foot' is out of range"),
+        ((0.0,), "payload on 'foot' must have a mass of more than zero, found 0.0"),
+        ((-2.0,), "payload on 'foot' must have a mass of more than zero, found -2.0"),
+        ((np.nan,), "mass of the payload on 'foot' must be finite, found nan"),
+        ((np.inf,), "mass of the payload on 'foot' must be finite, found inf"),
+        (("2",), "mass of the payload on 'foot' must be a number, found '2'"),
+        ((1e10,), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
+        ((1e-320,), "mass of the payload on 'foot' is out of range"),
+        ((1.0, (np.nan, 0.0, 0.0)), r"com of the payload on 'foot' must .*found \[nan, 0.0"),
+        ((1.0, (0.0, 0.0)), r"com of the payload on 'foot' must have shape \(3\)"),
         ((1.0, (0.0, -1e200, 0.0)), r"com .*, found 1e\+200: allowed are 0 to 10000 m"),
-        ((1.0, (0.0, 0.0, 0.0), ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))), "inertia of"),
+        ((1.0, HERE, SKEW), r"inertia of .*'foot' must be a symmetric matrix"),
+        ((1.0, HERE, NEGATIVE), "without negative principal moments"),
+        ((1.0, HERE, HUGE), "inertia of"),
     ],
 )
-def test_payload_of_absurd_size_is_refused(payload: tuple[Any, ...], words: str) -> None:
+def test_payload_that_cannot_be_is_refused(payload: tuple[Any, ...], words: str) -> None:
     with pytest.raises(RobotError, match=words):
         Payload("foot", *payload)
 

@@ -81,14 +81,6 @@ def test_a_file_of_another_kind_says_what_makes_it_a_urdf(
     assert f"'{path}' {words}" in refusal(path) or words in refusal(path)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_a_byte_order_mark_is_no_problem(tmp_path: Path, encoding: str) -> None:
-    path = tmp_path / "leg.urdf"
-    text = LEG.read_text().replace('encoding="utf-8"', f'encoding="{encoding[:6].rstrip("-")}"')
-    path.write_bytes(text.encode(encoding))
-    same(load_robot(path), load_robot(LEG))
-
-
 # xacro
 
 XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
