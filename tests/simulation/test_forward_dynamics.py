@@ -41,9 +41,8 @@ from seaid.simulation.plant import (
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import wiggle
 from tests.representatives import quick_first
+from tests.simulation.swings import SLIDER, Chain, pendulum, run
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, with_terms
-
-Chain = Callable[..., Path]
 
 DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
@@ -195,18 +194,6 @@ def test_accelerations_satisfy_the_equations(term: str, is_coupled: bool, tmp_pa
             assert np.max(np.abs(residuals(robot, plant, state, torque))) < 1e-9
 
 
-def run(
-    plant: Plant, state: Array, torque: Callable[[float], Array], duration: float, step: float
-) -> Array:
-    """Return the states (T, 4, n) under motor torques of time."""
-    data, states = plant.model.createData(), [state]
-    for tick in range(round(duration / step)):
-        now, then = torque(tick * step), torque((tick + 1) * step)
-        state = advance(plant, data, state, now, (then - now) / step, step)
-        states.append(state)
-    return np.array(states)
-
-
 HYSTERESIS: dict[str, Drive] = {
     "stiff gear": stiff({"presliding_angle": 0.3}, friction=("viscous", "dahl", "load")),
     "elastic gear": elastic({"presliding_angle": 0.3}, friction=("viscous", "dahl", "load")),
@@ -264,14 +251,6 @@ def test_a_stuck_motor_yields_like_its_bristles(write_chain: Chain) -> None:
     assert loaded[-1, POSITION, 0] == pytest.approx(2e-4 * 0.5 / 0.02, rel=0.02)
     back = run(plant, loaded[-1], lambda _: np.zeros(1), 3.0, 1e-3)
     assert abs(back[-1, POSITION, 0]) < 0.02 * loaded[-1, POSITION, 0]  # z^2 w is left
-
-
-PENDULUM = 'revolute <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
-SLIDER = 'prismatic <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
-
-
-def pendulum(write_chain: Chain, drive: Drive, g: float = 9.81) -> Robot:
-    return load_robot(write_chain({"swing": PENDULUM}), {"swing": drive}, gravity=(0, 0, -g))
 
 
 @pytest.mark.slow  # seconds of a swing in short steps
