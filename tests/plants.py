@@ -1,4 +1,4 @@
-"""What many tests measure: rows of equations, and files of columns."""
+"""What many tests measure: trees of joints, rows of equations, and files of columns."""
 
 from __future__ import annotations
 
@@ -41,3 +41,35 @@ def regression(H: Array, y: Array, *, unit: str = "kg", **more: Any) -> Regressi
         "propagated": np.empty((count, 0)),
     }
     return Regression(H=H, y=y, **(plain | more | {"joint": joint}))
+
+
+Bodies = Mapping[str, str] | str
+
+
+def tree(joints: Mapping[str, str], bodies: Bodies = "") -> str:
+    """Return links and joints of a URDF: {joint: "type parent child <elements>"}.
+
+    Parameters
+    ----------
+    joints : {str: str}
+        Each with what it is, the links that it joins, and its elements.
+    bodies : {str: str} or str
+        What stands in a link, or in all that are a child.
+    """
+    ends = {name: text.split(" ", 3) for name, text in joints.items()}
+    links = dict.fromkeys(link for _, *pair in ends.values() for link in pair[:2])
+    children = {child for _, _, child, *_ in ends.values()}
+    own = dict.fromkeys(children, bodies) if isinstance(bodies, str) else bodies
+    text = "".join(f'<link name="{link}">{own.get(link, "")}</link>' for link in links)
+    for name, (kind, parent, child, *elements) in ends.items():
+        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/>{"".join(elements)}</joint>'
+    return text
+
+
+def write_robot(
+    path: Path, joints: Mapping[str, str], bodies: Mapping[str, str] | str = ""
+) -> Path:
+    """Write a URDF of a `tree`, its name that of the file."""
+    path.write_text(f'<robot name="{path.stem}">{tree(joints, bodies)}</robot>', encoding="utf-8")
+    return path

@@ -23,6 +23,7 @@ from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
+from tests.plants import write_robot
 
 TIME = np.arange(200) / 100
 ROTARY = {"type": "series_elastic", "gear_ratio": 100}
@@ -35,16 +36,12 @@ def robot_of(
     folder: Path, drive: Table, joints: tuple[str, ...] = ("arm",), kind: str = "continuous"
 ) -> Robot:
     limits = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
-    text, parent = '<link name="base"/>', "base"
-    for joint in joints:
-        text += (
-            f'<link name="body_{joint}">{BODY}</link><joint name="{joint}" type="{kind}">'
-            f"{limits if kind != 'continuous' else ''}"
-            f'<parent link="{parent}"/><child link="body_{joint}"/></joint>'
-        )
-        parent = f"body_{joint}"
-    path = folder / "robot.urdf"
-    path.write_text(f'<robot name="robot">{text}</robot>')
+    parents = ("base", *(f"body_{joint}" for joint in joints))
+    chain = {
+        joint: f"{kind} {parent} body_{joint} {limits if kind != 'continuous' else ''}"
+        for joint, parent in zip(joints, parents, strict=False)
+    }
+    path = write_robot(folder / "robot.urdf", chain, BODY)
     return load_robot(path, dict.fromkeys(joints, drive))
 
 

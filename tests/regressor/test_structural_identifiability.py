@@ -32,6 +32,7 @@ from seaid.regressor.structural_identifiability import (
     identifiability,
 )
 from seaid.robot.robot import Payload, Robot, load_robot
+from tests.plants import tree, write_robot
 from tests.regressor.modular.arithmetic import ResidueNumbers
 from tests.regressor.modular.decision import exact_decision
 from tests.regressor.modular.dynamics import PRIME, residue
@@ -186,13 +187,8 @@ def test_motor_torque_of_one_spring_scales_those_behind_it(write_chain: Chain) -
 
 
 def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
-    text = '<link name="base"/>'
-    for side in ("left", "right"):
-        text += (
-            f'<link name="{side}_arm"/><joint name="{side}" type="continuous"><axis xyz="0 1 0"/>'
-            f'<parent link="base"/><child link="{side}_arm"/></joint>'
-        )
-    robot = load_robot(write_urdf(text), dict.fromkeys(("left", "right"), SPRING))
+    joints = {x: f'continuous base {x}_arm <axis xyz="0 1 0"/>' for x in ("left", "right")}
+    robot = load_robot(write_urdf(tree(joints)), dict.fromkeys(joints, SPRING))
     found = identifiability(robot, BOTH)
     assert [len(group) for group in found.ratios] == [5, 5]
     assert all(len({name.rpartition("right")[1] for name in group}) == 1 for group in found.ratios)
@@ -669,18 +665,14 @@ DRIVE = {"viscous": 3e-4, "inertia": 4e-5, "stiffness": 60.0, "offset": 1.5}
 
 
 def pendulum_about(folder: Path, axis: str) -> seaid.Robot:
-    path = folder / "one.urdf"
-    path.write_text(
-        f"""<robot name="one">
-        <link name="base"/><link name="arm"><inertial>
-        <origin xyz="0.2 0 0"/><mass value="1.2"/>
-        <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-        <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
-        <axis xyz="{axis}"/><limit lower="-3" upper="3" effort="50" velocity="20"/></joint>
-        </robot>"""
+    limit = '<limit lower="-3" upper="3" effort="50" velocity="20"/>'
+    body = (
+        '<inertial><origin xyz="0.2 0 0"/><mass value="1.2"/><inertia ixx="0.01" iyy="0.02" '
+        'izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>'
     )
+    joints = {"j": f'revolute base arm <axis xyz="{axis}"/>{limit}'}
     drive = seaid.SeriesElasticDrive(gear_ratio=RATIO, friction=("viscous",))
-    return seaid.load_robot(path, {"j": drive})
+    return seaid.load_robot(write_robot(folder / "one.urdf", joints, body), {"j": drive})
 
 
 def motor_angles(parameters: Array, start: Array, gravity: float) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from seaid.robot.robot import Robot, load_robot
+from tests.plants import write_robot
 
 SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
 Joint = tuple[str, str, str, str, int]
@@ -26,13 +27,10 @@ joints = st.tuples(
 
 def robot_of(folder: Path, tree: list[Joint], drives: Any = None, **options: Any) -> Robot:
     """Return the robot of a tree, whose joints are j1, j2, ..."""
-    text = '<link name="l0"/>'
-    for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1):
-        text += (
-            f'<link name="l{number}"/><joint name="j{number}" type="{kind}"><axis xyz="{axis}"/>'
-            f'<parent link="l{min(parent, number - 1)}"/><child link="l{number}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}</joint>'
-        )
-    path = folder / "tree.urdf"
-    path.write_text(f'<robot name="tree">{text}</robot>')
+    joints = {
+        f"j{number}": f"{kind} l{min(parent, number - 1)} l{number} "
+        f'<axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}'
+        for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1)
+    }
+    path = write_robot(folder / "tree.urdf", joints)
     return load_robot(path, drives, **options)

@@ -20,6 +20,8 @@ from seaid.symbolic import (
     reduce,
     separate,
 )
+from tests.one_joint import BODY
+from tests.plants import write_robot
 from tests.symbolic.systems import SYSTEMS, Offset, System, arm, coordinates, g, t
 
 Values = dict[sp.Expr, sp.Expr]
@@ -306,22 +308,12 @@ def published_rx90() -> list[sp.Expr]:
 
 def test_rx90_has_the_base_parameters_of_khalil_and_dombre(tmp_path: Path) -> None:
     """Frames of modified Denavit and Hartenberg are those of a URDF with all axes along z."""
-    links = "".join(
-        f'<link name="l{i}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
-        'ixz="0" iyz="0"/></inertial></link>'
-        for i in range(7)
-    )
-    joints = ""
+    joints = {}
     for i, (alpha, d, r) in enumerate(RX90, 1):
-        turn = alpha * pi / 180
-        place = sp.Matrix([d, -sp.sin(sp.rad(alpha)) * r, sp.cos(sp.rad(alpha)) * r])
-        joints += (
-            f'<joint name="q{i}" type="continuous"><parent link="l{i - 1}"/><child link="l{i}"/>'
-            f'<origin xyz="{" ".join(map(str, map(float, place)))}" rpy="{turn} 0 0"/>'
-            '<axis xyz="0 0 1"/></joint>'
-        )
-    path = tmp_path / "rx90.urdf"
-    path.write_text(f'<robot name="rx90">{links}{joints}</robot>')
+        x, y, z = map(float, (d, -sp.sin(sp.rad(alpha)) * r, sp.cos(sp.rad(alpha)) * r))
+        place = f'<origin xyz="{x} {y} {z}" rpy="{alpha * pi / 180} 0 0"/>'
+        joints[f"q{i}"] = f'continuous l{i - 1} l{i} {place}<axis xyz="0 0 1"/>'
+    path = write_robot(tmp_path / "rx90.urdf", joints, BODY)
     exact = base_parameters(load_robot(path))
     assert exact.rank == 36
     names = ["m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"]
