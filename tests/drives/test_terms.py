@@ -17,7 +17,7 @@ from seaid.drives import (
     parameter_of,
     readable,
 )
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, is_dry, unit_of
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive, is_dry, unit_of
 from seaid.drives.equations import (
     dry_friction,
     joint_equation,
@@ -308,14 +308,6 @@ def test_wrong_terms_and_values_are_refused(change: dict[str, object], words: st
     with pytest.raises(RobotError) as caught:
         drives_from_mapping({"knee": table})
     assert words in str(caught.value)
-
-
-def test_every_choice_is_hashable_and_survives_a_round_trip_of_its_values() -> None:
-    drive: Drive = with_own_values(EVERYTHING)
-    assert {drive: 1}[replace(drive)] == 1
-    own = {name: x for name, x in VALUES.items() if name in EVERYTHING.parameter_names}
-    assert drive.values == {**own, "motor_inertia": 1e-5}
-    assert EVERYTHING.with_values(drive.values) == drive
 
 
 def test_columns_carry_their_parameter_and_joint() -> None:

@@ -16,8 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.toml import read_drives, write_drives
+from seaid.drives.drives import StiffDrive
 from seaid.errors import RobotError, SeaidError, SeaidWarning
 from seaid.export.mjcf import write_mjcf
 from seaid.export.urdf import (
@@ -33,7 +32,7 @@ from seaid.export.urdf import (
 )
 from seaid.robot.inertia import from_center_of_mass
 from seaid.robot.robot import Payload, Robot, load_robot
-from tests.experiments import MODELS, arm, leg
+from tests.experiments import MODELS
 
 FIXED = """<?xml version="1.0"?>
 <!-- a leg with a camera -->
@@ -293,28 +292,6 @@ def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
 
 
-def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
-    drives: dict[str, Drive] = {
-        "a": SeriesElasticDrive(
-            gear_ratio=50.0,
-            friction=("coulomb", "stribeck"),
-            spring=("linear", "cubic"),
-            parallel_spring=("linear",),
-            joint_friction=("viscous",),
-            stiffness_Nm_per_rad=80.0,
-            known=("stribeck_speed",),
-            nominal={"stribeck_speed": 0.1, "cubic_stiffness": -3.0, "deflection_zero": 1e-17},
-            transmission={"a": 1.0, "b": -0.5},
-        ),
-        "b": StiffDrive(
-            gear_ratio=2.0, motor_input="current", friction=(), extra_terms=("c*theta_M_dot**3",)
-        ),
-    }
-    for one in (drives, leg().drives, arm().drives):
-        write_drives(one, tmp_path / "drives.toml")
-        assert read_drives(tmp_path / "drives.toml") == one
-
-
 # Odd robots, odd paths
 
 
@@ -391,11 +368,6 @@ def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_p
     assert {link.name for link in read.links} >= {"base", *robot.body_names}
     assert lines[0] == '<?xml version="1.0"?>'
     assert any("<mujoco/>" in line for line in lines)
-
-
-def test_a_stiff_drive_without_a_ratio_is_written_with_the_one_it_has(tmp_path: Path) -> None:
-    write_drives({"hip": StiffDrive(motor_inertia_kg_m2=1e-4)}, tmp_path / "d.toml")
-    assert read_drives(tmp_path / "d.toml")["hip"].ratio == 1.0
 
 
 # XML as text: what changes is changed in its place, all else stays byte by byte

@@ -220,31 +220,6 @@ motor_torque = { column = "hip_pitch.motor_torque_Nm", scale = 1.2, unit = "mNm"
         np.testing.assert_allclose(log.sensors()[name], values, rtol=1e-12)
 
 
-def test_a_clock_without_digits_is_refused_and_the_rate_in_its_place_reads_the_log(
-    tmp_path: Path,
-) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    path = log_file(tmp_path, t=(1.7e9 + TIME).astype(np.float32))
-    wrong = described()
-    assert "in the description of the log: time = { rate_hz = ... }" in error_of(path, robot, wrong)
-    log = read_log(path, robot, description=wrong | {"time": {"rate_hz": 100}})
-    assert log.time == pytest.approx(TIME)
-    assert log.report == ()
-
-
-def test_stamps_with_too_few_digits_become_a_regular_clock(tmp_path: Path) -> None:
-    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    stamps = np.round(1.7e9 + plain.time, 1)
-    path = tmp_path / "own.npz"
-    np.savez(path, time_s=stamps, **plain.columns())  # type: ignore[arg-type]
-    with pytest.raises(LogError, match=r"time_s repeats .* repair=seaid\.Repairs\(\)"):
-        read_log(path, leg())
-    log = read_log(path, leg(), repair=Repairs())
-    np.testing.assert_array_equal(log.motor_torque, plain.motor_torque)
-    np.testing.assert_allclose(np.diff(log.time), np.diff(plain.time), rtol=1e-3)
-    assert [one.kind for one in log.report] == ["stamps with too few digits"]
-
-
 def test_time_of_an_own_file_gets_another_unit(tmp_path: Path) -> None:
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
     path = own_file(tmp_path, leg(), replace(plain, time=1e3 * plain.time))

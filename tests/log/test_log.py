@@ -125,14 +125,6 @@ def test_log_cannot_be_written_in_an_unknown_format_or_place(tmp_path: Path) -> 
 # The same table written otherwise
 
 
-def test_byte_order_mark_quotes_and_windows_lines_are_read(arm: Robot, tmp_path: Path) -> None:
-    lines = [",".join(f'"{name}"' for name in NAMES)]
-    lines += [",".join(map(str, row)) for row in VALUES]
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode())
-    np.testing.assert_array_equal(read_log(path, arm).joint_position[:, 0], VALUES[:, 2])
-
-
 def test_columns_not_asked_for_may_hold_anything(
     arm: Robot, write_csv: Callable[..., Path]
 ) -> None:

@@ -63,39 +63,27 @@ def test_joints_and_torques_are_those_of_pinocchios_own_reader(
     assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
 
 
-def test_chain_of_all_joint_kinds_is_that_of_pinocchios_own_reader(write_chain: Chain) -> None:
-    path = write_chain({**ARM, "tool": "fixed", "tip": "fixed"})
-    robot = load_robot(path)
+@pytest.mark.parametrize(
+    ("joints", "gravity"),
+    [
+        ({**ARM, "tool": "fixed", "tip": "fixed"}, (0.0, 0.0, -9.81)),
+        ({"stand": "fixed", "plate": "fixed", **ARM}, (0.0, 0.0, -9.81)),  # parts of the base
+        (ARM, (1.0, -2.0, 3.0)),
+    ],
+)
+def test_chain_of_all_joint_kinds_is_that_of_pinocchios_own_reader(
+    joints: dict[str, str], gravity: tuple[float, float, float], write_chain: Chain
+) -> None:
+    path = write_chain(joints)
+    robot, theirs = load_robot(path, gravity=gravity), own_reader(path)
     assert robot.joint_names == tuple(ARM)
     assert robot.body_names == ("shoulder_link", "slide_link", "elbow_link", "wrist_link")
     assert robot.is_prismatic == (False, True, False, False)
-    state = states(4)
-    assert_same(joint_torques(robot, *state), pinocchio_torques(own_reader(path), *state))
-
-
-def test_fixed_joints_before_the_first_moving_one_belong_to_the_base(write_chain: Chain) -> None:
-    path = write_chain({"stand": "fixed", "plate": "fixed", **ARM})
-    robot = load_robot(path)
-    state = states(4)
-    assert robot.parameters.shape == (40,)
-    assert_same(joint_torques(robot, *state), pinocchio_torques(own_reader(path), *state))
-
-
-def test_regressor_times_parameters_is_the_inverse_dynamics(write_chain: Chain) -> None:
-    robot = load_robot(write_chain(ARM))
-    state = states(4)
-    assert_same(
-        rigid_body_regressor(robot, *state) @ robot.parameters, joint_torques(robot, *state)
-    )
-
-
-def test_gravity_is_that_asked_for(write_chain: Chain) -> None:
-    path = write_chain(ARM)
-    robot = load_robot(path, gravity=(1.0, -2.0, 3.0))
-    theirs = own_reader(path)
-    theirs.gravity.linear = np.array([1.0, -2.0, 3.0])
+    theirs.gravity.linear = np.array(gravity)
     state = states(4)
     assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
+    Y = rigid_body_regressor(robot, *state)
+    assert_same(Y @ robot.parameters, joint_torques(robot, *state))
 
 
 @pytest.mark.parametrize(
