@@ -7,6 +7,7 @@ import string
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -165,7 +166,7 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.parameters, parameters, rtol=1e-12)
 
 
-def moved(folder: Path, text: str | None = None, name: str = "leg.urdf") -> dict[str, Path]:
+def moved(folder: Path, text: str | None = None, name: str = "leg.urdf") -> dict[str, Any]:
     """Put another file in the place of the robot's own, or beside it; return it as source=."""
     (folder / name).unlink(missing_ok=True)
     if text is not None:

@@ -42,7 +42,7 @@ def test_any_log_is_the_same_to_the_last_bit_after_writing_and_reading(
     folder = tmp_path_factory.mktemp("log")
     robot = one_joint(folder)
     fields = ("motor_position", "joint_position", "motor_torque")
-    data = {name: values[:, [place]] for place, name in enumerate(fields)}
+    data: dict[str, Any] = {name: values[:, [place]] for place, name in enumerate(fields)}
     if missing:
         data[missing] = np.full((50, 1), np.nan)  # no such sensor
     log = Log(np.cumsum(1e-3 + np.arange(50.0) ** 0.3), ("arm",), **data)

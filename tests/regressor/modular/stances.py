@@ -162,8 +162,9 @@ def _axes_and_gravity(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
 
 
 def _motion(linear: Residues, w: Residues, e: Residues) -> BodyMotion:
-    linear, w, e = ((x % PRIME).astype(np.int64) for x in (linear, w, e))
-    return linear, w, e
+    whole = np.stack([linear, w, e]).astype(object) % PRIME
+    first, second, third = whole.astype(np.int64)
+    return first, second, third
 
 
 def _leader_rows(numbers: ResidueNumbers, rows: Words) -> Residues:
