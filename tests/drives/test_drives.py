@@ -171,10 +171,7 @@ TWO_OFFSETS = "friction = ['offset']\nfriction_offset_Nm = 1\nnominal = {frictio
         (f"{STIFF}extra_terms = {[f'c{i}' for i in range(21)]}\n", "21 terms, allowed are 20"),
         (f"{STIFF}friction = {['x' * 5000]}\n", "no friction term is named 'xxx"),
         (f"{STIFF}friction = [['coulomb']]\n", "friction must be a list of texts"),
-        (
-            f"{STIFF}{TWO_OFFSETS}",
-            "found two values of 'friction_offset': one in nominal, one",
-        ),
+        (f"{STIFF}{TWO_OFFSETS}", "found two values of 'friction_offset': one in nominal, one"),
         (f'{STIFF}extra_terms = "c"\n', "extra_terms must be a list of texts, found 'c'"),
     ],
 )

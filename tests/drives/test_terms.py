@@ -9,21 +9,9 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import (
-    FrictionTerm,
-    MotorInput,
-    ParameterName,
-    SpringTerm,
-    parameter_of,
-    readable,
-)
+from seaid.drives import FrictionTerm, MotorInput, ParameterName, SpringTerm, parameter_of, readable
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive, is_dry, unit_of
-from seaid.drives.equations import (
-    dry_friction,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-)
+from seaid.drives.equations import dry_friction, joint_equation, motor_equation, spring_equation
 from seaid.drives.functions import friction_curve
 from seaid.drives.regressor import drive_regressor, non_linear
 from seaid.drives.symbols import PARAMETER_NAMES, SYMBOLS
@@ -297,10 +285,7 @@ def test_values_are_read_under_keys_with_units() -> None:
         ({"nominal": {"stiffness": 1.0}}, "give it as stiffness_Nm_per_rad"),
         ({"nominal": 3}, "nominal must be a table of numbers, found 3"),
         ({"transmission": {"knee": "one"}}, "transmission 'knee' must be a number, found 'one'"),
-        (
-            {"friction": ["load"], "load_friction": -1.0},
-            "must be zero or more and finite",
-        ),
+        ({"friction": ["load"], "load_friction": -1.0}, "must be zero or more and finite"),
     ],
 )
 def test_wrong_terms_and_values_are_refused(change: dict[str, object], words: str) -> None:

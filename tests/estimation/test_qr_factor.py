@@ -14,12 +14,7 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation import scaled_svd
-from seaid.estimation.qr_factor import (
-    QRFactor,
-    combined,
-    qr_factor_of,
-    triangle,
-)
+from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
 from seaid.regressor.regression import Regression
 
 WEIGHTS = np.array([1.0, 3.0, 0.2])

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError
-from seaid.excitation import (
-    Limits,
-    Trajectory,
-    joint_limits,
-    margins,
-)
+from seaid.excitation import Limits, Trajectory, joint_limits, margins
 from seaid.excitation.basis import make_basis
 from seaid.excitation.limits import (
     DRIVE_KINDS,
@@ -171,10 +166,7 @@ def test_loads_are_those_of_the_simulated_leg(elastic_leg: Robot) -> None:
     elastic = slice(2, 5)
     inside = slice(100, -100)
     ratio = limits.drives.ratio[elastic]
-    for kind, simulated in (
-        (1, motion.motor_torque),
-        (2, motion.motor_velocity),
-    ):
+    for kind, simulated in ((1, motion.motor_torque), (2, motion.motor_velocity)):
         off = loads[kind, inside, elastic] - simulated[inside, elastic]
         size = np.linalg.norm(simulated[inside, elastic], axis=0)
         assert np.all(np.linalg.norm(off, axis=0) < 0.01 * size)

@@ -184,12 +184,7 @@ def moved(folder: Path, text: str | None = None, name: str = "leg.urdf") -> dict
         ((FIXED[700:], ""), "leg.urdf", "out.urdf", r"leg\.urdf' is not well-formed XML"),
         (("", ""), "leg.urdf", "./leg.urdf", r"leg.urdf' is the source URDF: name another file"),
         (("", ""), "out.toml", "out.urdf", r"out\.toml' is the source URDF"),
-        (
-            ("", ""),
-            "leg.urdf",
-            "out.toml",
-            r"no name for a URDF: name a file that ends in \.urdf",
-        ),
+        (("", ""), "leg.urdf", "out.toml", r"no name for a URDF: name a file that ends in \.urdf"),
         (("", ""), "leg.urdf", "OUT.TOML", "is no name for a URDF"),
         (("", ""), "leg.urdf", "", "is no name for a URDF"),
     ],

@@ -771,11 +771,7 @@ def table(path: Path) -> dict[str, Array]:
 
 def hebi_channels(name: str) -> list[Channel]:
     columns = table(LOGS / "hebi_arms" / f"{name}.npz")
-    sensors = {
-        "pos": "joint_position_rad",
-        "mpos": "motor_position_rad",
-        "eff": "joint_torque_Nm",
-    }
+    sensors = {"pos": "joint_position_rad", "mpos": "motor_position_rad", "eff": "joint_torque_Nm"}
     return [
         Channel(f"joint_{joint}.{ours}", columns[f"t_tx_{joint}"], columns[f"{theirs}_{joint}"])
         for joint in range(5)

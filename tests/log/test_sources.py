@@ -158,11 +158,7 @@ def test_a_first_project_lists_the_files_of_one_log(arm: Robot, tmp_path: Path) 
     [
         ([], {}, "path= is an empty list: name the files of the log"),
         (["a.csv", "b/a.csv"], {}, "need names of their own, found a.csv, a.csv"),
-        (
-            ["a.csv", "b.csv"],
-            {},
-            "several files have a column 'q': write 'a.csv:q' or 'b.csv:q'",
-        ),
+        (["a.csv", "b.csv"], {}, "several files have a column 'q': write 'a.csv:q' or 'b.csv:q'"),
         (["a.csv", "no.csv"], {}, "no log file at"),
         ("none.toml", {"files": 3}, "files must be a list of names of files, found 3"),
     ],

@@ -42,20 +42,13 @@ ARMS = {
     "talos_left_arm.urdf": 45,
     "double_pendulum.urdf": 6,
 }
-TREES = {
-    "talos_full_v2.urdf": 290,
-    "romeo.urdf": 361,
-    "g1_29dof_with_hand_rev_1_0.urdf": 287,
-}
+TREES = {"talos_full_v2.urdf": 290, "romeo.urdf": 361, "g1_29dof_with_hand_rev_1_0.urdf": 287}
 
 
 @pytest.mark.rounding
 @pytest.mark.parametrize(("name", "count"), (ARMS | TREES).items(), ids=[*ARMS, *TREES])
 def test_count_of_a_known_robot(
-    name: str,
-    count: int,
-    example_path: Callable[[str], Path],
-    load_quietly: Callable[..., Robot],
+    name: str, count: int, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
     base = base_parameters(load_quietly(example_path(name)))
     assert len(base.columns) == count

@@ -207,10 +207,7 @@ def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
     ],
 )
 def test_tulip_leg_has_its_table(
-    joints: tuple[str, ...] | None,
-    torques: tuple[str, ...] | None,
-    count: int,
-    tulip_urdf: Path,
+    joints: tuple[str, ...] | None, torques: tuple[str, ...] | None, count: int, tulip_urdf: Path
 ) -> None:
     leg = load_robot(tulip_urdf, tulip_urdf.with_suffix(".toml"), joints=joints)
     known = torques or leg.joint_names
@@ -395,7 +392,7 @@ def with_springs(path: Path, **options: Any) -> Robot:
         [
             *(("finger_edu.urdf", True), ("panda.urdf", False), ("ur5_robot.urdf", True)),
             *(("xarm7.urdf", True), ("a1.urdf", True), ("ur5_gripper.urdf", False)),
-        ],
+        ]
     ),
 )
 def test_answers_are_those_without_rounding(
@@ -420,10 +417,7 @@ def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) 
     assert found.body_count == len(base_parameters(robot).columns)
     assert "stiffness of c" in found.identifiable
     sensors: dict[str, tuple[Sensor, ...]]
-    sensors = {
-        "a": ("joint_position",),
-        "b": ("motor_position", "motor_torque"),
-    }
+    sensors = {"a": ("joint_position",), "b": ("motor_position", "motor_torque")}
     some = identifiability(robot, sensors | {"c": ("motor_position", "deflection")})
     for answer in (found, some):
         assert_is_exact(answer, robot)

@@ -370,10 +370,7 @@ def test_plan_moves_the_leaders_within_the_limits_of_the_followers(gripper: Robo
     [
         ({"joints": ["shoulder", "level"]}, "'level' mimics 'shoulder' and moves with it: name"),
         ({"joints": ["turn"]}, "joint 'level' mimics 'shoulder', which does not move it here, and"),
-        (
-            {"drives": {"mirror": DRIVES["squeeze"]}},
-            "has no drive of its own: remove its table",
-        ),
+        ({"drives": {"mirror": DRIVES["squeeze"]}}, "has no drive of its own: remove its table"),
     ],
 )
 def test_what_a_follower_cannot_be_is_said(

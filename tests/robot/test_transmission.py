@@ -586,11 +586,7 @@ def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(
     log = log_of(true_motion(case), torque=0.01, angle=1e-6)
     one, other = (
         identify(
-            case.robot.without_nominal(),
-            log,
-            cutoff_hz=8.0,
-            method="two-step",
-            estimator=estimator,
+            case.robot.without_nominal(), log, cutoff_hz=8.0, method="two-step", estimator=estimator
         )
         for estimator in ("wls", "iv")
     )

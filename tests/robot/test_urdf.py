@@ -196,11 +196,7 @@ ONE = "value of <mass> must be 1 finite number"
         ('mass value="1"', 'mass value="١٠"', f"{ONE}, found '١٠'"),
         ('mass value="1"', 'mass value="２"', f"{ONE}, found '２'"),
         ('mass value="1"', "mass", "link 'arm': <mass> has no value"),
-        (
-            'mass value="1"',
-            'mass value="0"',
-            "has inertia but zero mass; give it",
-        ),
+        ('mass value="1"', 'mass value="0"', "has inertia but zero mass; give it"),
         ('<mass value="1"/>', "", "link 'arm' (moved by 'elbow') has inertia but zero mass"),
         ('ixx="1"', 'ixx="${i}"', "ixx of <inertia> must be 1 finite number, found '${i}'"),
         ('iyy="1" ', "", "link 'arm': <inertia> has no iyy"),

@@ -17,12 +17,7 @@ from scipy.integrate import solve_ivp
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import (
-    DriveEquation,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-)
+from seaid.drives.equations import DriveEquation, joint_equation, motor_equation, spring_equation
 from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, d_0, f_0, known_values
 from seaid.errors import RobotError, SeaidError
@@ -30,14 +25,7 @@ from seaid.identification.identification import identify
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.controller import motor_inputs
 from seaid.simulation.forward_dynamics import accelerations, advance, gear_torques, slip_directions
-from seaid.simulation.plant import (
-    JOINT_POSITION,
-    JOINT_SPEED,
-    POSITION,
-    SPEED,
-    Plant,
-    plant_of,
-)
+from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import wiggle
 from tests.representatives import quick_first
@@ -633,10 +621,7 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
         stiff(
             {"coulomb_width": 4.0, "coulomb_shift": 1.0}, friction=("viscous", "shifted_coulomb")
         ),
-        elastic(
-            {"spring_damping": 0.5},
-            spring=("linear", "damping"),
-        ),
+        elastic({"spring_damping": 0.5}, spring=("linear", "damping")),
     ),
     "stribeck": (
         STIFF,

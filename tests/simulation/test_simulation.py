@@ -20,14 +20,7 @@ from seaid.excitation.trajectory import Trajectory
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot, load_robot
-from seaid.simulation.plant import (
-    JOINT_POSITION,
-    JOINT_SPEED,
-    POSITION,
-    SPEED,
-    Plant,
-    plant_of,
-)
+from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, wiggle
 from tests.simulation.swings import SLIDER, Chain, pendulum, run
@@ -276,9 +269,7 @@ def test_joints_in_the_users_order_move_the_same() -> None:
     usual = leg()
     names = usual.joint_names[::-1]
     robot = load_robot(
-        Path(__file__).parents[2] / "models" / "tulip_leg.urdf",
-        dict(usual.drives),
-        joints=names,
+        Path(__file__).parents[2] / "models" / "tulip_leg.urdf", dict(usual.drives), joints=names
     )
     trajectory = short(usual)
     turned = Trajectory(names, trajectory.basis, trajectory.coefficients[:, ::-1])

@@ -139,11 +139,7 @@ ARMS = {
     "two joints, vertical and horizontal axis": ("zy", [HERE, (l1, 0, 0)], 8),
     "three joints in space, all offsets": ("zyx", [HERE, (l1, l2, l3), (a2, a3, d3)], 15),
     "SCARA": ("zzZz", [HERE, (l1, 0, 0), (l2, 0, 0), HERE], 8),
-    "PUMA 560": (
-        "zyyxyx",
-        [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE],
-        36,
-    ),
+    "PUMA 560": ("zyyxyx", [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE], 36),
     "Stanford arm": ("zyZzyz", [HERE, (0, d2, 0), HERE, HERE, HERE, (0, 0, d6)], 33),
 }
 
@@ -211,10 +207,7 @@ def test_planar_arm_gives_the_groupings_of_the_textbook() -> None:
     q1, q2 = q = coordinates(2)
     m1, m2, r1, r2, I1, I2 = sp.symbols("m1 m2 r1 r2 I1 I2")
     elbow = l1 * sp.Matrix([sp.cos(q1), sp.sin(q1)])
-    centres = (
-        r1 / l1 * elbow,
-        elbow + r2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)]),
-    )
+    centres = (r1 / l1 * elbow, elbow + r2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)]))
     lagrangian = I1 * q1.diff(t) ** 2 / 2 + I2 * (q1 + q2).diff(t) ** 2 / 2
     for m, centre in zip((m1, m2), centres, strict=True):
         lagrangian += m * centre.diff(t).dot(centre.diff(t)) / 2 - m * g * centre[1]

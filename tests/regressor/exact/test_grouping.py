@@ -44,10 +44,7 @@ def three_ways(robot: Robot) -> list[ExactBaseParameters]:
 @pytest.mark.rounding
 @pytest.mark.parametrize(("name", "count"), SMALL.items())
 def test_three_ways_give_the_same_rationals(
-    name: str,
-    count: int,
-    example_path: Callable[[str], Path],
-    load_quietly: Callable[..., Robot],
+    name: str, count: int, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
     arm = [f"panda_joint{number}" for number in range(1, 8)] if name == "panda.urdf" else None
     ways = three_ways(load_quietly(example_path(name), joints=arm and tuple(arm)))
