@@ -28,6 +28,10 @@ def wave(hz: float, size: float = 1.0) -> Array:
     return size * np.sin(2 * np.pi * hz * TIME + hz)
 
 
+LATE = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
+"""What follows a command wave(0.5)."""
+
+
 def guess(folder: Path, **columns: Array) -> Description:
     np.savez(folder / "log.npz", **columns)  # type: ignore[arg-type]
     return describe_log(folder / "log.npz")
@@ -114,10 +118,9 @@ def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
 def test_a_command_that_the_position_follows_is_one_of_the_position(
     name: str, tmp_path: Path
 ) -> None:
-    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
-    found = guess(tmp_path, **{"t": TIME, "q_1": late, name: wave(0.5)})
+    found = guess(tmp_path, **{"t": TIME, "q_1": LATE, name: wave(0.5)})
     assert plain(found)["joint_1"] == {"joint_position": "q_1", "position_command": name}
-    other = guess(tmp_path, **{"t": TIME, "q_1": late, "cmd_1": np.gradient(wave(0.5), TIME)})
+    other = guess(tmp_path, **{"t": TIME, "q_1": LATE, "cmd_1": np.gradient(wave(0.5), TIME)})
     assert "position_command" not in plain(other)["joint_1"]
 
 
@@ -137,8 +140,7 @@ def test_a_command_that_a_soft_loop_hardly_follows_is_one_of_the_position(tmp_pa
 
 
 def test_measured_next_to_a_command_that_it_follows_is_a_position(tmp_path: Path) -> None:
-    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
-    found = guess(tmp_path, **{"t": TIME, "meas[0]": late, "cmd[0]": wave(0.5)})
+    found = guess(tmp_path, **{"t": TIME, "meas[0]": LATE, "cmd[0]": wave(0.5)})
     assert plain(found)["joint_0"] == {"joint_position": "meas[0]", "position_command": "cmd[0]"}
     assert "meas[0]: measured, without a quantity: taken for the position" in found.unsure
     with pytest.raises(LogError, match="no column looks like the position of a joint"):
@@ -147,11 +149,10 @@ def test_measured_next_to_a_command_that_it_follows_is_a_position(tmp_path: Path
 
 def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
     """Those that are zero all the time are not; a torque is said to be a feed-forward."""
-    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
     found = guess(
         tmp_path,
         **{
-            **{"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)},
+            **{"t": TIME, "motor_state[0].q": LATE, "motor_cmd[0].q": wave(0.5)},
             **{"motor_cmd[0].dq": np.gradient(wave(0.5), TIME), "motor_cmd[0].tau": wave(2.0)},
         },
     )
@@ -165,7 +166,7 @@ def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
     quiet = guess(
         tmp_path,
         **{
-            **{"t": TIME, "q_1": late, "q_des_1": wave(0.5), "dq_des_1": np.zeros_like(TIME)},
+            **{"t": TIME, "q_1": LATE, "q_des_1": wave(0.5), "dq_des_1": np.zeros_like(TIME)},
             "tau_ff_1": np.zeros_like(TIME),
         },
     )
@@ -182,8 +183,7 @@ def test_low_level_commands_are_all_taken(tmp_path: Path) -> None:
 def test_a_feed_forward_torque_is_not_left_out_without_a_word(
     name: str, is_taken: bool, tmp_path: Path
 ) -> None:
-    late = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)]
-    found = guess(tmp_path, **{"t": TIME, "q_1": late, "q_des_1": wave(0.5), name: wave(2.0)})
+    found = guess(tmp_path, **{"t": TIME, "q_1": LATE, "q_des_1": wave(0.5), name: wave(2.0)})
     assert (plain(found)["joint_1"].get("torque_command") == name) == is_taken
     words = (
         "taken for a feed-forward torque" if is_taken else "computed, and not used: if the drive"
@@ -196,8 +196,8 @@ def gains(kp: float, kd: float) -> Controller:
 
 
 def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) -> None:
-    late, kp = wave(0.5)[np.maximum(np.arange(len(TIME)) - 5, 0)], np.full_like(TIME, 40.0)
-    columns = {"t": TIME, "motor_state[0].q": late, "motor_cmd[0].q": wave(0.5)}
+    kp = np.full_like(TIME, 40.0)
+    columns = {"t": TIME, "motor_state[0].q": LATE, "motor_cmd[0].q": wave(0.5)}
     columns |= {"motor_cmd[0].kp": kp, "motor_cmd[0].kd": kp / 20, "motor_cmd[1].kp": kp + 1}
     found = guess(tmp_path, **columns)
     assert found.gains == {"joint_0": gains(40.0, 2.0)}
@@ -206,7 +206,7 @@ def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) 
     found = guess(tmp_path, **changing)
     assert found.gains == {"joint_0": gains(0.0, 2.0)}
     assert any("a gain that changes" in one for one in found.unsure)
-    plain_names = {"t": TIME, "q_1": late, "q_des_1": wave(0.5), "kp_1": kp}
+    plain_names = {"t": TIME, "q_1": LATE, "q_des_1": wave(0.5), "kp_1": kp}
     assert guess(tmp_path, **plain_names).gains == {"joint_1": gains(40.0, 0.0)}
     supply = {"vin": np.full_like(TIME, 12.0)}
     in_volts = guess(tmp_path, **plain_names, **supply)
