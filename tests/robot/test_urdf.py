@@ -104,6 +104,14 @@ def test_negative_moments_of_inertia_are_named(tmp_path: Path) -> None:
         assert load_robot(path).n == 1
 
 
+def test_shapes_have_numbers_that_other_readers_take(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    shape = '<visual><geometry><sphere radius="1_0"/></geometry></visual></link>'
+    path.write_text(f'<robot name="a">{ARM.replace("</link>", shape)}</robot>')
+    with pytest.raises(RobotError, match="cannot be read: ValueError: 1_0"):
+        _ = reread_urdf(path).elements
+
+
 def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:
     path = tmp_path / "leg_a.urdf"
     path.write_text(f"<robot>{ARM}</robot>")

@@ -8,7 +8,9 @@ import re
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import h5py
@@ -21,13 +23,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from seaid._arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, SeaidError, SeaidWarning
 from seaid.log.channels import SENSORS
 from seaid.log.log import LARGEST
 from seaid.log.long_log import iterate_log, open_long_log
 from seaid.log.readers.opening import READERS, open_table
 from seaid.log.reading import WRITTEN, Log, read_log
 from seaid.robot.robot import Robot
+from tests.fuzz.mutators import damaged_bytes
 from tests.log.readers.files import FORMATS, TIME, error_of, one_log, write
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
@@ -107,6 +110,19 @@ def test_file_that_is_cut_off_is_named(
     path.write_bytes(content.rpartition(b",")[0] if suffix == ".csv" else content)
     with pytest.raises(LogError, match=re.escape(f"'{path}'")):
         read_log(path, arm)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_damaged_bytes_of_any_kind_are_read_or_refused(
+    arm: Robot, tmp_path: Path, suffix: str
+) -> None:
+    path, rng = tmp_path / f"log{suffix}", Random(f"log{suffix}")
+    write(one_log().between(0.0, 0.6), path)
+    whole = path.read_bytes()
+    for _ in range(60):
+        path.write_bytes(damaged_bytes(rng, whole))
+        with suppress(SeaidError, SeaidWarning):
+            read_log(path, arm)
 
 
 @pytest.mark.parametrize(
