@@ -292,7 +292,7 @@ def _check_std(drive: Drive) -> None:
     for name, value in drive.std.items():
         if name not in (STD_OF_TORQUE, *constants):
             raise RobotError(unknown_name("constant", name, [STD_OF_TORQUE, *constants]))
-        _check_number(f"standard deviation of '{name}'", value, "zero or more")
+        _check_number(f"standard deviation of '{name}'", value, "more than zero")
 
 
 def _term_with(name: str) -> str:
@@ -779,10 +779,18 @@ def with_groups(
     drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
 ) -> dict[str, Drive]:
     """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
-    group_of = {joint: group for group, joints in share.items() for joint in joints}
-    for joint in group_of:
+    group_of: dict[str, str] = {}
+    for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
         if joint not in drives:
             raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
+        if not group:
+            raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
+        if joint in group_of:
+            raise RobotError(
+                f"share=: {joint} is in '{group_of[joint]}' and in '{group}': name it in one group",
+                "share=",
+            )
+        group_of[joint] = group
     changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
     check_groups(changed, "share=")
     return changed

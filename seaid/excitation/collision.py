@@ -1,7 +1,8 @@
-"""Scene: distances between the bodies of a robot and to keep-out boxes, with exact gradients.
+"""Distances between the bodies of a robot and keep-out boxes, with exact gradients.
 
-Also the collision geometry of a URDF, on the joints of a Robot. Mesh files become convex hulls, in
-a child process because their readers crash on damaged files.
+`collision_geometry` reads the shapes of a URDF on the joints of a Robot; meshes become convex
+hulls, in a child process because their readers crash on damaged files. `load_scene` adds boxes and
+pairs of bodies and makes a Scene, of which `distances` and `distance_gradients` are computed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -71,6 +72,10 @@ def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
 
 
 def _corners(where: str, vertices: Array) -> tuple[str, Array]:
+    """Return the option with which coal accepts the hull, and its corners (C, 3).
+
+    Raises RobotError for a flat mesh.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
@@ -83,6 +88,7 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
             f"{where} is flat, its convex hull has no volume; use a box or another mesh"
         ) from None
     try:
+        # A trial: the parent makes the hull again of these corners, by the same option.
         coal.Convex.convexHull(_points(corners), True, "Qt")
     except RuntimeError:  # coal allows 255 neighbours per corner; joggling leaves fewer
         coal.Convex.convexHull(_points(corners), True, "QJ")
@@ -93,8 +99,8 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
 def _reason(problem: Exception) -> str:
     """Return the message of an exception, without its location in coal's source."""
     _, separator, message = str(problem).partition("message: ")
-    said = message.splitlines()[1:2] if separator else []
-    return shortened(said[0], 300) if said else reason_of(problem)
+    lines = message.splitlines()[1:2] if separator else []  # the text is on the line after it
+    return shortened(lines[0], 300) if lines else reason_of(problem)
 
 
 def _points(corners: Array) -> Any:
@@ -166,6 +172,7 @@ def _rest_configuration(full: pin.Model, still: Mapping[str, float]) -> Array:
 
 
 def _check_same_tree(where: str, full: pin.Model, robot: Robot, at_rest: Array) -> None:
+    """Raise RobotError unless each joint has its parent and placement in the file's model, too."""
     data = full.createData()
     pin.forwardKinematics(full, data, at_rest)
     for index, name in enumerate(robot.model.names[1:], 1):
@@ -230,11 +237,15 @@ def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
 
 Pair = tuple[str, str]
 
-_TOLERANCE, _TOLERANCE_CURVED = 1e-10, 1e-6
-"""[m]. On polytopes (a sphere is an inflated point, a capsule an inflated line) GJK and EPA
-terminate exactly; EPA on two deeply overlapping cylinders fails below 1e-6."""
-_ITERATIONS, _ITERATIONS_CURVED = 1000, 255
+_TOLERANCE_M, _MOST_ITERATIONS = 1e-10, 1000
+"""Of distances between polytopes, spheres (inflated points) and capsules (inflated lines), where
+the algorithms GJK and EPA end exactly."""
+
 _CURVED = (coal.Cylinder, coal.Cone, coal.Ellipsoid)
+"""Shapes whose depth of overlap EPA only approximates."""
+
+_CURVED_TOLERANCE_M, _MOST_CURVED_ITERATIONS = 1e-6, 255
+"""Of pairs with a curved shape: below, EPA fails on two deeply overlapping cylinders."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,8 +253,8 @@ class Scene:
     """The pairs of convex bodies that may collide, on the joints of a robot; from `load_scene`.
 
     `pairs` names the two links, or the link and the box, of each of the P pairs checked; `ignored`
-    names the pairs excluded because they collide in nearly every posture. `clearance_m` is the
-    minimum distance [m] of a planned motion.
+    names the pairs excluded because they are closer in nearly every random posture. `clearance_m`
+    is the minimum distance [m] of a planned motion.
     """
 
     robot: Robot
@@ -253,7 +264,7 @@ class Scene:
     clearance_m: float
 
     @cached_property
-    def ends(self) -> tuple[Array, Array]:
+    def objects_of_pairs(self) -> tuple[Array, Array]:
         """The first and second objects of the pairs, as indices (P,) into the geometry."""
         pairs = self.geometry.collisionPairs
         first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
@@ -261,13 +272,12 @@ class Scene:
 
     @cached_property
     def moves(self) -> Array:
-        """1 where a joint of the model moves an object of the geometry, else 0, (G, N)."""
+        """Whether a joint of `robot.model` moves an object, 1 or 0, (G objects, N joints)."""
         moved = np.zeros((self.geometry.ngeoms, self.robot.model.nv))
         for row, shape in zip(moved, self.geometry.geometryObjects, strict=True):
             # joint 0 of Pinocchio is the base; joint j has one degree of freedom, column j - 1
-            row[[joint - 1 for joint in self.robot.model.supports[shape.parentJoint] if joint]] = (
-                1.0
-            )
+            joints = self.robot.model.supports[shape.parentJoint]
+            row[[joint - 1 for joint in joints if joint]] = 1.0
         return moved
 
 
@@ -278,7 +288,7 @@ def distances(scene: Scene, q: Array, *, cap_m: float = np.inf) -> Array:
     `cap_m`, which saves most of the time. Raises ExcitationError for positions of another shape or
     not finite.
     """
-    return _witnesses(scene, q, cap_m)[0]
+    return _witnesses(scene, q, cap_m).distances
 
 
 def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tuple[Array, Array]:
@@ -290,7 +300,7 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     """
     distance, normals, points, jacobians = _witnesses(scene, q, cap_m)
     linear, angular = jacobians[:, :3], jacobians[:, 3:]
-    first, second = scene.ends
+    first, second = scene.objects_of_pairs
     # zero for a joint that moves both bodies or neither: it does not change their distance
     sign = scene.moves[second] - scene.moves[first]
     # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
@@ -299,16 +309,26 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     return distance, scene.robot.from_model(along)
 
 
-def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Array, Array]:
-    """Return distances (T, P), normals and nearest points of the first body, each (T, P, 3).
+class _Witnesses(NamedTuple):
+    """The distances (T, P), and the normals and nearest points of the first bodies (T, P, 3).
 
-    Also return the Jacobians (T, 6, N) of Pinocchio's model, at the origin of the base.
+    The last two are zero for a pair at the cap. The Jacobians (T, 6, N) are those of Pinocchio's
+    model, at the origin of the base.
     """
+
+    distances: Array
+    normals: Array
+    points: Array
+    jacobians: Array
+
+
+def _witnesses(scene: Scene, q: Array, cap_m: float) -> _Witnesses:
+    """Return the nearest points of all pairs at positions q (T, n)."""
     q = scene.robot.to_model(finite("q", q, (None, scene.robot.n), ExcitationError))
     model, geometry = scene.robot.model, scene.geometry
     data, placed = model.createData(), geometry.createData()
     _set_accuracy(geometry, placed)
-    first, second = scene.ends
+    first, second = scene.objects_of_pairs
     shapes = [shape.geometry for shape in geometry.geometryObjects]
     centres = np.array([shape.aabb_center for shape in shapes])
     radii = np.array([shape.aabb_radius for shape in shapes])
@@ -329,7 +349,7 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Arra
                 distance[k, pair] = result.min_distance
                 normals[k, pair] = result.normal
                 points[k, pair] = result.getNearestPoint1()
-    return distance, normals, points, jacobians
+    return _Witnesses(distance, normals, points, jacobians)
 
 
 def _set_accuracy(geometry: pin.GeometryModel, placed: pin.GeometryData) -> None:
@@ -337,6 +357,6 @@ def _set_accuracy(geometry: pin.GeometryModel, placed: pin.GeometryData) -> None
     for pair, request in zip(geometry.collisionPairs, placed.distanceRequests, strict=True):
         either = curved[pair.first] or curved[pair.second]
         request.enable_signed_distance = True
-        request.gjk_tolerance, request.gjk_max_iterations = _TOLERANCE, _ITERATIONS
-        request.epa_tolerance = _TOLERANCE_CURVED if either else _TOLERANCE
-        request.epa_max_iterations = _ITERATIONS_CURVED if either else _ITERATIONS
+        request.gjk_tolerance, request.gjk_max_iterations = _TOLERANCE_M, _MOST_ITERATIONS
+        request.epa_tolerance = _CURVED_TOLERANCE_M if either else _TOLERANCE_M
+        request.epa_max_iterations = _MOST_CURVED_ITERATIONS if either else _MOST_ITERATIONS

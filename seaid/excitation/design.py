@@ -375,7 +375,7 @@ def design_excitation(
         model = standing_robot(cold, requested, bounds, limits, torque_joints)
         space = _standing_space(model, functions(len(model.names)))
         base = pivoted_base(cold, torque_joints, model.links)
-        model = model.with_columns(base.columns)
+        model = model.with_base_parameters(base.columns)
         target = load_target(cold, torque_joints, base)
         # the six equations of the base are rows too, before those of the joints
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))

@@ -78,11 +78,12 @@ class Target:
     """The rows, columns and scaling of the observation matrix that a motion makes well conditioned.
 
     Columns are the p base columns, then those of the drives in `blocks`, with `names` and `units`.
-    Rows at one instant are the known torques `rows`, then the motors of elastic joints; `at_drives`
-    (r, r) maps torques at joints to torques at drives. `needs_load`: columns of drives depend on
-    the load torque, which includes the `parallel` elements. `row_weights` (rows,) and
-    `column_scale` (columns,) multiply the matrix; `known` (., columns), scaled alike, is the
-    triangular factor of previous logs.
+    Rows at one instant are, in stance, the six equations of the base, which `row_weights` alone
+    counts, then the known torques `rows` and the motors of elastic joints; `at_drives` (r, r) maps
+    torques at joints to torques at drives. `needs_load`: columns of drives depend on the load
+    torque, which includes the `parallel` elements. `row_weights` (rows,) and `column_scale`
+    (columns,) multiply the matrix; `known` (., columns), scaled alike, is the triangular factor of
+    previous logs.
     """
 
     robot: Robot

@@ -238,7 +238,9 @@ def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
         parts.append(_scene_use(problem, problem.scene, states))
     if problem.stance is not None:
         instants = range(0, len(problem.time), _INSTANTS)
-        parts.append(problem.stance.worst_use(states, instants, problem.maps, problem.half_range))
+        parts.append(
+            problem.stance.worst_shares(states, instants, problem.maps, problem.half_range)
+        )
     return (
         np.concatenate([use for use, _ in parts]),
         np.concatenate([gradient.reshape(len(gradient), -1) for _, gradient in parts]),
@@ -255,7 +257,7 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
         closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     if problem.stance is not None:
-        most = max(most, float(problem.stance.use(states).max()))
+        most = max(most, float(problem.stance.used_shares(states).max()))
     return most
 
 

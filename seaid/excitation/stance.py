@@ -1,8 +1,9 @@
-"""What `design_excitation` asks for a motion in stance, and gets of it.
+"""Motions in stance: what is asked for (Stance), what comes out (StancePlan), and what it takes.
 
-A robot that can stand on contacts has planned coordinates, of which its motion and the rows that
-determine parameters follow: a `StandingRobot`. A package that knows such robots registers for their
-type how one is made of a `Stance`.
+`design_excitation` needs a `StandingRobot`, whose planned coordinates determine its motion and the
+rows of its parameters. `seaid.legged` registers for robots with a floating base how one is made of
+a `Stance`. A new limit of a motion in stance is a field of `Stance` and a row of the used shares of
+`seaid.legged.stance`.
 """
 
 from __future__ import annotations
@@ -76,10 +77,10 @@ class StancePlan(Display):
         Instants [s] of the forces.
     forces : mapping {link: (T, 3 or 6)}
         Forces on the robot [N] at each contact, x and y tangential (along the link's at the start)
-        and z normal, then for flat feet the moments [N m]: the least that hold the base. A robot
-        that controls its joint positions has others, by how its feet push against each other.
+        and z normal, then for flat feet the moments [N m]. They are the least ones that hold the
+        base; the real ones differ where feet push against each other.
     joint_torques : array (T, n)
-        [N m or N], of the bodies with these forces.
+        [N m or N], of the nominal bodies under these forces.
     friction_used : mapping {link: float}
         Largest ratio of tangential to normal force.
     least_normal_force : mapping {link: float}
@@ -115,7 +116,9 @@ class StancePlan(Display):
 class StandingRobot(Protocol):
     """A robot in stance, over its m planned coordinates: those of the base, and of free joints.
 
-    `States` are those of the planned coordinates, each (T, m).
+    `States` are those of the planned coordinates, each (T, m); there are n joints, r known joint
+    torques, p base parameters, c limits (of contacts, dependent joints and torques) and k free
+    variables of each coordinate. `seaid.legged.stance.StanceModel` is one.
     """
 
     @property
@@ -138,8 +141,8 @@ class StandingRobot(Protocol):
     def torque_limits(self) -> Array:
         """The limits (n,) of the torques of all joints."""
 
-    def with_columns(self, columns: Sequence[int]) -> StandingRobot:
-        """Return the robot with base columns for its observation matrix."""
+    def with_base_parameters(self, columns: Sequence[int]) -> StandingRobot:
+        """Return the robot whose observation matrix has these columns of standard parameters."""
 
     def observed_rows(self, states: States) -> Array:
         """Return the observation matrix (T, 6 + r, p) without contact forces, unweighted."""
@@ -147,13 +150,18 @@ class StandingRobot(Protocol):
     def pull_back(self, states: States, G: Array) -> States:
         """Return the gradient by q, v and a of a function with gradient G by the rows."""
 
-    def use(self, states: States) -> Array:
-        """Return the used share (T, c) of each limit."""
+    def used_shares(self, states: States) -> Array:
+        """Return the used share (T, c) of each limit: 1 at the limit, less within it."""
 
-    def worst_use(
+    def worst_shares(
         self, states: States, starts: range, maps: Sequence[Array], half_range: Array
     ) -> tuple[Array, Array]:
-        """Return the largest used share of each limit from every start on, and derivatives."""
+        """Return the largest used share of each limit in each block of instants, (B c,).
+
+        Also its derivatives (B c, m, k). A block has the `starts.step` instants from one of the B
+        starts on. The `maps`, three of (T, k), give position, velocity and acceleration of a
+        coordinate of half range 1; `half_range` (m,) scales them.
+        """
 
     def joint_torques(self, states: States) -> Array:
         """Return the joint torques (T, n)."""
@@ -170,7 +178,11 @@ def standing_robot(
     limits: Limits | None,
     torque_joints: str | Sequence[str] | None,
 ) -> StandingRobot:
-    """Return a robot in a stance. Raises ExcitationError for one that cannot stand."""
+    """Return a robot in a stance. Raises ExcitationError for one that cannot stand.
+
+    The `bounds` are the limits of joint positions, velocities and accelerations with their
+    defaults; of `limits` only those of joint torques count, and limits of motors are refused.
+    """
     raise ExcitationError(
         f"stance= needs a floating base, and that of '{robot.name}' is fixed: load it with "
         "base='floating' and contacts=[...]",
@@ -185,6 +197,7 @@ def refuse_in_stance(**arguments: bool) -> None:
         if is_given:
             raise ExcitationError(
                 f"{name}= is not available with stance=: the motion starts and ends at rest in the "
-                "posture of the stance, for the base parameters",
+                "posture of the stance, is for the base parameters, and knows neither a scene nor "
+                "previous logs",
                 f"{name}=",
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
@@ -67,6 +68,7 @@ def identify_conditions(
     feasible: bool = False,
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
+    known_std: Mapping[str, float] = MappingProxyType({}),
     progress: bool = False,
 ) -> Conditions:
     """Identify several conditions together, by the two-step method.
@@ -78,9 +80,9 @@ def identify_conditions(
     condition_specific : sequence of str
         Parameters estimated per condition, for all joints ("viscous_friction") or for one
         ("viscous_friction of knee"), or "bodies" for the base parameters. All others are shared.
-    torque_joints, estimator, feasible, cutoff_hz, encoder_offset_std, progress
-        As in `identify`. Nonlinear drive equations are linearised near values of the first
-        condition; each condition has encoder offsets of its own.
+    torque_joints, estimator, feasible, cutoff_hz, encoder_offset_std, known_std, progress
+        As in `identify`; a constant has one error in all conditions. Nonlinear drive equations are
+        linearised near values of the first condition, and each has encoder offsets of its own.
 
     Returns
     -------
@@ -113,6 +115,7 @@ def identify_conditions(
         feasible=feasible,
         cutoff_hz=cutoff_hz,
         encoder_offset_std=encoder_offset_std,
+        known_std=known_std,
         progress=progress,
         specific=SpecificParameters(tuple(condition_specific)),
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -229,6 +229,10 @@ class Layout:
         """Return the column of the offset of a joint's spring."""
         return self.places[Parameter("spring_offset", joint)]
 
+    def with_known(self, robot: Robot) -> Layout:
+        """Return the layout of an identification that took other constants as known."""
+        return replace(self, identification=replace(self.identification, known=robot))
+
     def known_at(self, x: Array) -> Robot:
         """Return the robot whose nonlinear drives are linearised at the values x (p,)."""
         known, drives = self.identification.known, {}
@@ -406,9 +410,9 @@ class MeasuredLog:
         """Return the block with further parameters, at x (p,)."""
         return self.of(layout, self.log, x)
 
-    def with_constant(self, constant: Constant, layout: Layout) -> MeasuredLog:
-        """Return the block with a constant changed, which the layout has too."""
-        return self.of(layout, constant.scaled(self.log), self.x)
+    def with_constant(self, constant: Constant) -> MeasuredLog:
+        """Return the block with a constant changed."""
+        return self.of(self.layout.with_known(constant.robot), constant.scaled(self.log), self.x)
 
 
 def _measured_near(layout: Layout, motion: Motion, x: Array) -> Residuals:
@@ -776,13 +780,13 @@ class DrivenLog:
         """Return the block with further parameters, at x (p,)."""
         return replace(self, layout=layout, x=x)
 
-    def with_constant(self, constant: Constant, layout: Layout) -> DrivenLog:
-        """Return the block with a constant changed, which the layout has too."""
+    def with_constant(self, constant: Constant) -> DrivenLog:
+        """Return the block with a constant changed."""
         runs = [
             replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
             for run in self.runs
         ]
-        return replace(self, runs=runs, layout=layout)
+        return replace(self, runs=runs, layout=self.layout.with_known(constant.robot))
 
     def with_noise(self, logs: Sequence[Log], rng: np.random.Generator) -> DrivenLog:
         """Return the block whose measured joints have the noise of the encoders once more."""
@@ -924,10 +928,11 @@ def _refined_commanded(point: Point[CommandedLog]) -> Identification:
     """Return the identification with the values of a point and their covariance."""
     commands, step = point.blocks[0].commands, point.step
     start, spread = commands.identification, commands.spread
+    covariance = step.covariance + _of_constants(start, point)
     side = replace(
         start.load_side,
         values=spread @ point.x,
-        covariance=spread @ step.covariance @ spread.T,
+        covariance=spread @ covariance @ spread.T,
         residual_std=float(np.sqrt(np.mean(step.stds**2))),
         condition_number=step.condition_number,
         white_standard_errors=np.sqrt(np.diag(spread @ step.white_covariance @ spread.T)),
@@ -1221,7 +1226,7 @@ def _noise_of_states(point: LogPoint) -> Array:
     return noise
 
 
-def _spread(point: LogPoint, blocks: Iterable[DrivenLog | MeasuredLog]) -> Array:
+def _spread(point: Point[Any], blocks: Iterable[Any]) -> Array:
     """Return the square (p, p) of the change of the next step with other blocks at its values."""
     change = replace(point, blocks=tuple(blocks)).step.change - point.step.change
     return np.outer(change, change)
@@ -1330,15 +1335,14 @@ def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, ini
     return replace(run, motion=moved)
 
 
-def _of_constants(layout: Layout, point: LogPoint) -> Array:
+def _of_constants(start: Identification, point: Point[Any]) -> Array:
     """Return the covariance (p, p) of a point by errors of the known constants.
 
     A constant changes the residuals at the same values, and the next step by its derivative.
     """
-    start, total = layout.identification, np.zeros((len(point.x), len(point.x)))
+    total = np.zeros((len(point.x), len(point.x)))
     for constant in constants_of(start.known, start.known_std):
-        changed = replace(layout, identification=replace(start, known=constant.robot))
-        blocks = (block.with_constant(constant, changed) for block in point.blocks)
+        blocks = [block.with_constant(constant) for block in point.blocks]
         total += (constant.std / STEP) ** 2 * _spread(point, blocks)
     return total
 
@@ -1346,7 +1350,7 @@ def _of_constants(layout: Layout, point: LogPoint) -> Array:
 def _refined(layout: Layout, point: LogPoint, step: Step) -> Identification:
     """Return the identification with the values of a point and the covariance of a step."""
     start, x = layout.identification, point.x
-    step = replace(step, covariance=step.covariance + _of_constants(layout, point))
+    step = replace(step, covariance=step.covariance + _of_constants(start, point))
     actuators, load_side = _estimates(layout, x, step)
     springs = FrozenMapping({joint: x[layout.spring(joint)] for joint in start.springs})
     start = replace(start, known=layout.known_at(x), springs=springs)

@@ -334,6 +334,18 @@ class Problem:
         return {name: estimate_supported(case.robot, case.datasets, start, lacking, both)}
 
     @cached_property
+    def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
+        """The estimates, with the errors of what was given as known."""
+        options = self.options
+        return with_known_std(
+            {name: case.condition for name, case in self.cases.items()},
+            self.estimates,
+            options.known_std,
+            options.specific,
+            options.executor,
+        )
+
+    @cached_property
     def lacking(self) -> list[SideSelection]:
         """What the equations of two steps of one condition lack, if its logs are in memory."""
         if self.only is None:
@@ -559,10 +571,8 @@ def concluded(problem: Problem, name: str) -> Identification:
     if only and not is_wrong(findings):
         steps = problem.two_step[name]
         findings += sensitivity_findings(robot, datasets, model, steps, options.estimator)
-    if only:
-        # Only now, since the findings above compare estimates by the noise of the logs alone.
-        constants = options.known_std, options.executor
-        estimate = with_known_std(robot, datasets, model, estimate, *constants)
+    # Only now, since the findings above compare estimates by the noise of the logs alone.
+    estimate = problem.with_errors_of_constants[name]
     searched = with_searched_values(estimate.drives, case.nominal, robot)
     estimate = replace(estimate, drives=searched)
     consistent = feasible_of(robot, model, estimate) if options.feasible and only else None

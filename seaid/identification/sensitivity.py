@@ -28,7 +28,14 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive, ParameterName
+from seaid.drives import (
+    IDEAL_DRIVE,
+    STD_OF_TORQUE,
+    Drive,
+    ParameterName,
+    parameter_of,
+    readable,
+)
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -43,7 +50,7 @@ from seaid.estimation import (
     slots,
     solve,
 )
-from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
+from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import (
     LOAD,
     TORQUE_OFFSET,
@@ -61,6 +68,12 @@ from seaid.identification.motor_constants import (
     scales_with_torque,
     with_unit_constant,
 )
+from seaid.identification.two_step import (
+    Condition,
+    SpecificParameters,
+    propagated_names,
+    rows_of_conditions,
+)
 from seaid.log import POSITION_BAND, Log, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
@@ -68,8 +81,8 @@ from seaid.regressor import (
     Regression,
     actuator_regression,
     load_regression,
+    names_of_all,
     spring_regression,
-    spring_regressor,
     stacked,
     torque_changes,
     with_changes,
@@ -350,7 +363,7 @@ class Constant:
     """A constant with a relative standard deviation, and a robot in which it is larger by `STEP`.
 
     `joint` is "" if it is common to all joints, or that of a body. `inputs` are the joints whose
-    logged inputs are larger instead.
+    inputs are larger: logged ones, and the gains of controllers in the robot.
     """
 
     name: str
@@ -360,7 +373,7 @@ class Constant:
     inputs: tuple[str, ...] = ()
 
     def scaled(self, data: Recorded) -> Recorded:
-        """Return a log or motion with the larger inputs, itself for a constant of the robot."""
+        """Return a log or motion with the larger logged inputs, itself without any."""
         if not self.inputs:
             return data
         factor = 1 + STEP * np.isin(data.joint_names, self.inputs)
@@ -410,7 +423,8 @@ def _has_unknown_scale(drive: Drive) -> bool:
 def constants_of(robot: Robot, known_std: Mapping[str, float]) -> Iterator[Constant]:
     """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
     if known_std.get("torque"):
-        yield Constant("torque", "", known_std["torque"], robot, robot.joint_names)
+        larger = _with_larger_gains(robot, robot.joint_names)
+        yield Constant("torque", "", known_std["torque"], larger, robot.joint_names)
     if known_std.get("payload"):
         heavier = replace(robot, payload_parameters=(1 + STEP) * robot.payload_parameters)
         yield Constant("payload", "", known_std["payload"], heavier)
@@ -433,7 +447,7 @@ def _constants_of_drive(
         if not std or (is_delay and "command_delay" not in drive.known):
             continue  # the latter is the range of an unknown delay
         if name == STD_OF_TORQUE:
-            yield Constant(name, joint, std, robot, (joint,))
+            yield Constant(name, joint, std, _with_larger_gains(robot, [joint]), (joint,))
         elif is_delay:
             later = _with_constant(robot, joint, name, value + STEP * std)  # value may be zero
             yield Constant(name, joint, 1.0, later)
@@ -443,6 +457,18 @@ def _constants_of_drive(
             yield Constant(name, joint, relative, larger)
 
 
+def _with_larger_gains(robot: Robot, joints: Sequence[str]) -> Robot:
+    """Return the robot whose controllers at some joints give a torque larger by `STEP`."""
+    commanded = {x: y for x in joints if (y := robot.drives[x].controller) is not None}
+    larger = {
+        joint: replace(controller.times(1 + STEP), is_up_to_scale=controller.is_up_to_scale)
+        for joint, controller in commanded.items()
+    }
+    return robot.with_drives(
+        {joint: replace(robot.drives[joint], controller=larger[joint]) for joint in larger}
+    )
+
+
 def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
     """Return the robot with a constant of one drive changed."""
     changes: dict[str, Any] = {name: value}
@@ -450,56 +476,94 @@ def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
 
 
 def with_known_std(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    sides: RobotEstimate,
+    conditions: Mapping[str, Condition],
+    estimates: Mapping[str, RobotEstimate],
     known_std: Mapping[str, float],
+    specific: SpecificParameters,
     executor: Executor | None = None,
-) -> RobotEstimate:
-    """Return the estimates with the uncertainty of the constants in their covariances."""
-    constants = list(constants_of(robot, known_std))
-    if not constants:
-        return sides
-    if sides.regress is None:
-        equations = _equations(robot, model, sides, constants)
-    else:
-        values = sides.fit.estimate.values
-        equations = {LOAD: partial(_rows_at_once, sides.regress, robot, values, constants)}
-    stored = sides.fit.rows is None
-    with rows_of_equations(datasets, equations, stored, executor, False) as rows:
+) -> Mapping[str, RobotEstimate]:
+    """Return the estimates of all conditions with the uncertainty of the constants.
+
+    A constant has one error in all conditions, as the drives are the same ones.
+    """
+    constants = {name: list(constants_of(x.robot, known_std)) for name, x in conditions.items()}
+    _check_same(constants)
+    first, sides = next(iter(estimates.items()))
+    robot, common = conditions[first].robot, constants[first]
+    if not common:
+        return estimates
+    of_springs = propagated_names(robot, [*sides.springs])
+    equations = {
+        name: _equations(name, x, estimates[name], constants[name])
+        for name, x in conditions.items()
+    }
+    read = rows_of_conditions(
+        conditions,
+        specific,
+        equations,
+        of_springs,
+        stored=sides.fit.rows is None,
+        constants=[ParameterName(constant.name, constant.joint) for constant in common],
+        executor=executor,
+        progress=False,
+    )
+    with read as (rows, _):
         if sides.regress is None:
-            slopes = _two_step_slopes(robot, sides, constants, rows)
+            springs = names_of_all(of_springs, [*conditions], specific.of_load)
+            slopes = _two_step_slopes(robot, sides, common, rows, springs)
         else:
             names = sides.fit.estimate.names
             slopes = dict(zip(names, sides.fit.slopes(rows[LOAD]), strict=True))
     # Steps are relative, as the standard deviations are; for a delay both are parts of its std.
-    stds = np.array([constant.std for constant in constants])
-    widened = partial(_widened, slopes=slopes, stds=stds)
-    scales = [shared_scale(constant.std) for constant in constants if constant.name == "torque"]
-    return replace(
-        sides,
-        drives={joint: widened(side, joint=joint) for joint, side in sides.drives.items()},
-        load=widened(sides.load, names=sides.load_side.names[: len(sides.load.names)]),
-        load_side=widened(sides.load_side),
-        whole=None if sides.whole is None else widened(sides.whole),
-        findings=(*sides.findings, *scales),
-    )
+    stds = np.array([constant.std for constant in common])
+    scales = [shared_scale(constant.std) for constant in common if constant.name == "torque"]
+
+    def of_condition(name: str, sides: RobotEstimate) -> RobotEstimate:
+        widened = partial(_widened, slopes=slopes, stds=stds, condition=name)
+        return replace(
+            sides,
+            drives={joint: widened(side, joint=joint) for joint, side in sides.drives.items()},
+            load=widened(sides.load, names=sides.load_side.names[: len(sides.load.names)]),
+            load_side=widened(sides.load_side),
+            whole=None if sides.whole is None else widened(sides.whole),
+            findings=(*sides.findings, *scales),
+        )
+
+    return {name: of_condition(name, sides) for name, sides in estimates.items()}
+
+
+def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:
+    """Raise IdentificationError for conditions with standard deviations of different constants."""
+    stds = {
+        condition: {ParameterName(x.name, x.joint): x.std for x in stated}
+        for condition, stated in constants.items()
+    }
+    (first, of_first), *others = stds.items()
+    for condition, of_other in others:
+        if of_other != of_first:
+            differing = sorted({*of_first.items()} ^ {*of_other.items()})[0][0]
+            raise IdentificationError(
+                f"conditions '{first}' and '{condition}' have different standard deviations of "
+                f"{readable(differing)}, whose error all conditions share: give both the same"
+            )
 
 
 def _widened(
     estimate: Estimate,
     slopes: Mapping[str, Array],
     stds: Array,
+    condition: str,
     joint: str = "",
     names: Sequence[str] | None = None,
 ) -> Estimate:
     """Return an estimate with the covariance of independent errors of the constants.
 
-    `slopes` {name: (k,)} are derivatives by these, with standard deviations `stds` (k,). The
-    estimate is that of a `joint`, or has these `names` in the slopes, by default its own.
+    `slopes` {name: (k,)} are derivatives by these, with standard deviations `stds` (k,); those of
+    what a condition has alone are under its name. The estimate is that of a `joint`, or has these
+    `names` in the slopes, by default its own.
     """
     keys = names or [ParameterName(name, joint) if joint else name for name in estimate.names]
+    keys = [x if x in slopes else ParameterName.of(x).within(condition) for x in keys]
     change = np.array([slopes[key] for key in keys]).reshape(len(keys), len(stds)) * stds
     return replace(estimate, covariance=estimate.covariance + change @ change.T)
 
@@ -517,24 +581,29 @@ def _rows_at_once(
 
 
 def _equations(
-    robot: Robot, model: LoadModel, sides: RobotEstimate, constants: Sequence[Constant]
+    name: str, condition: Condition, sides: RobotEstimate, constants: Sequence[Constant]
 ) -> dict[str, Regress]:
-    """Return the functions for the rows of two steps, which propagate errors of the constants."""
-    equations: dict[str, Regress] = {}
+    """Return the functions for the rows of a condition, which propagate errors of the constants."""
+    robot, equations = condition.robot, dict[str, Regress]()
+    if sides.regress is not None:
+        values = sides.fit.estimate.values
+        return {LOAD: partial(_rows_at_once, sides.regress, robot, values, constants)}
     for joint, fit in sides.actuators.items():
         of_drive = partial(_drive_rows, robot, constants, joint)
-        equations[joint] = partial(of_drive, fit, actuator_regression)
+        equations[joint] = partial(of_drive, fit.estimate.of_condition(name), actuator_regression)
         by_sensor = sides.scaling.get(joint)
         if by_sensor is not None and STIFFNESS in by_sensor.estimate.names:
-            equations[sensed_spring(joint)] = partial(of_drive, by_sensor, spring_regression)
-    return equations | {LOAD: partial(_load_rows, robot, model, sides, constants)}
+            equations[sensed_spring(joint)] = partial(
+                of_drive, by_sensor.estimate.of_condition(name), spring_regression
+            )
+    return equations | {LOAD: partial(_load_rows, robot, condition.model, sides, constants)}
 
 
 def _drive_rows(
     robot: Robot,
     constants: Sequence[Constant],
     joint: str,
-    fit: FittedRows,
+    estimate: Estimate,
     regress: Callable[[Robot, Motion, str], Regression],
     motion: Motion,
 ) -> Regression:
@@ -547,7 +616,7 @@ def _drive_rows(
         for constant in constants
     )
     # The unknown constant of a motor, which the estimate lacks, is 1 in a fit without its scale.
-    values = dict(zip(fit.estimate.names, fit.estimate.values, strict=True))
+    values = dict(zip(estimate.names, estimate.values, strict=True))
     theta = np.array([values.get(name, 1.0) for name in rows.names])
     return with_changes(rows, changed, theta, STEP)
 
@@ -573,17 +642,24 @@ def _load_rows(
 
 
 def _two_step_slopes(
-    robot: Robot, sides: RobotEstimate, constants: Sequence[Constant], rows: Mapping[str, Rows]
+    robot: Robot,
+    sides: RobotEstimate,
+    constants: Sequence[Constant],
+    rows: Mapping[str, Rows],
+    springs: Sequence[str],
 ) -> dict[str, Array]:
-    """Return {parameter: its derivatives (k,) by the constants} of both sides."""
+    """Return {parameter: its derivatives (k,) by the constants} of both sides.
+
+    `springs` are the parameters whose errors (8) propagates.
+    """
     own = {joint: _motor_slopes(sides, joint, fit, rows) for joint, fit in sides.actuators.items()}
     shared_slopes(robot, sides.actuators, own)
-    springs = [(joint, x) for joint in sides.springs for x in spring_regressor(robot, joint).names]
+    of_springs = list(map(ParameterName.of, springs))
 
     def of_load(fit: FittedRows) -> dict[str, Array]:
         """Return the derivatives of a fit of (8): direct ones, and those through the springs."""
         by_springs, direct = np.split(fit.slopes(rows[LOAD]), [len(springs)], axis=1)
-        through = np.array([own[joint][name] for joint, name in springs])
+        through = np.array([own[name.owner][name.at("")] for name in of_springs])
         total = direct + by_springs @ through.reshape(len(springs), len(constants))
         return dict(zip(fit.estimate.names, total, strict=True))
 
@@ -602,7 +678,7 @@ def _two_step_slopes(
         if ParameterName(TORQUE_OFFSET, joint) in load:
             _separate(robot, sides, joint, own[joint], load, constants)
     merged: dict[str, Array] = {
-        ParameterName(name, joint): own[joint][name] for joint in own for name in own[joint]
+        ParameterName.of(name).at(joint): own[joint][name] for joint in own for name in own[joint]
     }
     return {**merged, **load}
 
@@ -653,6 +729,8 @@ def _separate(
     lever, key = offset_lever(robot, joint), ParameterName(TORQUE_OFFSET, joint)
     changes = [offset_lever(constant.robot, joint) / lever - 1 for constant in constants]
     offset = sides.fit.estimate.value(key)
-    own["spring_offset"] = own["spring_offset"] - lever * load[key]
+    for name in own:
+        if parameter_of(name) == "spring_offset":
+            own[name] = own[name] - lever * load[key]
     # (8) gives b_0 N/r_M: for a larger lever b_0 is smaller.
     own[TORQUE_OFFSET] = load[key] = load[key] - offset * np.array(changes) / STEP

@@ -58,6 +58,7 @@ from seaid.simulation import (
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification
+    from seaid.identification.sensitivity import Constant
 
 
 _START_BAND = 0.5
@@ -555,6 +556,15 @@ class CommandedLog:
         """Return the block at parameters x (f,)."""
         return replace(self, x=x)
 
+    def with_constant(self, constant: Constant) -> CommandedLog:
+        """Return the block with a constant changed, in what is known and in what is simulated."""
+        start, changed = self.commands.identification, constant.robot
+        bodies = np.nan_to_num(changed.parameters - start.known.parameters)
+        robot = replace(start.robot, payload_parameters=changed.payload_parameters)
+        robot = robot.with_values(start.robot.parameters + bodies, robot.drives)
+        start = replace(start, known=changed, robot=robot)
+        return replace(self, commands=replace(self.commands, identification=start))
+
 
 def commanded_point(start: Identification, logs: Sequence[Log]) -> Point[CommandedLog]:
     """Return the point of a search at the values of an identification."""
@@ -627,7 +637,8 @@ def _robot_at(start: Identification, load_side: Array) -> Robot:
     of_drives = load_side[len(start.base.columns) :].tolist()
     for (joint, name, _), value in zip(start.model.drives, of_drives, strict=True):
         values.setdefault(joint, {})[name] = value
-    drives = {joint: with_values(robot.drives[joint], named) for joint, named in values.items()}
+    known = start.known.drives
+    drives = {joint: with_values(known[joint], named) for joint, named in values.items()}
     return robot.with_drives(drives)
 
 

@@ -230,14 +230,14 @@ def estimate_two_step(
     }
     cutoff_hz, known_errors = motions[0].cutoff_hz, [] if further is None else [further[1]]
     read = partial(
-        _rows,
+        rows_of_conditions,
         conditions,
         specific,
         stored=estimator.weigh is not None,
         executor=executor,
         progress=progress,
     )
-    with read(by_condition, _propagated(robot, joints)) as (rows, shares):
+    with read(by_condition, propagated_names(robot, joints)) as (rows, shares):
         side = _Motors(robot, motions, estimator, cutoff_hz, joints, sensed)
         actuators, estimates, scaling = side.fitted(rows)
         actuators, estimates, drives_as_one = with_shared_drives(robot, actuators, estimates)
@@ -257,7 +257,7 @@ def estimate_two_step(
             offsets = [ParameterName(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
             count = len(offsets) * len(conditions)
             errors = [*of_springs, encoder_offset_std**2 * np.eye(count), *known_errors]
-            with read(shifted, [*_propagated(robot, joints), *offsets]) as (again, _):
+            with read(shifted, [*propagated_names(robot, joints), *offsets]) as (again, _):
                 load = fit_rows(_with_columns(again[LOAD], further), errors)
     # (7) gave s = f_0 + b_0 N/r_M in `springs`, the load side b_0: from here on f_0 replaces s.
     drives = with_torque_offsets(robot, load, estimates, springs, drives_as_one)
@@ -272,7 +272,7 @@ def _covariance_of(whole: Estimate | None, springs: Mapping[str, Estimate]) -> l
     return [whole.covariance[np.ix_(places, places)]]
 
 
-def _propagated(robot: Robot, springs: Sequence[str]) -> list[str]:
+def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
     """Return the names of the parameters of springs, whose errors the load side propagates."""
     return [
         ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
@@ -280,7 +280,7 @@ def _propagated(robot: Robot, springs: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def _rows(
+def rows_of_conditions(
     conditions: Mapping[str, Condition],
     specific: SpecificParameters,
     equations: Mapping[str, Mapping[str, Regress]],
@@ -288,11 +288,12 @@ def _rows(
     stored: bool,
     executor: Executor | None,
     progress: bool,
+    constants: Sequence[str] = (),
 ) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
     """Yield the rows of the equations {condition: {equation: its rows}}, and who has which rows.
 
     Those of one condition may be stored in files. `propagated` are the columns that the load side
-    has besides its own.
+    has besides its own; those of `constants`, which all conditions share, are in every equation.
     """
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
@@ -306,13 +307,17 @@ def _rows(
     by_equation = {
         key: {name: rows[key] for name, rows in parts.items()} for key in next(iter(parts.values()))
     }
+
+    def of_load(name: str) -> bool:
+        return name not in constants and specific.of_load(name)
+
     joined: dict[str, Rows] = {}
     for key, rows_of_all in by_equation.items():
         if key == LOAD:
-            joined[key] = joined_rows(rows_of_all, specific.of_load, propagated)
+            joined[key] = joined_rows(rows_of_all, of_load, [*propagated, *constants])
         else:
             drive = partial(specific.of_drive, joint_of(key) or key)
-            joined[key] = joined_rows(rows_of_all, drive)
+            joined[key] = joined_rows(rows_of_all, drive, constants)
     yield joined, {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
 
 

@@ -162,11 +162,11 @@ class StanceModel:
         """The links of the contacts."""
         return tuple(contact.link for contact in self.contacts)
 
-    def with_columns(self, columns: Sequence[int]) -> StanceModel:
+    def with_base_parameters(self, columns: Sequence[int]) -> StanceModel:
         """Return the model with base columns for its observation matrix."""
         return replace(self, columns=tuple(columns))
 
-    def use(self, states: States) -> Array:
+    def used_shares(self, states: States) -> Array:
         """Return the used share (T, c) of each limit on contacts, dependent joints and torques."""
         return _use(self, _linearisation_point(self, *_key(states)))
 
@@ -179,7 +179,7 @@ class StanceModel:
         dynamics = _linearisation_point(self, *_key(states))
         return _observed(self, dynamics, dynamics.regressor[:, :, list(self.columns)])
 
-    def worst_use(
+    def worst_shares(
         self, states: States, starts: range, maps: Sequence[Array], half_range: Array
     ) -> tuple[Array, Array]:
         """Return the largest used share (.,) of each limit from every start on, and derivatives.

@@ -227,7 +227,7 @@ def _identified(
         together = _identify_together(project, read, progress)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    keywords = _keywords(options) | {"method": options.method, "known_std": options.known_std}
+    keywords = _keywords(options) | {"method": options.method}
     fit = identify(robot, logs, progress=progress, **keywords)
     if options.refine:
         from seaid.identification import refine
@@ -242,7 +242,7 @@ def _identify_together(
 ) -> Conditions:
     """Identify several conditions together."""
     options, default = project.options, Options()
-    for name in ("method", "known_std", "refine"):
+    for name in ("method", "refine"):
         if getattr(options, name) != getattr(default, name):
             raise SeaidError(
                 f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
@@ -258,7 +258,14 @@ def _identify_together(
 
 def _keywords(options: Options) -> dict[str, Any]:
     """Return the options that one condition and several have, as keyword arguments."""
-    names = ("torque_joints", "estimator", "feasible", "cutoff_hz", "encoder_offset_std")
+    names = (
+        "torque_joints",
+        "estimator",
+        "feasible",
+        "cutoff_hz",
+        "encoder_offset_std",
+        "known_std",
+    )
     return {name: getattr(options, name) for name in names}
 
 

@@ -57,6 +57,7 @@ from .regression import joined_rows as joined_rows
 from .regression import joint_regressor as joint_regressor
 from .regression import known_friction as known_friction
 from .regression import motor_regressor as motor_regressor
+from .regression import names_of_all as names_of_all
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import rows_by_pieces as rows_by_pieces
 from .regression import sensed_torque as sensed_torque

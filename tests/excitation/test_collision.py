@@ -141,7 +141,7 @@ def test_gradients_are_the_differences_also_with_overlap_and_order(
     assert np.array_equal(found, distances(scene, q))
     assert found.min() < 0 < found.max()
     shapes = [type(o.geometry).__name__ for o in scene.geometry.geometryObjects]
-    kinds = [{shapes[i], shapes[j]} for i, j in zip(*scene.ends, strict=True)]
+    kinds = [{shapes[i], shapes[j]} for i, j in zip(*scene.objects_of_pairs, strict=True)]
     round_ = np.array(["Sphere" in kind for kind in kinds])
     smooth = ~np.array(["Cylinder" in kind for kind in kinds])
     error = np.max(np.abs(gradient - differences(scene, q, 1e-6)), axis=2)

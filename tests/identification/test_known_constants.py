@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,8 @@ from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
+from seaid.estimation.estimate import Estimate
+from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
@@ -127,7 +130,8 @@ def test_a_drive_has_its_own_standard_deviations_in_its_table() -> None:
     ("std", "message"),
     [
         ({"motor_inertia_kg_m2": 0.1}, "no constant is named 'motor_inertia_kg_m2'"),
-        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be zero or more"),
+        ({"gear_ratio": 0.0}, "standard deviation of 'gear_ratio' must be more than zero"),
+        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be more than zero"),
     ],
 )
 def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], message: str) -> None:
@@ -272,14 +276,35 @@ def changed(experiment: Experiment, name: str, joint: str) -> Experiment:
     return robot.with_drives({joint: replace(robot.drives[joint], **larger)}), log
 
 
-def moved(experiment: Experiment, name: str, joint: str, **options: Any) -> tuple[Array, ...]:
+def estimates_of(robot: Robot, log: Log, **options: Any) -> list[Estimate]:
+    """Return all estimates of an identification."""
+    found = identify(robot, log, cutoff_hz=4.0, **{"method": "two-step", **options})
+    return [*found.drives.values(), found.load, found.load_side]
+
+
+def estimates_of_halves(robot: Robot, log: Log, **options: Any) -> list[Estimate]:
+    """Return all estimates of two conditions, which are the halves of a log."""
+    middle = float(np.mean(log.time))
+    parts = log.between(-np.inf, middle), log.between(middle, np.inf)
+    both = {f"half {place}": (robot, part) for place, part in enumerate(parts)}
+    found = identify_conditions(both, cutoff_hz=4.0, **options).identifications.values()
+    return [side for each in found for side in (*each.drives.values(), each.load, each.load_side)]
+
+
+def moved(
+    experiment: Experiment,
+    name: str,
+    joint: str,
+    estimated: Callable[..., list[Estimate]],
+    **options: Any,
+) -> tuple[Array, ...]:
     """Return errors by a constant as stated, by whole identifications, and all standard errors."""
-    options = {"method": "two-step", **options}
     robot, known_std = stated(experiment, name, joint)
-    plain = identify(*experiment, cutoff_hz=4.0, **options)
-    doubted = identify(robot, experiment[1], cutoff_hz=4.0, known_std=known_std, **options)
-    other = identify(*changed(experiment, name, joint), cutoff_hz=4.0, **options)
-    sides = [[*one.drives.values(), one.load, one.load_side] for one in (plain, doubted, other)]
+    sides = (
+        estimated(*experiment, **options),
+        estimated(robot, experiment[1], known_std=known_std, **options),
+        estimated(*changed(experiment, name, joint), **options),
+    )
     added, quotients, errors = [], [], []
     for before, with_std, after in zip(*sides, strict=True):
         variance = np.diag(with_std.covariance - before.covariance)
@@ -290,9 +315,15 @@ def moved(experiment: Experiment, name: str, joint: str, **options: Any) -> tupl
     return np.concatenate(added), np.concatenate(quotients), np.concatenate(errors)
 
 
-def check_moved(experiment: Experiment, name: str, joint: str, **options: Any) -> None:
+def check_moved(
+    experiment: Experiment,
+    name: str,
+    joint: str,
+    estimated: Callable[..., list[Estimate]] = estimates_of,
+    **options: Any,
+) -> None:
     """Compare errors by a constant with whole identifications, to a part of all standard errors."""
-    added, quotients, errors = moved(experiment, name, joint, **options)
+    added, quotients, errors = moved(experiment, name, joint, estimated, **options)
     assert np.max(quotients / errors) > 0.05
     assert np.all(np.abs(added - quotients) < 0.03 * quotients + 0.04 * errors)
 
@@ -302,6 +333,22 @@ def test_errors_of_a_constant_are_those_of_whole_identifications(name: str) -> N
     """The noise-free log has no residual by which weights or columns could move the estimate."""
     joint = "" if name in ("torque", "payload") else "knee_pitch"
     check_moved(by_torque(), name, joint, estimator="ols")
+
+
+@pytest.mark.parametrize("name", quick_first(CONSTANTS, 1))
+@pytest.mark.parametrize("own", [(), ("bodies", "spring_offset", "stiffness")])
+def test_errors_of_a_constant_in_several_conditions(name: str, own: tuple[str, ...]) -> None:
+    joint = "" if name in ("torque", "payload") else "knee_pitch"
+    options: dict[str, Any] = {"estimator": "ols", "condition_specific": own}
+    check_moved(by_torque(), name, joint, estimates_of_halves, **options)
+
+
+def test_conditions_with_different_standard_deviations_are_refused() -> None:
+    robot, log = by_torque()
+    doubted, _ = stated(by_torque(), "gear_ratio", "knee_pitch")
+    pairs = {"cold": (robot, log), "warm": (doubted, log)}
+    with pytest.raises(IdentificationError, match=r"'cold' and 'warm' .* gear ratio .*knee_pitch"):
+        identify_conditions(pairs, cutoff_hz=4.0)
 
 
 @pytest.mark.slow  # several identifications of the leg

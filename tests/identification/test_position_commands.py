@@ -457,6 +457,26 @@ def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
     assert after["motor_inertia"][1] > 0.8 * slope
 
 
+@pytest.mark.slow  # 20 simulations of 3 s
+def test_refine_has_the_errors_of_known_constants(urdf: Path) -> None:
+    """An error of all torques is one of all gains; the known bodies keep their masses."""
+    log = mujoco_log(HARD, 0.006, 2e-4, 0).between(1.0, 4.0)
+    larger = 1.001 * HARD[0], 1.001 * HARD[1]
+    torque = {"torque": 0.1}
+    plain, moved, stated = (
+        values_of(seaid.refine(seaid.identify(robot, log, known_std=known_std), log))
+        for robot, known_std in (
+            (robot_of(urdf, HARD, 0.006), {}),
+            (robot_of(urdf, larger, 0.006), {}),
+            (robot_of(urdf, HARD, 0.006), torque),
+        )
+    )
+    for name, (value, error) in plain.items():
+        added = np.sqrt(max(stated[name][1] ** 2 - error**2, 0.0))
+        assert added == pytest.approx(100 * abs(moved[name][0] - value), rel=0.05, abs=error), name
+    assert stated["motor_inertia"][1] > 5 * plain["motor_inertia"][1]
+
+
 def test_refine_needs_stiff_drives_with_commands(urdf: Path) -> None:
     robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
     found = seaid.identify(robot, log)

@@ -270,6 +270,11 @@ def test_groups_that_cannot_be_are_refused_by_name() -> None:
         found(robot, log, "ankle", "elbo")
     with pytest.raises(RobotError, match=r"share=: \[ankle\] is alone"):
         found(robot, log, "ankle")
+    twice = {"first": JOINTS[:2], "second": JOINTS[1:]}
+    with pytest.raises(RobotError, match=rf"{JOINTS[1]} is in 'first' and in 'second'"):
+        identify(robot, log, share=twice)
+    with pytest.raises(RobotError, match=rf"the group of {JOINTS[0]} has no name"):
+        identify(robot, log, share={"": JOINTS[:2]})
     smooth = ELASTIC | {"friction": ["viscous", "smooth_coulomb"]}
     with pytest.raises(RobotError, match="nonlinear in the unknown coulomb_width"):
         found(pendulums(smooth, smooth), log, *JOINTS[:2])

@@ -114,7 +114,7 @@ def test_gradients_are_those_of_finite_differences() -> None:
     G = rng.normal(size=model.observed_rows(states).shape)
     slopes = model.pull_back(states, G)
     maps = basis.matrices(time)
-    use, by_x = model.worst_use(states, range(0, 20, 1), maps, np.ones(6))
+    use, by_x = model.worst_shares(states, range(0, 20, 1), maps, np.ones(6))
     for kind in range(3):
         change, size = rng.normal(size=states[kind].shape), 1e-5
         values = []
@@ -125,7 +125,9 @@ def test_gradients_are_those_of_finite_differences() -> None:
         slope = (values[0] - values[1]) / (2 * size)
         assert np.sum(slopes[kind] * change) == pytest.approx(slope, rel=1e-3, abs=1e-2)
     change = 1e-5 * rng.normal(size=coefficients.shape)
-    near = model.worst_use(basis.states(time, coefficients + change), range(20), maps, np.ones(6))
+    near = model.worst_shares(
+        basis.states(time, coefficients + change), range(20), maps, np.ones(6)
+    )
     expected = np.einsum("cmx,xm->c", by_x, change)
     assert np.max(np.abs(near[0] - use - expected)) < 1e-3 * np.max(np.abs(expected))
 
