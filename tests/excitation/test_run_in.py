@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation import (
-    EndState,
-    Limits,
-    Trajectory,
-    joint_limits,
-    make_basis,
-    margins,
-)
+from seaid.excitation import EndState, Limits, Trajectory, joint_limits, make_basis, margins
 from seaid.excitation.basis import BasisName, JoinedBasis
 from seaid.excitation.boundary import IN_MOTION, limit_rows, motion_space
 from seaid.excitation.run_in import add_run_in, with_run_in
