@@ -268,8 +268,8 @@ def checked(
     return decorate
 
 
-def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of a function or a class.
+def hints_of(function: Callable[..., Any], with_limits: bool = False) -> dict[str, Any]:
+    """Return the annotations of a function or a class, if asked for as `Annotated` has them.
 
     Names that its module imports for types only are those of `seaid`, or of the own package.
     """
@@ -277,7 +277,7 @@ def hints_of(function: Callable[..., Any]) -> dict[str, Any]:
     known: dict[str, Any] = {}
     while True:
         try:
-            return get_type_hints(function, localns=known)
+            return get_type_hints(function, localns=known, include_extras=with_limits)
         except NameError as problem:
             # One unknown name per round, each imported by the module for type checkers only.
             name = str(problem.name)

@@ -156,11 +156,11 @@ ONE_IMPORTER = {
         "identification.identification",
     ),
     "one part of the page or window each": (
-        *("report.figures", "report.html_experiment", "report.html_verdict"),
+        *("report.figures", "report.html_verdict"),
         *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
-        *("excitation.run_in", "excitation.search"),
+        "excitation.search",
         *("checks.bodies", "checks.sensors"),
         *("export.joint_actuators", "regressor.random_instants"),
     ),

@@ -322,12 +322,12 @@ SHORT_FORMS = {
 """Arguments of the short forms of each script; OUT is the folder of the test."""
 RUN_ELSEWHERE = {
     "claims.py": "tests/test_claims.py",
-    "cross_check.py": "tests/regressor/test_cross_check.py",
+    "cross_check.py": "tests/regressor/test_base.py",
     "design_excitation.py": "tests/test_scripts.py",
     "fuzz.py": "tests/test_scripts.py",
     "gallery.py": "tests/test_scripts.py",
     "golden.py": "tests/test_golden.py",
-    "identifiability.py": "tests/regressor/test_identifiability.py",
+    "identifiability.py": "tests/regressor/test_structural_identifiability.py",
     "identify_tulip_leg.py": "tests/test_scripts.py",
     "real_data.py": "tests/test_scripts.py",
     "ship_measured_logs.py": "tests/test_scripts.py",

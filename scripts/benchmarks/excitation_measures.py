@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seaid.excitation.criteria import scaled_condition_and_d_value
-from tests.excitation.test_measures import chosen, regressor
+from tests.excitation.test_criteria import chosen, regressor
 
 
 def main() -> None:

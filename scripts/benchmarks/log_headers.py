@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seaid.log.readers.opening import open_table
 from seaid.report.text import table
-from tests.log.test_real_headers import (
+from tests.log.describe.test_inference import (
     ALL,
     DEVELOP,
     FIRST_HALF,

@@ -55,7 +55,6 @@ from .predictions import unseen_motion as unseen_motion
 from .predictions import unseen_resonance as unseen_resonance
 from .predictions import worse_than_start as worse_than_start
 from .predictions import wrong_minimum as wrong_minimum
-from .setup import JointCheck as JointCheck
 from .setup import joint_checks as joint_checks
 from .setup import log_findings as log_findings
 from .setup import setup_findings as setup_findings
@@ -101,6 +100,7 @@ from .values import shared_scale as shared_scale
 from .values import smoothed_instruments as smoothed_instruments
 from .values import unknown_scales as unknown_scales
 from .values import unused_findings as unused_findings
+from .verdict import JointCheck as JointCheck
 from .verdict import JointFit as JointFit
 from .verdict import RobotFit as RobotFit
 from .verdict import Verdict as Verdict

@@ -44,6 +44,7 @@ from seaid.checks.experiment import (
     scaled,
     with_torques_of,
 )
+from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding
 from seaid.estimation import scaled_svd
 from seaid.log import Log, Motion, changed_source
@@ -800,37 +801,6 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     poses = Observation(codes.ENCODER_OFFSET, commands.pose_findings)
     findings = [*gains, *observed([_BEYOND_LIMITS, poses], without)]
     return [*(finding for finding in findings if finding.joint not in stopped), *notes]
-
-
-@dataclass(frozen=True)
-class JointCheck:
-    """What the logs say of one joint, NaN where they cannot.
-
-    Attributes
-    ----------
-    swing : float
-        Range of the position [rad or m].
-    encoder_slope : float
-        Motor angle per joint angle over the gear ratio: 1 for a right set-up.
-    nominal, bodies, motor : float
-        Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
-        by the motor equation (7) of a spring joint, where the motor moves: its friction at
-        standstill is anything up to that of Coulomb.
-    gear_ratio, gear_ratio_error : float
-        Gear ratio between both encoders, without the deflection of a spring, and standard error.
-    delay_s, delay_error_s : float
-        Delay of the motor torque against the motion and its standard error.
-    """
-
-    swing: float
-    encoder_slope: float
-    nominal: float
-    bodies: float
-    motor: float
-    gear_ratio: float = float("nan")
-    gear_ratio_error: float = float("nan")
-    delay_s: float = float("nan")
-    delay_error_s: float = float("nan")
 
 
 def joint_checks(experiment: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:

@@ -41,6 +41,37 @@ Level = Literal["good", "usable with care", "do not use"]
 NAN = float("nan")
 
 
+@dataclass(frozen=True)
+class JointCheck:
+    """What the logs say of one joint, NaN where they cannot.
+
+    Attributes
+    ----------
+    swing : float
+        Range of the position [rad or m].
+    encoder_slope : float
+        Motor angle per joint angle over the gear ratio: 1 for a right set-up.
+    nominal, bodies, motor : float
+        Share (rms) of the torque that is left by the bodies of the robot file, by any bodies, and
+        by the motor equation (7) of a spring joint, where the motor moves: its friction at
+        standstill is anything up to that of Coulomb.
+    gear_ratio, gear_ratio_error : float
+        Gear ratio between both encoders, without the deflection of a spring, and standard error.
+    delay_s, delay_error_s : float
+        Delay of the motor torque against the motion and its standard error.
+    """
+
+    swing: float
+    encoder_slope: float
+    nominal: float
+    bodies: float
+    motor: float
+    gear_ratio: float = NAN
+    gear_ratio_error: float = NAN
+    delay_s: float = NAN
+    delay_error_s: float = NAN
+
+
 @dataclass(frozen=True, repr=False)
 class JointFit(Display):
     """Errors of the torques of one joint, over the rms of their deviation from the mean.

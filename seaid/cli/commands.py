@@ -44,7 +44,7 @@ MOVED = {
     "crosscheck": "write seaid inspect URDF --exact",
     "codegen": "write seaid export URDF -o FILE.py, or FILE.c",
     "delays": "write seaid check URDF LOG --delays",
-    "gear-ratio": "write seaid check URDF LOG --gear-ratios",
+    "gear-ratio": "write seaid check URDF LOG, whose table has the ratios",
     "terms": "write seaid check URDF LOG --terms",
     "refine": "write seaid identify URDF LOG --refine",
     "conditions": "write seaid identify URDF --condition NAME=LOG --condition NAME=LOG",

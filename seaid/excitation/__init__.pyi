@@ -5,6 +5,7 @@ from .basis import JoinedBasis as JoinedBasis
 from .basis import SplineBasis as SplineBasis
 from .basis import make_basis as make_basis
 from .boundary import EndState as EndState
+from .boundary import add_run_in as add_run_in
 from .boundary import motion_space as motion_space
 from .criteria import CRITERIA as CRITERIA
 from .criteria import CriterionName as CriterionName
@@ -26,7 +27,6 @@ from .limits import joint_limits as joint_limits
 from .limits import margins as margins
 from .limits import positive_values as positive_values
 from .multisine import Multisine as Multisine
-from .run_in import add_run_in as add_run_in
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene
 from .stance import Stance as Stance

@@ -14,7 +14,7 @@ from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
 from seaid.excitation.basis import Basis, BasisName, make_basis
-from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space
+from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space, with_run_in
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     CRITERIA,
@@ -54,7 +54,6 @@ from seaid.excitation.problem import (
     previous_logs_factor,
     scaled_target,
 )
-from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
 from seaid.excitation.stance import (
     Stance,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import number
 from seaid._files import plain, read_json
 from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
-from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown, unknown_name
+from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown
+from seaid.log import Reader
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from seaid.identification import FeasibleParameters, Identification, Validation
 
 
+_READER = Reader(RobotError)
 _FORMAT = "seaid parameters 4"
 _KEYS = (
     *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
@@ -116,9 +117,10 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     path = Path(path)
     content = parameters_content(path)
     try:
-        _check_robot(content["joints"], _table("bodies", content["bodies"]), robot)
-        values = np.array([_body(link, table) for link, table in content["bodies"].items()]).ravel()
-        _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
+        bodies, names = content["bodies"], robot.joint_names
+        _check_robot(content["joints"], bodies, robot)
+        values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
+        _READER.table(dict.fromkeys(names, Any), content["drive_tables"], "drive_tables", names)
         drives = {
             # The object itself: other modules ask `is IDEAL_DRIVE`.
             joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
@@ -141,14 +143,12 @@ def parameters_content(path: Path) -> dict[str, Any]:
             f"'{path}' is no file of identified parameters: 'format' is {shown(file_format)}, not "
             f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
         )
-    try:
-        _check_keys("", content, _KEYS)
-    except RobotError as problem:
-        raise RobotError(f"'{path}': {problem}") from None
-    return dict(content)
+    return _READER.table(dict.fromkeys(_KEYS, Any), content, f"'{path}'", _KEYS)
 
 
-def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:
+def _check_robot(joints: Any, bodies: Any, robot: Robot) -> None:
+    if not isinstance(bodies, Mapping):
+        raise RobotError(f"bodies must be a table, found {shown(bodies)}")
     if joints != list(robot.joint_names) or list(bodies) != list(robot.body_names):
         raise RobotError(
             f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
@@ -160,8 +160,7 @@ def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:
 def _body(link: str, table: Any) -> list[float]:
     """Return the ten parameters of a body; Pinocchio stores no first moments without mass."""
     where = f"bodies.{shortened(link)}"
-    _check_keys(where, table, PARAMETERS)
-    values = {name: number(f"{where}.{name}", value, RobotError) for name, value in table.items()}
+    values = _READER.table(dict.fromkeys(PARAMETERS, float), table, where, PARAMETERS)
     largest = max(map(abs, values.values()))
     if largest > _MOST:
         raise RobotError(f"{where}: {largest:g} is not a mass, moment or inertia in SI units")
@@ -179,23 +178,6 @@ def _body(link: str, table: Any) -> list[float]:
             stacklevel=5,
         )
     return [values[name] for name in PARAMETERS]
-
-
-def _table(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise RobotError(f"{where} must be an object, found {shown(value)}")
-    return value
-
-
-def _check_keys(where: str, value: Any, keys: Collection[str]) -> None:
-    """Raise RobotError unless an object has exactly these keys."""
-    table, place = _table(where, value), f"{where}: " if where else ""
-    for key in table:
-        if key not in keys:
-            raise RobotError(place + unknown_name("key", key, keys))
-    for key in keys:
-        if key not in table:
-            raise RobotError(f"{place}key '{shortened(key)}' is missing")
 
 
 def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:

@@ -70,6 +70,9 @@ from .rows import smoothed_where as smoothed_where
 from .rows import standstill as standstill
 from .rows import still_share as still_share
 from .rows import still_speed as still_speed
+from .tables import Interval as Interval
+from .tables import Reader as Reader
+from .tables import types_of as types_of
 from .usable_parts import REST as REST
 from .usable_parts import check_whole as check_whole
 from .usable_parts import stretches as stretches

@@ -39,8 +39,7 @@ def with_commanded_torque(robot: Robot, log: Log) -> Log:
     if not robot.has_controllers:
         return log
     columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-    signals = {field: values[:, columns] for field, values in log.sensors().items()}
-    motor_torque = log.motor_torque.copy()
+    motor_torque, signals = log.motor_torque.copy(), log.sensors(robot.joint_names)
     motor_torque[:, columns] = commanded_torque(robot, log.time, signals)[0]
     return replace(log, motor_torque=motor_torque)
 

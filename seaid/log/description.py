@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import os
 import re
-import sys
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -27,8 +26,21 @@ from seaid.log.channels import (
     Quantity,
     units_of,
 )
-from seaid.log.readers.table import Block
+from seaid.log.readers.table import MOST_COLUMNS, Block
 from seaid.log.repair import Repairs
+from seaid.log.tables import Interval, Reader, Within, types_of
+
+_LEAST, _MOST = 1e-30, 1e30
+"""Least divisor and largest magnitude, so that products and quotients stay finite."""
+
+_NUMBER = f"a finite number (at most {_MOST:g} in size)"
+Number = Annotated[float, Within(_NUMBER, lambda x: abs(x) <= _MOST)]
+Factor = Annotated[float, Within(f"{_NUMBER} that is not zero", lambda x: x and abs(x) <= _MOST)]
+Divisor = Annotated[
+    float, Within(f"a number above zero ({_LEAST:g} to {_MOST:g})", lambda x: _LEAST <= x <= _MOST)
+]
+ColumnName = Annotated[str, Within("the name of a column", lambda name: True)]
+FileName = Annotated[str, Within("the name of a file", lambda name: name != "")]
 
 
 @dataclass(frozen=True)
@@ -38,10 +50,10 @@ class Clock:
     `nanoseconds` is a second column, of what is added to whole seconds.
     """
 
-    column: str | None = None
+    column: ColumnName | None = None
     unit: str = "s"
-    rate_hz: float | None = None
-    nanoseconds: str | None = None
+    rate_hz: Divisor | None = None
+    nanoseconds: ColumnName | None = None
 
     def __post_init__(self) -> None:
         if (self.column is None) == (self.rate_hz is None):
@@ -74,12 +86,12 @@ class Servo:
     numbers.
     """
 
-    goal: str
-    position: str
-    gain: str | float
-    supply: str | float
-    gain_factor: float = 1.0
-    limit: float = 1.0
+    goal: ColumnName
+    position: ColumnName
+    gain: ColumnName | Number
+    supply: ColumnName | Number
+    gain_factor: Number = 1.0
+    limit: Number = 1.0
 
     def columns(self) -> list[str]:
         """Return the columns that the servo uses."""
@@ -122,18 +134,18 @@ class Source:
         Model of a voltage that is not logged, in place of a column.
     """
 
-    column: str | None = None
+    column: ColumnName | None = None
     unit: str | None = None
     sign: int = 1
-    scale: float = 1.0
-    offset: float = 0.0
-    wraps: float | None = None
-    counts_per_turn: float | None = None
-    counts_per_m: float | None = None
-    torque_constant_Nm_per_A: float | None = None
-    times: str | float | None = None
+    scale: Factor = 1.0
+    offset: Number = 0.0
+    wraps: Divisor | None = None
+    counts_per_turn: Divisor | None = None
+    counts_per_m: Divisor | None = None
+    torque_constant_Nm_per_A: Divisor | None = None
+    times: ColumnName | Number | None = None
     side: Side | None = None
-    delay_s: float = 0.0
+    delay_s: Number = 0.0
     time: Clock | None = None
     servo: Servo | None = None
 
@@ -170,10 +182,10 @@ class VectorSource:
     columns: tuple[str, ...]
     frame: Frame | None = None
     order: Order | None = None
-    scale: float = 1.0
-    above: float | None = None
-    unknown: float | None = None
-    delay_s: float = 0.0
+    scale: Factor = 1.0
+    above: Number | None = None
+    unknown: Number | None = None
+    delay_s: Number = 0.0
     time: Clock | None = None
 
     def plain(self) -> Any:
@@ -233,12 +245,12 @@ class LogDescription(Display):
 
     joints: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
     time: Clock | None = None
-    where: str | None = None
-    exclude_s: tuple[tuple[float, float], ...] = ()
+    where: ColumnName | None = None
+    exclude_s: tuple[Interval, ...] = ()
     repair: Repairs = field(default_factory=Repairs)
     base: Mapping[str, VectorSource] = field(default_factory=dict)
     contacts: Mapping[str, Mapping[str, VectorSource]] = field(default_factory=dict)
-    files: tuple[str, ...] = ()
+    files: tuple[FileName, ...] = ()
 
     def _in_short(self) -> str:
         columns = counted(sum(map(len, self.joints.values())), "column")
@@ -408,7 +420,7 @@ def _described_next_to(path: Path) -> LogDescription | None:
         return None
     joints = content.get("joints", {})
     is_other = not isinstance(joints, Mapping) or "type" in joints
-    if is_other or not (joints or (content and set(content) <= _TOP_LEVEL)):
+    if is_other or not (joints or (content and set(content) <= {*_TOP_LEVEL})):
         return None
     return _described(f"'{sibling}'", content)
 
@@ -422,56 +434,51 @@ def _names_joints(path: Path) -> bool:
         return True
 
 
-_TOP_LEVEL = {field.name for field in fields(LogDescription)}
+_TABLES = ("joints", "base", "contacts")
+_TOP_LEVEL = types_of(LogDescription) | dict.fromkeys(_TABLES, Mapping[str, Any]) | {"time": Any}
+"""{key: type} of a description; what its tables have depends on the quantities."""
+
+_READER = Reader(LogError)
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
-    _check_keys(where, content, [field.name for field in fields(LogDescription)])
-    joints = content.get("joints", {})
-    if not isinstance(joints, Mapping):
-        raise LogError(
-            f"{where}: 'joints' must be tables [joints.<joint>], one per joint, found "
-            f"{shown(joints)}"
-        )
-    column = content.get("where")
-    if not isinstance(column, str | None):
-        raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")
-    repair = content.get("repair", {})
-    if not isinstance(repair, Repairs):
-        _check_keys(f"{where} [repair]", repair, [field.name for field in fields(Repairs)])
-        repair = Repairs(**repair)
+    values = _READER.table(_TOP_LEVEL, content, where)
+    tables = {key: values.pop(key, {}) for key in _TABLES}
     return LogDescription(
         joints={
             joint: _joint(f"{where} [joints.{shortened(joint)}]", table)
-            for joint, table in joints.items()
+            for joint, table in tables["joints"].items()
         },
-        time=_clock(f"{where} time", content.get("time")),
-        where=column,
-        exclude_s=_intervals(f"{where} exclude_s", content.get("exclude_s", ())),
-        repair=repair,
-        base=_vector_table(f"{where} [base]", content.get("base", {}), OF_BASE),
+        time=_clock(values.pop("time", None), where),
+        base=_vector_table(f"{where} [base]", tables["base"], OF_BASE),
         contacts={
             link: _vector_table(f"{where} [contacts.{link}]", table, OF_CONTACTS)
-            for link, table in _mapping(f"{where} contacts", content.get("contacts", {})).items()
+            for link, table in tables["contacts"].items()
         },
-        files=_files(f"{where} files", content.get("files", ())),
+        **values,
     )
 
 
-def _mapping(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise LogError(f"{where}: must be a table, found {shown(value)}")
-    return value
+def _clock(value: Any, where: str) -> Clock | None:
+    clock: Clock | None = _READER.value(Clock | None, _with_column(value), "time", where)
+    return clock
+
+
+def _quantities(
+    where: str, table: Any, rows: Mapping[str, Quantity]
+) -> tuple[dict[str, Any], Clock | None]:
+    """Return the sources of a table by quantity, and the clock that they share."""
+    sources = _READER.table(dict.fromkeys(("time", *rows), Any), table, where)
+    return sources, _clock(sources.pop("time", None), where)
 
 
 def _vector_table(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, VectorSource]:
     """Return the vectors of a base or of a contact."""
-    _check_keys(where, table, ["time", *rows])
-    clock = _clock(f"{where} time", table.get("time"))
+    sources, clock = _quantities(where, table, rows)
     return {
-        name: _vector(f"{where} {name}", name, table[name], clock, row.width)
+        name: _vector(f"{where} {name}", name, sources[name], clock, row.width)
         for name, row in rows.items()
-        if name in table
+        if name in sources
     }
 
 
@@ -479,15 +486,16 @@ def _vector(where: str, quantity: str, value: Any, clock: Clock | None, width: i
     if isinstance(value, VectorSource):
         return value
     table = value if isinstance(value, Mapping) else {"columns": value}
-    _check_table(where, VectorSource, table, not_in_it="time")
-    columns = _expanded(where, table["columns"])
+    types = {key: kind for key, kind in types_of(VectorSource).items() if key != "time"}
+    values = _READER.table({**types, "columns": Any}, table, where, needed=["columns"])
+    columns = _expanded(where, values["columns"])
     # How many of them a planar base needs is known with the robot: `channels` checks that.
     if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
         raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
     for key, quantities in _ONLY_OF.items():
         if key in table and quantity not in quantities:
             raise LogError(f"{where}: {key} is not for {quantity}, found {shown(table[key])}")
-    return VectorSource(**{**table, "columns": columns, "time": clock})
+    return VectorSource(**{**values, "columns": columns, "time": clock})
 
 
 _ONLY_OF: dict[str, Collection[str]] = {
@@ -504,60 +512,32 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
         if type(entry) is not int and not (isinstance(entry, str) and entry):
             raise LogError(f"{where}: columns must be names of columns, found {shown(entry)}")
         if part := _SLICE.fullmatch(str(entry)):
-            places = range(int(part[2]), min(int(part[3]), _MOST_PLACES))
+            places = range(int(part[2]), min(int(part[3]), MOST_COLUMNS))
             columns += [f"{part[1]}[{place}]" for place in places]
         else:
             columns.append(str(entry))
     return tuple(columns)
 
 
-_MOST_PLACES = 10_000
-"""Most columns of an array."""
-
-
-def _files(where: str, value: Any) -> tuple[str, ...]:
-    """Return the names of files, after checking that they are names."""
-    is_list = isinstance(value, list | tuple)
-    if not is_list or not all(isinstance(name, str) and name for name in value):
-        raise LogError(f"{where} must be a list of names of files, found {shown(value)}")
-    return tuple(value)
-
-
-def _intervals(where: str, value: Any) -> tuple[tuple[float, float], ...]:
-    """Return intervals of time, after checking that each has a start before its end."""
-    intervals = value if isinstance(value, list | tuple) else [value]
-    for span in intervals:
-        is_pair = isinstance(span, list | tuple) and len(span) == 2 and all(map(_is_finite, span))
-        if not is_pair or not span[0] < span[1]:
-            raise LogError(
-                f"{where} must be a list of intervals [start, end] in seconds, found {shown(span)}"
-            )
-    return tuple((float(start), float(end)) for start, end in intervals)
-
-
 def _joint(where: str, table: Any) -> dict[str, Source]:
-    _check_keys(where, table, ["time", *OF_JOINTS])
-    clock = _clock(f"{where} time", table.get("time"))
-    sources = {
-        name: _source(f"{where} {name}", name, value, clock)
-        for name, value in table.items()
-        if name != "time"
-    }
+    for key in table if isinstance(table, Mapping) else ():
+        if "velocity" in str(key) and key not in OF_JOINTS:
+            name = unknown_name("key", key, OF_JOINTS)
+            raise LogError(f"{where}: {name}; velocities are differentiated from positions")
+    sources, clock = _quantities(where, table, OF_JOINTS)
     if not sources:
         raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
-    return sources
+    return {name: _source(f"{where} {name}", name, x, clock) for name, x in sources.items()}
 
 
 def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
     if isinstance(value, Source):
         return value
     table = _with_column(value)
-    _check_table(where, Source, table)
-    built: dict[str, Any] = {"time": _clock(f"{where} time", table.get("time")) or clock}
-    if "servo" in table:
-        _check_table(f"{where} servo", Servo, table["servo"])
-        built["servo"] = Servo(**table["servo"])
-    source = Source(**{**table, **built})
+    if isinstance(table, Mapping) and "time" in table:
+        table = {**table, "time": _with_column(table["time"])}
+    source = _READER.instance(Source, table, where)
+    source = replace(source, time=source.time or clock)
     _check_source(where, quantity, source)
     return source
 
@@ -600,86 +580,3 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
     for fault, is_there in faults.items():
         if is_there:
             raise LogError(f"{where}: {fault}")
-
-
-def _clock(where: str, value: Any) -> Clock | None:
-    if value is None or isinstance(value, Clock):
-        return value
-    table = _with_column(value)
-    _check_table(where, Clock, table)
-    try:
-        return Clock(**table)
-    except LogError as problem:
-        raise LogError(f"{where}: {problem}") from None
-
-
-_MOST = 1e30
-"""Largest magnitude of a value, so that products and quotients with it stay finite."""
-
-_SMALLEST = dict.fromkeys(("counts_per_turn", "counts_per_m", "wraps", "rate_hz"), 1 / _MOST)
-"""Smallest magnitudes of divisors."""
-
-_SIGNS = {
-    "scale": "not zero",
-    **dict.fromkeys(("wraps", "counts_per_turn", "counts_per_m"), "above zero"),
-    "torque_constant_Nm_per_A": "above zero",
-    "rate_hz": "above zero and finite",
-}
-_VALUES = {
-    "str": "a text",
-    "str | float": "a finite number or the name of a column",
-    "float": "a finite number",
-    "int": "a finite number",
-}
-"""What the fields of sources and clocks may be, by their annotation without None."""
-
-_WORDS = {"Side": get_args(Side), "Frame": get_args(Frame), "Order": get_args(Order)}
-"""The words that a field may be, by its annotation."""
-
-
-def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
-    if not isinstance(table, Mapping):
-        raise LogError(f"{where}: must be a table, found {shown(table)}")
-    for key in table:
-        if key in allowed:
-            continue
-        is_speed = isinstance(key, str) and "velocity" in key
-        more = "; velocities are differentiated from positions" if is_speed else ""
-        raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
-
-
-def _check_table(where: str, kind: type, table: Any, not_in_it: str = "") -> None:
-    """Check the keys and the values of a table by the fields of its dataclass."""
-    entries = [entry for entry in fields(kind) if entry.name != not_in_it]
-    _check_keys(where, table, [entry.name for entry in entries])
-    for entry in entries:
-        annotation = str(entry.type).removesuffix(" | None")
-        if entry.name not in table:
-            if entry.default is MISSING:
-                raise LogError(f"{where}: key '{entry.name}' is missing")
-        elif table[entry.name] is None and annotation != entry.type:
-            continue
-        elif annotation in _VALUES:
-            _check_value(f"{where}: {entry.name}", entry.name, table[entry.name], annotation)
-        elif table[entry.name] not in _WORDS.get(annotation, [table[entry.name]]):
-            allowed = _WORDS[annotation]
-            raise LogError(f"{where}: {unknown_name(entry.name, table[entry.name], allowed)}")
-
-
-def _check_value(where: str, key: str, value: Any, annotation: str) -> None:
-    if isinstance(value, str) and "str" in annotation:
-        return
-    if annotation == "str" or not _is_finite(value):
-        raise LogError(f"{where} must be {_VALUES[annotation]}, found {shown(value)}")
-    sign = _SIGNS.get(key)
-    if not {None: True, "not zero": value != 0}.get(sign, value > 0):
-        raise LogError(f"{where} must be {sign}, found {value}")
-    least = _SMALLEST.get(key, 0.0)
-    if not least <= abs(value) <= _MOST:
-        raise LogError(f"{where} must be from {least:g} to {_MOST:g} in size, found {value:g}")
-
-
-def _is_finite(value: Any) -> bool:
-    """Return whether a value is a number that a float can hold, as an integer may not be."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and abs(value) <= sys.float_info.max

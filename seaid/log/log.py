@@ -260,10 +260,19 @@ class Log(Display):
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
 
-    def sensors(self) -> dict[str, Array]:
-        """Return {field: samples (T, n)} of all fields that are not None."""
+    def sensors(self, joints: Sequence[str] | None = None) -> dict[str, Array]:
+        """Return {field: samples (T, n)} of all fields that are not None, of `joints` if given."""
         samples = {field: getattr(self, field) for field in SENSORS}
-        return {field: values for field, values in samples.items() if values is not None}
+        samples = {field: values for field, values in samples.items() if values is not None}
+        if joints is None:
+            return samples
+        columns = [self.joint_names.index(joint) for joint in joints]
+        return {field: values[:, columns] for field, values in samples.items()}
+
+    def logged(self, joint: str) -> dict[str, Array]:
+        """Return {field: samples (T,)} of the sensors that the log has of a joint."""
+        samples = {field: values[:, 0] for field, values in self.sensors([joint]).items()}
+        return {field: values for field, values in samples.items() if not np.all(np.isnan(values))}
 
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""
@@ -278,12 +287,10 @@ class Log(Display):
 
     def columns(self) -> dict[str, Array]:
         """Return {column name in a file: samples (T,)} of all sensors that the log has."""
-        columns = {}
-        for index, fields in enumerate(columns_by_joint(self).values()):
-            for name, field in fields.items():
-                values = getattr(self, field)
-                if values is not None and not np.all(np.isnan(values[:, index])):
-                    columns[name] = values[:, index]
+        columns: dict[str, Array] = {}
+        for joint, fields in columns_by_joint(self).items():
+            logged = self.logged(joint)
+            columns |= {name: logged[field] for name, field in fields.items() if field in logged}
         return columns
 
     def sources(self) -> dict[str, dict[str, Any]]:
@@ -291,10 +298,10 @@ class Log(Display):
         if self.description is not None:
             described = self.description["joints"]
             return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
-        logged = self.columns()
+        names = columns_by_joint(self)
         return {
-            joint: {field: name for name, field in fields.items() if name in logged}
-            for joint, fields in columns_by_joint(self).items()
+            joint: {field: name for name, field in names[joint].items() if field in logged}
+            for joint, logged in ((joint, self.logged(joint)) for joint in names)
         }
 
 

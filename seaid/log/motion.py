@@ -353,7 +353,8 @@ def _fixed_cutoff(cutoff_hz: float) -> CutoffSelection:
 
 def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
     """Return time and {sensor: samples} on a uniform grid, after checking the positions."""
-    time, signals = _uniform(log, _columns(robot, log))
+    _check_joints(robot, log)
+    time, signals = _uniform(log, robot.joint_names)
     _check_positions(robot, signals["joint_position"], signals["motor_position"])
     return time, signals
 
@@ -493,14 +494,14 @@ def _rate_hz(time: Array) -> float:
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
-def _columns(robot: Robot, log: Log) -> list[int]:
+def _check_joints(robot: Robot, log: Log) -> None:
+    """Raise LogError for a log without a joint of the robot."""
     missing = [joint for joint in robot.joint_names if joint not in log.joint_names]
     if missing:
         raise LogError(
             f"the log has no joint {', '.join(missing)} of '{robot.name}'; "
             f"its joints: {', '.join(log.joint_names)}"
         )
-    return [log.joint_names.index(joint) for joint in robot.joint_names]
 
 
 def is_regular(time: Array) -> bool:
@@ -508,9 +509,9 @@ def is_regular(time: Array) -> bool:
     return not np.any(irregular_steps(time))
 
 
-def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
+def _uniform(log: Log, joints: Sequence[str]) -> tuple[Array, dict[str, Array]]:
     """Return time and {sensor: samples} on a uniform grid at the log's mean rate."""
-    signals = {field: values[:, columns] for field, values in log.sensors().items()}
+    signals = log.sensors(joints)
     if is_regular(log.time):
         return log.time, signals
     steps = np.diff(log.time)
@@ -519,7 +520,7 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     # The last stamp may exceed the log's by rounding, and a spline would extrapolate there.
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
-    resampled = {field: np.full((count, len(columns)), np.nan) for field in signals}
+    resampled = {field: np.full((count, len(joints)), np.nan) for field in signals}
     for field, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
             # The deflection rate multiplies the damping of the spring: the deflection is

@@ -50,10 +50,6 @@ from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
 
-_FAR, _SLACK = 1.0, 0.2
-"""Angles count as degrees if they exceed the limits by this multiple of the range, and if their
-values in degrees are within the limits by this slack [rad]."""
-
 
 @checked(LogError)
 def read_log(
@@ -99,8 +95,8 @@ def read_log(
     Warns
     -----
     SeaidWarning
-        If positions exceed the joint limits by far, as angles in degrees do; of columns that are
-        NaN throughout; and of columns named as seaid's that no joint of the robot has.
+        Of columns that are NaN throughout, and of those that are named as seaid's but are of no
+        joint of the robot. Angles in degrees are found by `seaid.check`.
 
     Examples
     --------
@@ -128,7 +124,6 @@ def read_log(
         described = completed(table, described or LogDescription(), robot)
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
-    _warn_of_degrees(path, log, robot)
     _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
     return log
 
@@ -229,27 +224,6 @@ def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
             raise LogError(
                 f"'{still[0]}' is {value:.6g} all the time while the other side of the joint "
                 "moves: the sensor is broken, or the drive was off; name another column"
-            )
-
-
-def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
-    """Warn of joints whose positions exceed the limits in rad, but would not in degrees."""
-    for index, joint in enumerate(robot.joint_names):
-        lower, upper = robot.position_range(joint)
-        values = log.joint_position[:, index]
-        # A joint without limits has an infinite range, and one that turns several times a long one.
-        if log.is_prismatic[index] or not upper - lower < 20.0 or np.all(np.isnan(values)):
-            continue
-        outside = max(float(np.max(values)) - upper, lower - float(np.min(values)))
-        as_degrees = np.deg2rad(values)
-        fits = np.max(as_degrees) <= upper + _SLACK and np.min(as_degrees) >= lower - _SLACK
-        if outside > _FAR * (upper - lower) and fits:
-            warnings.warn(
-                f"'{path}': the position of joint '{joint}' ranges from {np.min(values):.4g} to "
-                f"{np.max(values):.4g} rad, its limits are {lower:.4g} and {upper:.4g} rad: "
-                "if the angles are in degrees, give the unit 'deg'",
-                SeaidWarning,
-                stacklevel=4,
             )
 
 

@@ -117,20 +117,16 @@ def _moving_mean(values: Array, count: int) -> Array:
 
 def without_frozen(log: Log) -> Log:
     """Return a log without the samples at which a channel is frozen while the robot moves."""
-    bad, repairs, columns = np.zeros(len(log.time), dtype=bool), [], log.columns()
-    for name, values in columns.items():
+    bad, repairs = np.zeros(len(log.time), dtype=bool), []
+    for name, values in log.columns().items():
         repeated = _long_repeats(log.time, values)
         if quantity_of(name).is_slow or quantity_of(name).is_command or not np.any(repeated):
             continue
         if quantity_of(name).is_position:
             frozen = _frozen_positions(values, repeated)
         else:
-            joint = name.rsplit(".", 1)[0]
-            sides = [
-                columns[x]
-                for x in columns
-                if x.startswith(f"{joint}.") and quantity_of(x).is_position
-            ]
+            logged = log.logged(name.rsplit(".", 1)[0]).items()
+            sides = [samples for field, samples in logged if quantity_of(field).is_position]
             frozen = _frozen_torques(values, repeated, sides)
         if np.any(frozen):
             longest = max(log.time[end - 1] - log.time[start] for start, end in runs(frozen))

@@ -479,11 +479,8 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
     The torques and currents of the joints `untrue` are no measurements.
     """
     joints = []
-    for index, joint in enumerate(robot.joint_names):
-        logged = [
-            {name for name, x in log.sensors().items() if np.all(np.isfinite(x[:, index]))}
-            for log in logs
-        ]
+    for joint in robot.joint_names:
+        logged = [{*log.logged(joint)} for log in logs]
         measured = set.union(*logged) & {*_TORQUES}
         if set.intersection(*logged) & {*COMMANDS} and (joint in untrue or not measured):
             joints.append(joint)
@@ -504,13 +501,7 @@ def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Cont
 
 def _sent(logs: Sequence[Log], joint: str) -> list[str]:
     """Return the kinds of command that all logs have of a joint."""
-    return [kind for kind in COMMANDS if all(_has(log, kind, joint) for log in logs)]
-
-
-def _has(log: Log, field: str, joint: str) -> bool:
-    """Return whether a log has a quantity of a joint."""
-    values = log.sensors().get(field)
-    return values is not None and bool(np.isfinite(values[0, log.joint_names.index(joint)]))
+    return [kind for kind in COMMANDS if all(kind in log.logged(joint) for log in logs)]
 
 
 def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
@@ -586,7 +577,7 @@ def _is_held(log: Log, kind: str, joint: str) -> bool:
     Steps of a rounded command that changes slowly are all alike: one unit of its last digit. Stamps
     that are rounded leave a small part of a step in the next sample.
     """
-    steps = np.abs(np.diff(log.sensors()[kind][:, log.joint_names.index(joint)]))
+    steps = np.abs(np.diff(log.logged(joint)[kind]))
     # Each step weighted by itself: many zeros of a held command do not lower this mean.
     size = float(steps @ steps) / max(float(np.sum(steps)), np.finfo(float).tiny)
     changes = np.flatnonzero(steps > _PART_OF_STEP * size)
@@ -661,11 +652,11 @@ def _unscaled(
     robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
 ) -> list[str]:
     """Return the joints whose motor has an unknown constant, without a sensor of their torque."""
-    indices = [robot.index(joint) for joint, table in tables.items() if "motor_input" in table]
+    joints = [joint for joint, table in tables.items() if "motor_input" in table]
     return [
-        robot.joint_names[index]
-        for index in indices
-        if not any("joint_torque" in _sensors(log, index) for log in logs)
+        joint
+        for joint in joints
+        if not any("joint_torque" in _moving_sensors(log, joint) for log in logs)
     ]
 
 
@@ -706,7 +697,7 @@ def inferred_drives(
 
 def _inferred_drive(robot: Robot, index: int, logs: Sequence[Log]) -> _Drive:
     """Return the drive of a joint, None if its torque counts as known, and the doubt about it."""
-    sensors = [_sensors(log, index) for log in logs]
+    sensors = [_moving_sensors(log, robot.joint_names[index]) for log in logs]
     names, encoded = set[str]().union(*sensors), zip(logs, sensors, strict=True)
     log, channels = next((pair for pair in encoded if "motor_position" in pair[1]), (None, {}))
     drive = _spring_without_gear(robot, index, log, channels)
@@ -796,10 +787,9 @@ _SAME_RATIO = 0.03
 """Difference of two estimates of a ratio above which neither is taken for the better one."""
 
 
-def _sensors(log: Log, index: int) -> dict[str, Array]:
-    """Return the sensors {name: samples} of a joint that are logged and change."""
-    channels = {name: values[:, index] for name, values in log.sensors().items()}
-    return {name: x for name, x in channels.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0}
+def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
+    """Return the sensors {name: samples} of a joint that change."""
+    return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
 
 
 def _drive_of_encoders(

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal
 
 from seaid._arrays import FrozenMapping
 from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
-from seaid.errors import SeaidError, Severity, checked, hints_of, listed, shown, unknown_name
+from seaid.errors import SeaidError, Severity, checked, listed, unknown_name
 from seaid.estimation import EstimatorName
 from seaid.identification import Method
 from seaid.legged import find_contacts
-from seaid.log import Log, Repairs, read_log
+from seaid.log import Interval, Log, Reader, Repairs, read_log, types_of
 from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
 
 FILE_NAME = PROJECT_FILE
@@ -51,7 +50,7 @@ class ProjectLog:
     repair: bool = False
     find_contacts: bool = False
     condition: str = ""
-    between_s: tuple[float, float] | None = None
+    between_s: Interval | None = None
 
     @property
     def name(self) -> str:
@@ -230,139 +229,62 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
     """
     path = Path(path)
     file = path / FILE_NAME if path.is_dir() else path
+    where, reader = f"'{file}'", Reader(SeaidError, file.parent)
     content = read_toml(file, "the project", SeaidError)
     if content.get("known_bodies") == "all":
         content["known_bodies"] = ["all"]
-    table = _Table(f"'{file}'", content, file.parent)
-    values = table.values(_OF_PROJECT, "contacts", "payload", "log", "identify", "run")
-    if "urdf" not in values:
-        raise SeaidError(f"'{file}': the key 'urdf' is missing; give the robot's file")
-    logs = tuple(map(_log, table.tables("log")))
+    values = reader.table(_OF_PROJECT, content, where, needed=["urdf"])
+    run = reader.table(_OF_RUN, values.pop("run", {}), f"{where} [run]")
+    logs = tuple(_log(*entry) for entry in _tables(reader, values, "log", _OF_LOG, where))
+    payloads = _tables(reader, values, "payload", _OF_PAYLOAD, where, needed=["link", "mass_kg"])
     values["urdf"] = _robot_file(values["urdf"], file.parent)
     values["experiment"] = {name: str(x) for name, x in values.get("experiment", {}).items()}
     return Project(
         file=file,
+        contacts=_contacts(reader, values.pop("contacts", []), where),
+        options=values.pop("identify", Options()),
         **values,
-        payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
-        contacts=_contacts(table),
+        payloads=FrozenMapping(_payloads(payloads, logs)),
         logs=logs,
-        options=Options(**table.table("identify").values(hints_of(Options))),
-        **{"folder": file.parent / "runs", **table.table("run").values(_OF_RUN)},
+        **{"folder": file.parent / "runs", **run},
     )
 
 
 _VECTOR = tuple[float, float, float]
-_HINTS = hints_of(Project)
+_HINTS = types_of(Project)
 _ROBOT = ("drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics")
 _OF_PROJECT = {
-    **{"urdf": str, "experiment": Mapping[str, Any]},
+    **{"urdf": str, "experiment": Mapping[str, Any], "identify": Options},
     **{key: _HINTS[key] for key in (*_ROBOT, "base", "imu_link")},
+    **dict.fromkeys(("contacts", "payload", "log", "run"), Any),
 }
 _OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
-_OF_LOG = {"file": Path, **hints_of(ProjectLog)}
-_OF_CONTACT = {"links": tuple[str, ...], **hints_of(Contact)}
+_OF_LOG = {"file": Path, **types_of(ProjectLog)}
+_OF_CONTACT = {"links": tuple[str, ...], **types_of(Contact)}
 _OF_PAYLOAD = {
     **{"link": str, "mass_kg": float, "com_m": _VECTOR, "condition": str},
     "inertia_kg_m2": tuple[float, float, float, float, float, float],
 }
 """{key: type} of the tables of a project file; those of [identify] are the fields of `Options`."""
 
-_SCALARS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
-    str: ("a text", lambda value: isinstance(value, str) and value != ""),
-    Path: ("a text", lambda value: isinstance(value, str) and value != ""),
-    bool: ("true or false", lambda value: isinstance(value, bool)),
-    float: ("a number", lambda value: type(value) in (int, float)),
-}
-"""{type: (what a value of it is called in a message, whether a value of the file is one)}."""
 
-
-@dataclass(frozen=True)
-class _Table:
-    """A table of the file with its place for messages; paths are relative to `folder`."""
-
-    where: str
-    content: Mapping[str, Any]
-    folder: Path
-
-    def values(self, types: Mapping[str, Any], *others: str) -> dict[str, Any]:
-        """Return the values of the keys that are there, each as its type.
-
-        Raises SeaidError for keys that neither `types` nor `others` have.
-        """
-        allowed = (*types, *others)
-        for key in self.content:
-            if key not in allowed:
-                raise SeaidError(f"{self.where}: {unknown_name('key', key, allowed)}")
-        return {key: self._value(key, kind) for key, kind in types.items() if key in self.content}
-
-    def refuse(self, key: str, wanted: str) -> SeaidError:
-        """Return the error of a value that is not what is wanted."""
-        value = shown(self.content[key])
-        return SeaidError(f"{self.where}: '{key}' must be {wanted}, found {value}")
-
-    def table(self, key: str) -> _Table:
-        """Return a table in this one, an empty one if it is not there."""
-        value = self.content.get(key, {})
-        if not isinstance(value, Mapping):
-            raise self.refuse(key, f"a table [{key}]")
-        return _Table(f"{self.where} [{key}]", value, self.folder)
-
-    def tables(self, key: str) -> list[_Table]:
-        """Return the tables of a list in this one."""
-        value = self.content.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(entry, Mapping) for entry in value):
-            raise self.refuse(key, f"tables [[{key}]], one each")
-        return [
-            _Table(f"{self.where} [[{key}]] {place}", entry, self.folder)
-            for place, entry in enumerate(value, 1)
-        ]
-
-    def _value(self, key: str, kind: Any) -> Any:
-        """Return the value of a key as a type, or raise SeaidError."""
-        inner = [part for part in get_args(kind) if part is not NoneType]
-        origin = get_origin(kind) or kind
-        if NoneType in get_args(kind):
-            return self._value(key, inner[0])
-        if origin is Literal:
-            return self._one_of(key, self._value(key, str), inner)
-        if origin is Mapping:
-            table = self.table(key)
-            return FrozenMapping({name: table._value(name, inner[1]) for name in table.content})
-        if origin is tuple:
-            return self._listed(key, inner)
-        return self._scalar(key, kind)
-
-    def _scalar(self, key: str, kind: Any) -> Any:
-        value = self.content[key]
-        if kind is Any:
-            return value
-        words, is_right = _SCALARS[kind]
-        if not is_right(value):
-            raise self.refuse(key, words)
-        return self.folder / value if kind is Path else kind(value)
-
-    def _one_of(self, key: str, value: str, allowed: Sequence[str]) -> str:
-        if value not in allowed:
-            raise SeaidError(f"{self.where}: '{key}': {unknown_name('value', value, allowed)}")
-        return value
-
-    def _listed(self, key: str, kinds: Sequence[Any]) -> tuple[Any, ...]:
-        """Return a list of texts, names or paths of any length, or one of so many numbers."""
-        if kinds[0] is float:
-            return self._numbers(key, len(kinds))
-        value = self.content[key]
-        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
-        if get_origin(kinds[0]) is Literal:
-            return tuple(self._one_of(key, text, get_args(kinds[0])) for text in value)
-        return tuple(self.folder / text if kinds[0] is Path else text for text in value)
-
-    def _numbers(self, key: str, count: int) -> tuple[float, ...]:
-        value = self.content[key]
-        is_list = isinstance(value, list) and len(value) == count
-        if not is_list or not all(type(element) in (int, float) for element in value):
-            raise self.refuse(key, f"a list of {count} numbers")
-        return tuple(map(float, value))
+def _tables(
+    reader: Reader,
+    values: dict[str, Any],
+    key: str,
+    types: Mapping[str, Any],
+    where: str,
+    needed: Sequence[str] = (),
+) -> list[tuple[str, dict[str, Any]]]:
+    """Remove the tables of a list, and return the place and the values of each."""
+    tables = values.pop(key, [])
+    if not isinstance(tables, list):
+        raise reader.refusal(tables, f"tables [[{key}]], one each", key, where)
+    places = (f"{where} [[{key}]] {number}" for number in range(1, len(tables) + 1))
+    return [
+        (place, reader.table(types, table, place, needed))
+        for place, table in zip(places, tables, strict=True)
+    ]
 
 
 def _robot_file(text: str, folder: Path) -> Path | str:
@@ -371,51 +293,45 @@ def _robot_file(text: str, folder: Path) -> Path | str:
     return path if path.exists() or Path(text).suffix or "/" in text else text
 
 
-def _log(table: _Table) -> ProjectLog:
-    values = table.values(_OF_LOG)
+def _log(where: str, values: dict[str, Any]) -> ProjectLog:
     file, several = values.pop("file", None), values.pop("files", ())
     if (file is None) == (not several):
-        raise SeaidError(f"{table.where}: give either 'file' or 'files' of one motion")
-    log = ProjectLog(several or (file,), **values)
-    if log.between_s is not None and not log.between_s[0] < log.between_s[1]:
-        raise table.refuse("between_s", "[start, end] with the end after the start")
-    return log
+        raise SeaidError(f"{where}: give either 'file' or 'files' of one motion")
+    return ProjectLog(several or (file,), **values)
 
 
-def _contacts(table: _Table) -> tuple[Contact, ...]:
+def _contacts(reader: Reader, value: Any, where: str) -> tuple[Contact, ...]:
     """Return the contacts of a list of links, or of tables such as { link = "foot", radius_m = 0 }.
 
     A table is for several links too: { links = ["a", "b"], radius_m = 0.02 }.
     """
-    value, contacts = table.content.get("contacts", []), list[Contact]()
-    for place, entry in enumerate(value if isinstance(value, list) else [value], 1):
+    contacts = list[Contact]()
+    for number, entry in enumerate(value if isinstance(value, list) else [value], 1):
+        place = f"{where} contacts {number}"
         content = {"link": entry} if isinstance(entry, str) else entry
         if not isinstance(content, Mapping):
-            raise table.refuse("contacts", 'a list of links or of tables, as { link = "foot" }')
-        contact_table = _Table(f"{table.where} contacts {place}", content, table.folder)
-        values = contact_table.values(_OF_CONTACT)
+            wanted = 'a list of links or of tables, as { link = "foot" }'
+            raise reader.refusal(value, wanted, "contacts", where)
+        values = reader.table(_OF_CONTACT, content, place)
         links = values.pop("links", ())
         links = [values.pop("link")] if "link" in values else links
         if not links:
-            raise SeaidError(f"{contact_table.where}: a contact needs 'link', or 'links'")
+            raise SeaidError(f"{place}: a contact needs 'link', or 'links'")
         contacts += [Contact(link, **values) for link in links]
     return tuple(contacts)
 
 
 def _payloads(
-    tables: Sequence[_Table], logs: Sequence[ProjectLog]
+    tables: Sequence[tuple[str, Mapping[str, Any]]], logs: Sequence[ProjectLog]
 ) -> dict[str, tuple[Payload, ...]]:
     """Return {condition: payloads}; "" for those in all logs."""
     payloads: dict[str, tuple[Payload, ...]] = {}
     conditions = {log.condition for log in logs} - {""}
-    for table in tables:
-        values = table.values(_OF_PAYLOAD)
-        if not {"link", "mass_kg"} <= {*values}:
-            raise SeaidError(f"{table.where}: a payload needs 'link' and 'mass_kg'")
+    for where, values in tables:
         condition = values.get("condition", "")
         if condition and condition not in conditions:
             name = unknown_name("condition of a log", condition, sorted(conditions))
-            raise SeaidError(f"{table.where}: {name}")
+            raise SeaidError(f"{where}: {name}")
         # The inertia at the centre of mass, in the order of a file.
         xx, yy, zz, xy, xz, yz = values.get("inertia_kg_m2", (0.0,) * 6)
         inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)

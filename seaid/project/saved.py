@@ -12,15 +12,12 @@ import hashlib
 import io
 import json
 import math
-import platform
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
@@ -35,6 +32,7 @@ from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, drives_from_ma
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.identification import Identification, Validation
 from seaid.log import Motion, decimated
+from seaid.report import package_versions, system_name
 from seaid.robot import Robot, joints_of, model_of
 from seaid.simulation import ReplayComparison
 
@@ -504,7 +502,6 @@ def _table(value: Any) -> Any:
     return list(map(_table, value)) if isinstance(value, tuple) else value
 
 
-_PACKAGES = ("numpy", "scipy", "pin", "sympy")
 _DIGEST = 12
 """Characters of a digest that people read."""
 
@@ -513,17 +510,11 @@ def provenance_of(
     files: Iterable[Path], options: Mapping[str, Any], command: Sequence[str]
 ) -> dict[str, Any]:
     """Return the origin of a result as plain data."""
-    from seaid import __version__
-
-    versions = {"seaid": __version__, "python": platform.python_version()}
-    for name in _PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
     return {
         "time_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
         "command": list(command),
-        "system": f"{platform.system()} {platform.release()} on {platform.machine()}",
-        "versions": versions,
+        "system": system_name(),
+        "versions": package_versions(),
         "inputs": [digest for path in files for digest in _digests(path)],
         "options": dict(options),
     }

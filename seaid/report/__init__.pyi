@@ -7,6 +7,8 @@ from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .html import write_calibration as write_calibration
 from .html import write_comparison as write_comparison
 from .html import write_report as write_report
+from .html_experiment import package_versions as package_versions
+from .html_experiment import system_name as system_name
 from .text import base_table as base_table
 from .text import comparison_table as comparison_table
 from .text import condition_lines as condition_lines

@@ -326,7 +326,7 @@ CHANGE_OF_VALUE = Format(lambda x: percent(x.change), lambda x: signed_share(x.c
 OFF = Format(lambda x: f"{x.off:+.1f} s.e.".replace("+nan s.e.", "-"), lambda x: short(x.off))
 NOTE = Format(lambda x: x.note, lambda x: x.note, is_words=True)
 VALUE_AND_ERROR = Format(
-    lambda x: f"{number(x.value)} +- {x.error:.2g}",
+    lambda x: f"{number(x.value)} +- {x.error:.2g}" if math.isfinite(x.value) else "-",
     lambda x: Cell(f"{x.rounded.value} ± {x.rounded.error}", x.value),
 )
 """Parts of a measured value."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -13,6 +14,7 @@ import numpy as np
 
 from seaid.checks import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable, total_ratio
+from seaid.errors import listed
 from seaid.log import has_holes, row_samples
 from seaid.report import formats
 from seaid.report.formats import (
@@ -123,8 +125,7 @@ def _positions(robot: Robot, motion: Motion) -> str:
 def _listed(joints: Sequence[str], robot: Robot) -> str:
     if len(joints) == robot.n:
         return f"all {robot.n} joints" if robot.n > 1 else joints[0]
-    listed = ", ".join(joints[:12])
-    return listed if len(joints) <= 12 else f"{listed} and {len(joints) - 12} more"
+    return listed(joints, 12)
 
 
 def settings_facts(result: Identification) -> list[tuple[str, str]]:
@@ -391,19 +392,25 @@ def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]
                     yield joint, quantity, float(delay)
 
 
-def versions() -> list[tuple[str, str]]:
-    """Return date, system and versions of packages."""
+def package_versions() -> dict[str, str]:
+    """Return the versions of seaid, of Python, and of the packages on which results rest."""
     from seaid import __version__
 
-    rows = [
-        ("Written", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
-        ("seaid", __version__),
-        ("Python", platform.python_version()),
-        ("System", f"{platform.system()} {platform.release()} on {platform.machine()}"),
-    ]
+    versions = {"seaid": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
-        try:
-            rows.append(("Pinocchio" if name == "pin" else name, version(name)))
-        except PackageNotFoundError:
-            continue
-    return rows
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
+
+
+def system_name() -> str:
+    """Return the operating system and the kind of machine."""
+    return f"{platform.system()} {platform.release()} on {platform.machine()}"
+
+
+def versions() -> list[tuple[str, str]]:
+    """Return date, system and versions of packages."""
+    written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    names = {"python": "Python", "pin": "Pinocchio"}
+    packages = [(names.get(name, name), number) for name, number in package_versions().items()]
+    return [("Written", written), ("System", system_name()), *packages]

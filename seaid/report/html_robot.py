@@ -15,9 +15,9 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array
 from seaid.report.formats import rendered, svg_path
-from seaid.robot import THIN, is_physical, pseudo_inertia
+from seaid.robot import THIN, is_physical, second_moments
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -329,23 +329,8 @@ def _placed_bodies(
         center = center_of_mass(body) if np.all(np.isfinite(body)) else None
         if center is not None:
             origin, turn = posture.frame(joint)
-            second = _second_moment(body) if is_physical(body, THIN) else None
+            second = second_moments(body) / body[0] if is_physical(body, THIN) else None
             yield joint, float(body[0]), origin + turn @ center, second
-
-
-def _second_moment(body: Array) -> Array:
-    """Return the second moment per mass (3, 3) about the centre of mass [m^2]."""
-    pseudo = pseudo_inertia(body)
-    return np.asarray(
-        pseudo[:3, :3] / body[0] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / body[0] ** 2
-    )
-
-
-def principal_moments(body: Array) -> Array:
-    """Return the principal moments of inertia (3,) about the centre of mass [kg m^2]."""
-    second = body[0] * _second_moment(body)
-    inertia = np.trace(second) * np.eye(3) - second
-    return np.asarray(safely(np.linalg.eigvalsh, inertia, what="the inertia of a body"))
 
 
 def _ellipse(view: _View, turn: Array, second: Array) -> tuple[float, float, float]:

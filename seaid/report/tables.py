@@ -29,9 +29,9 @@ from seaid.report.formats import (
     table_of,
     words,
 )
-from seaid.report.html_robot import center_of_mass, principal_moments
+from seaid.report.html_robot import center_of_mass
 from seaid.report.html_traces import SIDES, torque_units
-from seaid.robot import BASE_ROWS
+from seaid.robot import BASE_ROWS, principal_moments
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate

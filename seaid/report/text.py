@@ -376,11 +376,19 @@ def _residual_text(result: Identification) -> list[Text]:
 def setup_table(found: SetupCheck) -> Text:
     """Return the numbers of a check of the set-up, and its warnings."""
     rows = [
-        (joint, setup.swing, setup.encoder_slope, setup.nominal, setup.bodies, setup.motor)
+        (
+            *(joint, setup.swing, setup.encoder_slope, setup.nominal, setup.bodies, setup.motor),
+            Measured(setup.gear_ratio, setup.gear_ratio_error),
+            Measured(1e3 * setup.delay_s, 1e3 * setup.delay_error_s),
+        )
         for joint, setup in found.joints.items()
     ]
     errors = shares("error by file", "by any bodies", "motor equation")
-    columns = (*words("joint"), *numbers("swing", "encoder slope"), *errors)
+    measured = (
+        Column(head, formats.VALUE_AND_ERROR, is_optional=True)
+        for head in ("gear ratio", "torque delay [ms]")
+    )
+    columns = (*words("joint"), *numbers("swing", "encoder slope"), *errors, *measured)
     made = _listed("Torques that the set-up as given leaves unexplained", columns, rows)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
     return joined([*([made] if rows else []), *warning_lines(found.warnings), *nothing])

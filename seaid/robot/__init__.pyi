@@ -16,7 +16,9 @@ from .inertia import inconsistent_link as inconsistent_link
 from .inertia import is_physical as is_physical
 from .inertia import out_of_range as out_of_range
 from .inertia import parameter_names as parameter_names
+from .inertia import principal_moments as principal_moments
 from .inertia import pseudo_inertia as pseudo_inertia
+from .inertia import second_moments as second_moments
 from .pinocchio_model import BaseKind as BaseKind
 from .pinocchio_model import DependentJoint as DependentJoint
 from .pinocchio_model import Payload as Payload

@@ -46,11 +46,28 @@ def pseudo_inertia(parameters: Array) -> Array:
     inertia = np.zeros((3, 3))
     for value, (row, column) in zip(parameters[4:], _UPPER, strict=True):
         inertia[row, column] = inertia[column, row] = value
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    pseudo[:3, 3] = pseudo[3, :3] = parameters[1:4]
-    pseudo[3, 3] = parameters[0]
-    return pseudo
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return _of_moments(second, parameters[1:4], parameters[0])
+
+
+def _of_moments(second: Array, first: Array, mass: float) -> Array:
+    """Return the pseudo-inertia of second moments (3, 3), first moments (3,) and a mass."""
+    return np.block([[second, first[:, None]], [first, mass]])
+
+
+def second_moments(parameters: Array) -> Array:
+    """Return the second moments (3, 3) of a body with mass about its centre of mass [kg m^2].
+
+    They are S_c = S - h h^T / m, in terms of the pseudo-inertia.
+    """
+    pseudo = pseudo_inertia(parameters)
+    return np.asarray(pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / parameters[0])
+
+
+def principal_moments(parameters: Array) -> Array:
+    """Return the principal moments of inertia (3,) about the centre of mass [kg m^2], ascending."""
+    second = second_moments(parameters)
+    return _eigenvalues(np.trace(second) * np.eye(3) - second)
 
 
 def from_pseudo_inertia(pseudo: Array) -> Array:
@@ -70,15 +87,13 @@ def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     """Return the ten parameters of mass [kg], centre [m] and 3x3 inertia at the centre [kg m^2]."""
     # Parallel axes (Steiner) in terms of the second moments: S = S_c + m c c^T.
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia + mass * np.outer(com, com)
-    pseudo = np.block([[second, mass * com[:, None]], [mass * com[None, :], np.array([[mass]])]])
-    return from_pseudo_inertia(pseudo)
+    return from_pseudo_inertia(_of_moments(second, mass * com, mass))
 
 
 def _eigenvalues(matrix: Array) -> Array:
     """Return the eigenvalues of a symmetric matrix of a body, in ascending order."""
-    return np.asarray(
-        safely(np.linalg.eigvalsh, matrix, what="the inertia of a body", error=RobotError)
-    )
+    what = "the inertia of a body"
+    return np.asarray(safely(np.linalg.eigvalsh, matrix, what=what, error=RobotError))
 
 
 def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
@@ -122,10 +137,7 @@ def inconsistency(parameters: Array) -> str | None:
         return f"a negative mass, {mass:.4g} kg"
     if mass == 0:
         return "inertia without mass" if np.any(parameters) else None
-    pseudo = pseudo_inertia(parameters)
-    # S_c = S - h h^T / m: second moments about the centre of mass.
-    second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
-    moments = _eigenvalues(np.trace(second) * np.eye(3) - second)
+    moments = principal_moments(parameters)
     allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale
     clean = np.where(np.abs(moments) > _ROUNDING * np.max(np.abs(moments)), moments, 0.0)
     shown = ", ".join(f"{moment:.4g}" for moment in clean)

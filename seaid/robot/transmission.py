@@ -126,9 +126,8 @@ def rows_at_drives(matrix: Array, rows: Array) -> Array:
 
 
 def _inverse(block: Array) -> Array:
-    return np.asarray(
-        safely(np.linalg.inv, block, what="a transmission", error=RobotError), dtype=np.float64
-    )
+    inverse: Array = safely(np.linalg.inv, block, what="a transmission", error=RobotError)
+    return inverse
 
 
 def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> Array:

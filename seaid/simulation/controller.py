@@ -281,7 +281,7 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
     laws = {index: law for index, drive in enumerate(drives) if (law := drive.law) is not None}
     if not laws:
         return None
-    signals = _signals(robot, log)
+    signals = log.sensors(robot.joint_names)  # in the order of the robot
     parts = [commanded_part(robot, log.time, signals, k, is_scaled=True) for k in laws]
     delays = [drives[k].command_delay_s or 0.0 for k in laws]
     gains = [(law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad) for law in laws.values()]
@@ -297,9 +297,3 @@ def position_controllers(robot: Robot, log: Log) -> PositionControllers | None:
         velocity_gain=velocity_gain,
         laws=[*laws.values()],
     )
-
-
-def _signals(robot: Robot, log: Log) -> dict[str, Array]:
-    """Return the sensors (T, n) in the order of the robot, which need not be that of the log."""
-    columns = [log.joint_names.index(joint) for joint in robot.joint_names]
-    return {field: values[:, columns] for field, values in log.sensors().items()}

@@ -14,9 +14,8 @@ from seaid.view.picture import IDENTIFIED, NEUTRAL, NOMINAL, WRONG, rest_posture
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
-    from seaid.view.picture import Picture
+    from seaid.view.picture import Color, Ellipsoid, Picture
     from seaid.view.playback import Playback
-    from seaid.view.shapes import Color, Ellipsoid
     from seaid.view.stage import Stage
 
 

@@ -11,8 +11,7 @@ import pinocchio as pin
 from pinocchio.visualize import ViserVisualizer
 
 from seaid._arrays import Array
-from seaid.view.picture import GROUPS, Picture
-from seaid.view.shapes import Color
+from seaid.view.picture import GROUPS, Color, Picture
 
 GHOST: Color = (240, 130, 30)
 

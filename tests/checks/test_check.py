@@ -13,7 +13,7 @@ import pytest
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, Observation, model, observed, setup, verdict
+from seaid.checks import CODES, Observation, bodies, channels, model, observed, setup, verdict
 from seaid.checks.channels import OF_LOGS
 from seaid.checks.codes import consequences
 from seaid.checks.experiment import Experiment
@@ -54,7 +54,7 @@ def broken_mistakes() -> dict[Any, Any]:
 
 
 BROKEN: dict[str, tuple[Any, str, Any]] = {
-    "logs": (setup.channels, "OF_LOGS", [replace(check, look=fail) for check in OF_LOGS]),
+    "logs": (channels, "OF_LOGS", [replace(check, look=fail) for check in OF_LOGS]),
     "mistakes": (setup, "MISTAKES", broken_mistakes()),
     "transforms": (setup, "transforms", fail),
     "misfits": (Experiment, "cost", fail),
@@ -62,11 +62,11 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "wording": (model, "COLUMN_CHECKS", [replace(x, finding=fail) for x in model.COLUMN_CHECKS]),
     "selection": (model, "forward_selection", fail),
     "fit": (verdict, "_OF_FIT", [replace(check, look=fail) for check in verdict._OF_FIT]),
-    "file": (setup.bodies, "file_findings", fail),
+    "file": (bodies, "file_findings", fail),
     "friction": (setup, "_of_friction_alone", fail),
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
-    "offsets": (setup.channels, "offset_findings", fail),
-    "delays": (setup.channels, "decided_delays", fail),
+    "offsets": (channels, "offset_findings", fail),
+    "delays": (channels, "decided_delays", fail),
     "ratings": (checking, "_RATINGS", replace(checking._RATINGS, look=fail)),
     "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, look=fail)),
     "stops": (checking, "stop_findings", fail),

@@ -562,7 +562,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
         ("report arm.urdf", "--from, --run: give one of the two"),
         ("export arm.urdf -o found.urdf", "--from, --run: give one of the two"),
         ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of them"),
-        ("check arm.urdf run.csv --delays --terms", "--gear-ratios, --terms: give one of them"),
+        ("check arm.urdf run.csv --delays --terms", "--delays, --terms: give one of them"),
         ("check arm.urdf run.csv other.csv --delays", "--delays: give one log"),
         ("check arm.urdf run.csv --of elbow", "--of: it needs --terms"),
         ("check arm.urdf run.csv -o found.toml", "--output: it needs --delays or --terms"),

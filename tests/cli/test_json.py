@@ -36,7 +36,6 @@ ARGUMENTS = {
     "describe": "run.csv",
     "check": "arm.urdf run.csv --drives arm.toml",
     "check --delays": "arm.urdf run.csv --drives arm.toml",
-    "check --gear-ratios": "arm.urdf run.csv --drives arm.toml",
     "check --terms": "arm.urdf run.csv --drives arm.toml --of elbow",
     "calibrate": "weights.csv",
     "identify": "arm.urdf run.csv --drives arm.toml",

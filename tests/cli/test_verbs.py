@@ -88,37 +88,15 @@ def test_delays_are_those_of_the_library_and_are_corrected(arm: Path, tmp_path: 
     assert "is 5" in done(*line).out
 
 
-def test_gear_ratios_are_those_of_the_library(arm: Path) -> None:
-    found = result_of(
-        "check", "--gear-ratios", *robot_and_drives(arm), arm / "run.csv", arm / "other.csv"
-    )
-    logs = [log_of(arm), log_of(arm, "other.csv")]
-    own = seaid.gear_ratio(
-        [log.motor_position[:, 0] for log in logs], [log.joint_position[:, 0] for log in logs]
-    )
-    joints = found["joints"]
+def test_check_shows_gear_ratios_and_delays_of_torques(arm: Path) -> None:
+    line = ("check", *robot_and_drives(arm), arm / "run.csv", arm / "other.csv")
+    joints = result_of(*line)["joints"]
     assert isinstance(joints, dict)
-    assert joints["shoulder"]["ratio"] == pytest.approx(own.value)
-    assert joints["shoulder"]["ratio"] == pytest.approx(50.0, rel=1e-3)
-    assert joints["shoulder"]["of_drives"] == 50.0
-    elbow = joints["elbow"]
-    assert elbow["ratio"] == pytest.approx(100.0, abs=4 * elbow["standard_error"])
-    assert elbow["misfit"] is None
-    text = done("check", "--gear-ratios", *robot_and_drives(arm), arm / "run.csv").out
-    assert "in the drives file:\n[shoulder]\ngear_ratio = " in text
-    assert "gear_ratio_std = " in text
-
-
-def test_gear_ratio_behind_a_spring_uses_its_deflection(arm: Path, tmp_path: Path) -> None:
-    log = log_of(arm)
-    deflection = log.motor_position / [50.0, 100.0] - log.joint_position
-    deflection[:, 0] = np.nan
-    seaid.write_log(replace(log, deflection=deflection), tmp_path / "both.csv")
-    found = result_of("check", "--gear-ratios", *robot_and_drives(arm), tmp_path / "both.csv")[
-        "joints"
-    ]
-    assert isinstance(found, dict)
-    assert found["elbow"]["ratio"] == pytest.approx(100.0)
+    found, error = joints["elbow"]["gear_ratio"], joints["elbow"]["gear_ratio_error"]
+    assert found == pytest.approx(100.0, abs=4 * error)
+    text = done(*line).out
+    assert f"{found:.4g} +- {error:.2g}" in text
+    assert "torque delay [ms]" in text
 
 
 @pytest.mark.slow  # 0.7 s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,8 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.qr_factor import (
-    QRFactor,
-    combined,
-    qr_factor_of,
-    triangle,
-)
+from seaid.estimation import scaled_svd
+from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
 from seaid.regressor.regression import Regression
 
 WEIGHTS = np.array([1.0, 3.0, 0.2])
@@ -149,3 +146,25 @@ def test_triangle_of_fewer_rows_than_columns() -> None:
     assert R.shape == (2, 3)
     assert np.allclose(R.T @ R, columns.T @ columns)
     assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((0, 3)))
+
+
+# The scaled singular value decomposition
+
+
+def test_a_decomposition_that_does_not_converge_is_repeated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Divide and conquer did not converge for the columns of a Go2, QR iterations did."""
+    columns = np.random.default_rng(3).normal(size=(30, 4)) * [1.0, 1e3, 1e-3, 0.0]
+    y, tried = columns @ [1.0, 2.0, 3.0, 0.0], []
+    expected = scaled_svd(columns).solve(y, 1e-9)
+
+    def fails(matrix: Any, **options: Any) -> Any:
+        tried.append(matrix.shape)
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", fails)
+    np.testing.assert_allclose(scaled_svd(columns).solve(y, 1e-9), expected, rtol=1e-9)
+    assert tried == [columns.shape]
+    with pytest.raises(IdentificationError, match="it cannot be solved: 3 numbers"):
+        scaled_svd(np.diag([np.nan, 1.0, 1.0]), "it")

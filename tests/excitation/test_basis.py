@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -9,10 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
+from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import (
     BasisName,
     FourierBasis,
+    JoinedBasis,
     SplineBasis,
     _refinement,
     bernstein_from_powers,
@@ -120,43 +123,82 @@ def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "duration", "count", "words"),
+    ("make", "arguments", "words"),
     [
-        ("bsplin", 1.0, 20, "no basis is named 'bsplin'; did you mean 'bspline'"),
-        ("bspline", 0.0, 20, "duration must be more than zero seconds, found 0.0"),
-        ("bspline", float("nan"), 20, "duration must be more than zero seconds, found nan"),
-        ("bspline", 1e308, 20, r"duration must be from 0\.001 to 1e\+06 s, found 1e\+308"),
-        ("fourier", 1e-320, 21, r"duration must be from 0\.001 to 1e\+06 s, found 9\.99"),
-        ("bspline", 1.0, 5, "a bspline needs at least 6 coefficients per joint, .* found 5"),
-        ("bspline", 1.0, 7.5, "a whole number, found 7.5"),
-        ("polynomial", 1.0, 3, "a polynomial needs at least 4 coefficients per joint, .* found 3"),
-        ("fourier", 1.0, 1, "a fourier needs at least 3 coefficients per joint, .* found 1"),
-        ("fourier", 1.0, 8, "odd number of coefficients per joint, .* found 8"),
+        (make_basis, ("bsplin", 1.0, 20), "no basis is named 'bsplin'; did you mean 'bspline'"),
+        (make_basis, ("bspline", 0.0, 20), "duration must be more than zero seconds, found 0.0"),
+        (make_basis, ("bspline", np.nan, 20), "must be more than zero seconds, found nan"),
+        (make_basis, ("bspline", 1e308, 20), r"must be from 0\.001 to 1e\+06 s, found 1e\+308"),
+        (make_basis, ("fourier", 1e-320, 21), r"must be from 0\.001 to 1e\+06 s, found 9\.99"),
+        (make_basis, ("bspline", 1.0, 5), "a bspline needs at least 6 coefficients .* found 5"),
+        (make_basis, ("bspline", 1.0, 7.5), "a whole number, found 7.5"),
+        (make_basis, ("polynomial", 1.0, 3), "a polynomial needs at least 4 coef.* found 3"),
+        (make_basis, ("fourier", 1.0, 1), "a fourier needs at least 3 coefficients .* found 1"),
+        (make_basis, ("fourier", 1.0, 8), "odd number of coefficients per joint, .* found 8"),
+        (SplineBasis, (2, [0, 0, 0, 1, 1, 1]), "at least 3, found 2"),
+        (SplineBasis, (3, [0, 0, 0, 1, 1, 1, 1]), "must be 4 zeros"),
+        (SplineBasis, (3, [0, 0, 0, 0, 2, 1, 1, 1, 1]), "must be 4 zeros"),
+        (SplineBasis, (3, [0, 0, 0, 0, np.nan, 1, 1, 1, 1]), "must be 4 zeros"),
+        (SplineBasis, (3, [0, 0, 0, 0, 0.5, 0.5, 1, 1, 1, 1]), "the acceleration would jump"),
+        (SplineBasis, (5, [*[0] * 6, 5e-301, *[1] * 6]), "apart, found 0 and 5e-301 s"),
+        (FourierBasis, (0, 1.0), "harmonics must be a whole number of at least 1"),
+        (FourierBasis, (3, np.nan), "duration must be more than zero"),
+        (FourierBasis, (3, 1.0, 0), "periods must be a whole number"),
+        (JoinedBasis, ((),), "at least one part"),
     ],
 )
-def test_bad_requests_say_what_is_wrong(name: Any, duration: float, count: int, words: str) -> None:
+def test_bad_requests_say_what_is_wrong(
+    make: Callable[..., object], arguments: tuple[Any, ...], words: str
+) -> None:
+    if make is SplineBasis:
+        arguments = (arguments[0], np.array(arguments[1], dtype=float))
     with pytest.raises(ExcitationError, match=words):
-        make_basis(name, duration, count)
+        make(*arguments)
 
 
-@pytest.mark.parametrize(
-    ("degree", "knots", "words"),
-    [
-        (2, [0, 0, 0, 1, 1, 1], "at least 3, found 2"),
-        (3, [0, 0, 0, 1, 1, 1, 1], "must be 4 zeros"),
-        (3, [0, 0, 0, 0, 2, 1, 1, 1, 1], "must be 4 zeros"),
-        (3, [0, 0, 0, 0, np.nan, 1, 1, 1, 1], "must be 4 zeros"),
-        (3, [0, 0, 0, 0, 0.5, 0.5, 1, 1, 1, 1], "the acceleration would jump"),
-        (5, [0] * 6 + [5e-301] + [1] * 6, "1e-12 of the duration apart, found 0 and 5e-301 s"),
-    ],
-)
-def test_bad_knots_say_what_is_wrong(degree: int, knots: list[float], words: str) -> None:
-    with pytest.raises(ExcitationError, match=words):
-        SplineBasis(degree, np.array(knots, dtype=float))
+# Parts after another
+
+PARTS = (make_basis("bspline", 1.3, 8), make_basis("fourier", 2.0, 7))
+JOINED = JoinedBasis((*PARTS, make_basis("polynomial", 0.1, 6)))
 
 
-def test_bad_series_say_what_is_wrong() -> None:
-    with pytest.raises(ExcitationError, match="harmonics must be a whole number of at least 1"):
-        FourierBasis(0, 1.0)
-    with pytest.raises(ExcitationError, match="duration must be more than zero"):
-        FourierBasis(3, float("nan"))
+def coefficients(seed: int = 0) -> Array:
+    return np.random.default_rng(seed).normal(size=(JOINED.size, 2))
+
+
+def test_each_part_keeps_its_interval_and_its_coefficients() -> None:
+    assert (JOINED.size, JOINED.starts) == (21, (0.0, 1.3, 3.3, 3.4))
+    assert JOINED.duration == 3.4
+    c = coefficients()
+    for part, first, start in zip(JOINED.parts, (0, 8, 15), JOINED.starts, strict=False):
+        local = np.linspace(0.0, part.duration, 9)[:-1] + 1e-12
+        alone = part.states(local, c[first : first + part.size])
+        for one, other in zip(JOINED.states(local + start, c), alone, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8)
+
+
+def test_states_are_the_matrices_times_coefficients_in_any_order_of_times() -> None:
+    time = np.random.default_rng(1).permutation(np.linspace(0.0, 3.4, 101))
+    c = coefficients()
+    for states, matrix in zip(JOINED.states(time, c), JOINED.matrices(time), strict=True):
+        np.testing.assert_allclose(states, matrix @ c, rtol=1e-12, atol=1e-9)
+
+
+def test_where_parts_meet_the_later_counts() -> None:
+    c = coefficients()
+    at_joint = JOINED.states(np.array([1.3]), c)
+    start = PARTS[1].states(np.array([0.0]), c[8:15])
+    for one, other in zip(at_joint, start, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_hull_constant_and_natural_are_those_of_the_parts(order: int) -> None:
+    c = coefficients(2)
+    curve = JOINED.states(np.linspace(0.0, 3.4, 20001), c)[order]
+    most = np.abs(JOINED.hull(order, 4) @ c).max(axis=0)
+    assert np.all(np.abs(curve).max(axis=0) <= most * (1 + 1e-12))
+    one = JOINED.matrices(np.linspace(0.0, 3.4, 11))[order] @ JOINED.constant
+    np.testing.assert_allclose(one, 1.0 if order == 0 else 0.0, atol=1e-9)
+    np.testing.assert_array_equal(JOINED.scaling[8:15, 8:15], PARTS[1].scaling)
+    assert np.count_nonzero(JOINED.scaling) == JOINED.size

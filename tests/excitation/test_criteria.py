@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import qr
 
+import seaid
+from seaid._arrays import Array
+from seaid.errors import ExcitationError, RobotError
+from seaid.excitation import criteria
 from seaid.excitation.criteria import (
     CRITERIA,
     CriterionName,
     has_full_rank,
+    pivoted_base,
+    scaled_condition_and_d_value,
     singular_values,
     triangular_factor,
 )
+from seaid.excitation.design import excitation_measures
+from seaid.excitation.objective import load_target, stacked_regressor
+from seaid.regressor import rigid_body_regressor
+from seaid.regressor.base import base_parameters, random_states
+from seaid.robot.robot import Robot
+from tests.excitation.robots import robots
+from tests.experiments import arm, leg, leg_motion, leg_trajectory
 
 
 @pytest.mark.rounding
@@ -79,3 +96,164 @@ def test_a_lost_column_is_seen() -> None:
     H[:, 3] = H[:, 0] - 2 * H[:, 1]
     assert not has_full_rank(triangular_factor(H, np.empty((0, 4))))
     assert not has_full_rank(triangular_factor(H[:3], np.empty((0, 4))))
+
+
+# Planning measures that compare: invariant under the choice of base columns, and under units
+
+TIME: Array = np.linspace(0.0, 6.0, 400)
+ONE, OTHER = leg_trajectory(0), leg_trajectory(3)
+
+
+def regressor(seed: int) -> Array:
+    """Return the regressor (T n, 10 N) of a motion in all standard parameters."""
+    states = leg_trajectory(seed).sample(TIME)
+    return np.asarray(rigid_body_regressor(leg(), *states).reshape(-1, leg().parameters.size))
+
+
+def chosen(Y: Array, count: int, rng: np.random.Generator) -> list[int]:
+    """Return a random valid choice of base columns: the first independent ones in random order."""
+    picked: list[int] = []
+    basis = np.empty((len(Y), 0))
+    norms = np.linalg.norm(Y, axis=0)
+    for column in rng.permutation(Y.shape[1]):
+        rest = Y[:, column] - basis @ (basis.T @ Y[:, column])
+        rest -= basis @ (basis.T @ rest)
+        if np.linalg.norm(rest) > 1e-7 * max(norms[column], 1e-3):
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+            picked.append(int(column))
+    assert len(picked) == count
+    return picked
+
+
+def test_the_d_efficiency_does_not_depend_on_the_base_columns() -> None:
+    """The raw condition number differs between valid choices by far, the efficiency by rounding."""
+    Y = [regressor(0), regressor(3)]
+    rng = np.random.default_rng(0)
+    raw, efficiencies = [], []
+    for _ in range(20):
+        columns = chosen(np.vstack(Y), 29, rng)
+        values = [scaled_condition_and_d_value(one[:, columns])[1] for one in Y]
+        efficiencies.append(values[0] / values[1])
+        raw.append(np.linalg.cond(Y[0][:, columns]))
+    np.testing.assert_allclose(efficiencies, efficiencies[0], rtol=1e-7)
+    assert abs(efficiencies[0] - 1) > 0.01
+    assert max(raw) > 5 * min(raw)
+
+
+def test_two_routes_to_base_parameters_give_the_same_efficiency() -> None:
+    bases = pivoted_base(leg()), base_parameters(leg())
+    assert bases[0].columns != bases[1].columns
+    found = []
+    for base in bases:
+        target = load_target(leg(), None, base)
+        H = [stacked_regressor(target, TIME, one.sample(TIME)) for one in (ONE, OTHER)]
+        found.append([scaled_condition_and_d_value(one)[1] for one in H])
+    assert found[0][0] / found[0][1] == pytest.approx(found[1][0] / found[1][1], rel=1e-9)
+    by_name = [excitation_measures(leg().without_nominal(), one) for one in (ONE, OTHER)]
+    assert not by_name[0].has_drives
+    assert by_name[0].d_efficiency(by_name[1]) == pytest.approx(found[0][0] / found[0][1], rel=0.05)
+
+
+def test_measures_do_not_depend_on_units_while_the_raw_condition_number_does() -> None:
+    Y = [regressor(0), regressor(3)]
+    columns = chosen(np.vstack(Y), 29, np.random.default_rng(1))
+    units = 10.0 ** np.random.default_rng(2).uniform(-3, 3, len(columns))
+    plain, scaled = (
+        [scaled_condition_and_d_value(one[:, columns] * by) for one in Y] for by in (1.0, units)
+    )
+    np.testing.assert_allclose([one[0] for one in plain], [one[0] for one in scaled], rtol=1e-6)
+    assert plain[0][1] / plain[1][1] == pytest.approx(scaled[0][1] / scaled[1][1], rel=1e-9)
+    raw = [np.linalg.cond(Y[0][:, columns] * by) for by in (1.0, units)]
+    assert max(raw) > 10 * min(raw)
+
+
+def test_a_determinant_is_that_of_an_independent_route() -> None:
+    H = np.random.default_rng(3).normal(size=(50, 6))
+    R = qr(H, mode="economic")[1]
+    d_value = np.prod(np.abs(np.diag(R))) ** (1 / 6)
+    assert scaled_condition_and_d_value(H)[1] == pytest.approx(d_value)
+    unit = H / np.linalg.norm(H, axis=0)
+    assert scaled_condition_and_d_value(H)[0] == pytest.approx(np.linalg.cond(unit))
+    for dependent in (np.column_stack([H, H[:, 0]]), np.column_stack([H, 0 * H[:, 0]])):
+        assert scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
+
+
+@pytest.mark.slow  # 0.5 s
+def test_measures_include_the_drives_and_do_not_depend_on_how_densely_a_motion_is_sampled() -> None:
+    one, other = (excitation_measures(leg(), motion) for motion in (ONE, OTHER))
+    assert one.has_drives
+    assert one.parameters > 29
+    assert 1 < one.scaled_condition_number < 1e4
+    assert one.d_efficiency(other) == pytest.approx(1 / other.d_efficiency(one))
+    bodies = excitation_measures(leg().without_nominal(), ONE)
+    with pytest.raises(ExcitationError, match="compares motions of one robot"):
+        one.d_efficiency(bodies)
+
+
+@pytest.mark.slow  # simulates a planned motion
+def test_the_motion_of_a_log_has_the_measures_of_its_plan_and_of_twice_that() -> None:
+    plan = excitation_measures(leg(), ONE)
+    q, v, a = ONE.sample(leg_motion().time)
+    motion = replace(leg_motion(), joint_position=q, joint_velocity=v, joint_acceleration=a)
+    log = excitation_measures(leg(), [motion])
+    assert log.d_efficiency(plan) == pytest.approx(1.0, rel=1e-3)
+    assert log.scaled_condition_number == pytest.approx(plan.scaled_condition_number, rel=1e-3)
+    twice = excitation_measures(leg(), [motion, motion])
+    assert twice.d_efficiency(log) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_motion_of_other_joints_is_not_measured() -> None:
+    with pytest.raises(ExcitationError, match=r"the trajectory moves hip_yaw, .* but 'mixed_arm'"):
+        excitation_measures(arm(), ONE)
+
+
+def test_a_plan_states_its_measures() -> None:
+    limits = seaid.Limits(velocity=2.5, acceleration=10.0)
+    with pytest.warns(seaid.SeaidWarning, match="ended early"):
+        plan = seaid.design_excitation(
+            leg(), 4.0, limits=limits, starts=1, iterations=6, coefficients=10
+        )
+    again = excitation_measures(leg(), plan.trajectory)
+    assert plan.measures.parameters == again.parameters
+    assert plan.measures.scaled_condition_number == pytest.approx(
+        again.scaled_condition_number, rel=0.2
+    )
+    assert "columns of unit norm, drives included" in str(plan)
+    assert "D-value" in str(plan)
+
+
+#
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
+def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
+    robot = robots()[name]
+    base = pivoted_base(robot)
+    assert len(base.columns) == rank
+    Y = rigid_body_regressor(robot, *random_states(robot, 5))
+    theta = np.random.default_rng(2).normal(size=10 * robot.n)
+    np.testing.assert_allclose(base.reduce(Y) @ base.project(theta), Y @ theta, atol=1e-8)
+    np.testing.assert_array_equal(base.grouping[:, base.columns], np.eye(rank))
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("name", ["leg", "ur5", "panda_reordered"])
+def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other processors round otherwise: as if every entry were off by a few units in its place."""
+    robot, rows = robots()[name], criteria._random_rows
+
+    def rounded_otherwise(
+        robot: Robot, known: list[int], seed: int, stances: Sequence[Sequence[str]]
+    ) -> Array:
+        H, rng = rows(robot, known, seed, stances), np.random.default_rng(seed)
+        return H * (1.0 + 1e-14 * rng.uniform(-1.0, 1.0, H.shape))
+
+    expected = pivoted_base(robot).columns
+    monkeypatch.setattr(criteria, "_random_rows", rounded_otherwise)
+    assert pivoted_base(robot).columns == expected
+
+
+def test_unknown_row_offers_the_nearest() -> None:
+    with pytest.raises(RobotError, match="did you mean 'ankle_pitch'"):
+        pivoted_base(robots()["leg"], ["ankle_pich"])

@@ -14,7 +14,6 @@ import seaid
 from seaid._arrays import Array
 from seaid.excitation.limits import Limits
 from seaid.excitation.multisine import Multisine
-from seaid.excitation.trajectory import load_trajectory
 from tests.experiments import leg
 from tests.one_joint import chain
 
@@ -99,14 +98,6 @@ def test_held_joints_given_amplitudes_and_spectra() -> None:
     assert lines[100] / lines[4] == pytest.approx(0.01, rel=1e-6)
 
 
-def test_a_saved_multisine_is_the_same(tmp_path: Path) -> None:
-    found = plan().trajectory
-    found.save(tmp_path / "plan.json")
-    read = load_trajectory(tmp_path / "plan.json")
-    assert read.basis == found.basis
-    assert np.array_equal(read.coefficients, found.coefficients)
-
-
 @pytest.mark.parametrize(
     ("shape", "limits", "says"),
     [
@@ -146,5 +137,3 @@ def test_wrong_shapes_are_refused(tmp_path: Path) -> None:
         Multisine(spectrum="white")  # type: ignore[arg-type]
     with pytest.raises(seaid.ExcitationError, match="multisine= needs basis='multisine'"):
         seaid.design_excitation(chain(tmp_path, "arm"), 5.0, multisine=SHAPE)
-    with pytest.raises(seaid.ExcitationError, match="periods must be a whole number"):
-        seaid.excitation.FourierBasis(3, 1.0, 0)

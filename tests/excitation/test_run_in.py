@@ -8,17 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation import (
-    EndState,
-    Limits,
-    Trajectory,
-    joint_limits,
-    make_basis,
-    margins,
-)
+from seaid.excitation import EndState, Limits, Trajectory, joint_limits, make_basis, margins
 from seaid.excitation.basis import BasisName, JoinedBasis
-from seaid.excitation.boundary import IN_MOTION, limit_rows, motion_space
-from seaid.excitation.run_in import add_run_in, with_run_in
+from seaid.excitation.boundary import IN_MOTION, add_run_in, limit_rows, motion_space, with_run_in
 from seaid.robot.robot import Robot
 
 LIMITS = Limits(velocity=[1.0, 3.0, 3.0], acceleration=8.0)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +11,15 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, SeaidError
-from seaid.excitation import SplineBasis, Trajectory, load_trajectory, polynomial_trajectory
-from seaid.excitation.basis import make_basis
+from seaid.excitation import (
+    SplineBasis,
+    Trajectory,
+    load_trajectory,
+    make_basis,
+    polynomial_trajectory,
+)
+from seaid.excitation.basis import FourierBasis, JoinedBasis
+from seaid.excitation.trajectory import message_times
 
 
 def resting() -> Trajectory:
@@ -48,22 +57,25 @@ def test_a_restless_motion_cannot_be_sampled_outside() -> None:
         motion.sample([1.0, 2.5])
 
 
-def test_times_must_be_finite() -> None:
-    with pytest.raises(ExcitationError, match="must be finite"):
-        resting().sample([0.0, np.nan])
-
-
 def test_one_time_is_one_row() -> None:
     q, v, a = resting().sample(0.7)
     assert q.shape == v.shape == a.shape == (1, 2)
 
 
+def joined() -> Trajectory:
+    parts = (make_basis("bspline", 0.5, 8), FourierBasis(3, 1.0), make_basis("polynomial", 0.5, 6))
+    values = np.random.default_rng(0).normal(size=(21, 2))
+    return Trajectory(("a", "b"), JoinedBasis(parts), values, ("b",), (0.5, 1.5))
+
+
 def test_json_gives_back_the_same_motion_bit_for_bit(tmp_path: Path) -> None:
-    for motion in (resting(), restless(), periodic()):
+    twice = Trajectory(("elbow",), FourierBasis(4, 2.0, 2), periodic().coefficients)
+    for motion in (resting(), restless(), periodic(), joined(), twice):
         motion.save(tmp_path / "motion.json")
         again = load_trajectory(tmp_path / "motion.json")
         assert again.joint_names == motion.joint_names
         assert again.prismatic_joints == motion.prismatic_joints
+        assert again.main_interval == motion.main_interval
         time = np.linspace(0.0, 2.0, 101)
         for first, second in zip(motion.sample(time), again.sample(time), strict=True):
             np.testing.assert_array_equal(first, second)
@@ -88,16 +100,20 @@ def test_set_points_have_their_units_in_the_header(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table[:, [3, 6]], a)
 
 
-def test_a_rate_must_be_more_than_zero(tmp_path: Path) -> None:
-    with pytest.raises(ExcitationError, match=r"rate_hz must be more than zero, found 0\.0"):
-        resting().save_set_points(tmp_path / "motion.csv", rate_hz=0.0)
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_a_rate_must_be_more_than_zero(tmp_path: Path, rate: float) -> None:
+    with pytest.raises(ExcitationError, match="rate_hz must be more than zero, found"):
+        resting().save_set_points(tmp_path / "motion.csv", rate_hz=rate)
+    with pytest.raises(ExcitationError, match="rate_hz must be more than zero, found"):
+        resting().joint_trajectory(rate)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
-    with pytest.raises(SeaidError, match="cannot write"):
-        resting().save(tmp_path / "taken" / "motion.json")
+    for write in (resting().save, resting().save_joint_trajectory):
+        with pytest.raises(SeaidError, match="cannot write"):
+            write(tmp_path / "taken" / "motion")
 
 
 def test_own_polynomial_of_equation_18() -> None:
@@ -109,36 +125,26 @@ def test_own_polynomial_of_equation_18() -> None:
     np.testing.assert_allclose(a, np.column_stack([3 * time, -12 * time**2]), atol=1e-12)
 
 
+TWELVE = make_basis("bspline", 2.0, 12)
+TORN = np.where(np.arange(24).reshape(12, 2) == 7, np.nan, 0.0)
+
+
 @pytest.mark.parametrize(
-    ("joints", "shape", "prismatic", "words"),
+    ("make", "words"),
     [
-        (("a", "a"), (12, 2), (), "joint names, each once"),
-        ((), (12, 0), (), "needs joint names"),
-        (("elbow",), (12, 1), ("elbo",), "did you mean 'elbow'"),
-        (("a",), (11, 1), (), r"coefficients must have shape \(12, 1\), found \(11, 1\)"),
+        (lambda: Trajectory(("a", "a"), TWELVE, np.zeros((12, 2))), "joint names, each once"),
+        (lambda: Trajectory((), TWELVE, np.zeros((12, 0))), "needs joint names"),
+        (lambda: Trajectory(("elbow",), TWELVE, np.zeros((12, 1)), ("elbo",)), "mean 'elbow'"),
+        (lambda: Trajectory(("a",), TWELVE, np.zeros((11, 1))), r"shape \(12, 1\), found \(11, 1"),
+        (lambda: Trajectory(("a", "b"), TWELVE, TORN), "coefficients of joint 'b' are not all fin"),
+        (lambda: polynomial_trajectory(["a"], -1.0, np.zeros((5, 1))), "more than zero"),
+        (lambda: polynomial_trajectory(["a"], 1.0, np.zeros((3, 1))), "at least 3, found 2"),
+        (lambda: resting().sample([0.0, np.nan]), "must be finite"),
     ],
 )
-def test_bad_trajectories_say_what_is_wrong(
-    joints: tuple[str, ...], shape: tuple[int, int], prismatic: tuple[str, ...], words: str
-) -> None:
-    basis = make_basis("bspline", 2.0, 12)
+def test_bad_trajectories_say_what_is_wrong(make: Callable[[], object], words: str) -> None:
     with pytest.raises(ExcitationError, match=words):
-        Trajectory(joints, basis, np.zeros(shape), prismatic)
-
-
-def test_coefficients_must_be_finite() -> None:
-    values = np.zeros((12, 2))
-    values[3, 1] = np.nan
-    basis = make_basis("bspline", 2.0, 12)
-    with pytest.raises(ExcitationError, match="coefficients of joint 'b' are not all finite"):
-        Trajectory(("a", "b"), basis, values)
-
-
-def test_a_polynomial_needs_a_duration_and_cubic_terms() -> None:
-    with pytest.raises(ExcitationError, match="duration must be more than zero"):
-        polynomial_trajectory(["a"], -1.0, np.zeros((5, 1)))
-    with pytest.raises(ExcitationError, match="at least 3, found 2"):
-        polynomial_trajectory(["a"], 1.0, np.zeros((3, 1)))
+        make()
 
 
 def change(content: dict[str, Any], **changes: Any) -> str:
@@ -197,3 +203,72 @@ def test_arrays_are_read_only() -> None:
     assert isinstance(motion.basis, SplineBasis)
     with pytest.raises(ValueError, match="read-only"):
         motion.basis.knots[0] = 1.0
+
+
+# numbers in YAML 1.1 as its readers resolve them: an exponent needs a point before it
+YAML_FLOAT = re.compile(r"[-+]?[0-9]+\.[0-9]*([eE][-+][0-9]+)?|[-+]?[0-9]+")
+
+
+def motion(duration: float = 2.0, scale: float = 1.0) -> Trajectory:
+    inside = scale * np.random.default_rng(0).normal(size=(8, 2))
+    values = np.pad(inside, ((2, 2), (0, 0)), mode="edge")
+    return Trajectory(("rail", "elbow"), make_basis("bspline", duration, 12), values, ("rail",))
+
+
+def test_message_has_the_shape_of_a_joint_trajectory_and_the_states() -> None:
+    planned = motion()
+    message = planned.joint_trajectory(50.0)
+    assert list(message) == ["header", "joint_names", "points"]
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    assert message["joint_names"] == ["rail", "elbow"]
+    points = message["points"]
+    assert len(points) == 101
+    q, v, a = planned.sample(np.arange(101) / 50)
+    for name, states in (("positions", q), ("velocities", v), ("accelerations", a)):
+        np.testing.assert_allclose([point[name] for point in points], states, atol=1e-7)
+    assert all(point["effort"] == [] for point in points)
+    assert points[-1]["time_from_start"] == {"sec": 2, "nanosec": 0}
+    assert points[-1]["velocities"] == points[-1]["accelerations"] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("duration", "rate", "count", "last_but_one"),
+    [
+        (2.0, 100.0, 201, 1_990_000_000),
+        (1.0, 3.0, 4, 666_666_667),
+        (0.1 + 0.2, 10.0, 4, 200_000_000),  # a bit more than 0.3
+        (0.7 - 1e-16, 10.0, 8, 600_000_000),
+        (2.005, 100.0, 202, 2_000_000_000),
+        (1e5 + 0.001, 1.0, 10**5 + 2, 10**14),
+        (0.005, 100.0, 2, 0),
+    ],
+)
+def test_times_are_whole_nanoseconds_and_the_end_is_there_once(
+    duration: float, rate: float, count: int, last_but_one: int
+) -> None:
+    times = message_times(duration, rate)
+    assert len(times) == count
+    assert times[0] == 0
+    assert times[-2] == last_but_one
+    assert times[-1] == round(duration * 1e9)
+    assert np.all(np.diff(times) > 0)
+
+
+def test_file_is_json_and_its_numbers_are_numbers_in_yaml(tmp_path: Path) -> None:
+    planned = motion(scale=1e-5)  # json alone writes 1e-05, which YAML takes for a word
+    path = tmp_path / "motion.yaml"
+    planned.save_joint_trajectory(path, 20.0)
+    text = path.read_text()
+    assert json.loads(text) == planned.joint_trajectory(20.0)
+    assert "e-" in text
+    for token in re.findall(r"(?<=[\[ ])[-+]?\d[^,\]} \n]*", text):
+        assert YAML_FLOAT.fullmatch(token), token
+
+
+def test_numbers_with_an_exponent_get_a_point(tmp_path: Path) -> None:
+    values = np.array([1e-5, 1e-5, 1e-5, 2e-7, 1e-5, 1e-5, 1e-5])[:, None]
+    planned = Trajectory(("a 1e-05",), make_basis("bspline", 1.0, 7), values)
+    planned.save_joint_trajectory(tmp_path / "motion.yaml", 2.0)
+    text = (tmp_path / "motion.yaml").read_text()
+    assert '"positions": [1.0e-05]' in text
+    assert json.loads(text)["joint_names"] == ["a 1e-05"]

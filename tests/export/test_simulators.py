@@ -75,7 +75,7 @@ FIELDS = {
         *("joint_names_expr", "effort_limit", "velocity_limit", "stiffness", "damping"),
         *("armature", "friction", "dynamic_friction", "viscous_friction"),
         *("min_delay", "max_delay"),
-    ),
+    )
 }
 
 
@@ -332,9 +332,7 @@ SPRING = SeriesElasticDrive(
 WITH: Mapping[str, Any] = {
     "spring": SPRING,
     "parallel spring": replace(
-        SERVO,
-        parallel_spring=("linear",),
-        nominal={**SERVO.nominal, "parallel_stiffness": 3.0},
+        SERVO, parallel_spring=("linear",), nominal={**SERVO.nominal, "parallel_stiffness": 3.0}
     ),
     "Stribeck friction": replace(
         SERVO,

@@ -508,7 +508,7 @@ _COMMANDS = (
     "replay arm.urdf other.npz --from run.npz --drives arm.toml -o new.html",
     "replay arm.urdf other.npz --from run.npz --nominal arm.toml --drives arm.toml --json",
     "check arm.urdf run.npz --drives arm.toml --delays --largest-s 0.02 -o new.npz",
-    "check arm.urdf run.npz other.npz --drives arm.toml --gear-ratios",
+    "check arm.urdf run.npz other.npz --drives arm.toml",
     "validate arm.urdf run.npz other.npz --drives arm.toml --cross --parts 2",
     "identify arm.urdf --condition a=run.npz --condition b=other.npz --drives arm.toml -o new.json",
     "compare parameters.json parameters.json -o new.html",

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 import seaid
 from scripts.fuzz import Child, cases_of, report
 from seaid.errors import LogError, RobotError
-from seaid.log.description import Clock, LogDescription, Source, description_for
 from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work
@@ -110,18 +109,6 @@ def test_columns_of_any_names_are_described_or_refused(found: list[str]) -> None
         path.write_text(json.dumps({name: [0.0, 0.1, 0.3] for name in found}))
         with suppress(LogError):
             seaid.describe_log(path)
-
-
-@given(names, names)
-def test_descriptions_with_any_names_are_read_as_written(joint: str, column: str) -> None:
-    source = {"motor_position": Source(column), "motor_torque": Source(f"{column}2", sign=-1)}
-    description = LogDescription({joint: source}, Clock(column))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "log.toml"
-        path.write_text(description.to_toml(), encoding="utf-8")
-        again = description_for(path.with_suffix(".csv"), path)
-    assert again is not None
-    assert again.to_dict() == description.to_dict()
 
 
 letters = st.sampled_from(

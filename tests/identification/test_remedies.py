@@ -243,7 +243,6 @@ def test_right_set_ups_have_nothing_to_repair(kind: str) -> None:
     assert findings(Setup(urdf(), DRIVES, (), (columns,), (description,))) == ()
 
 
-@pytest.mark.filterwarnings("ignore:.*if the angles are in degrees")
 @pytest.mark.parametrize(
     ("kind", "mistake"), quick_only(CASES, [case for case in CASES if case not in SLOW])
 )

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import seaid.errors
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.identification.result import Identification
@@ -182,8 +181,7 @@ def test_friction_comes_from_logs_with_one_encoder_and_the_side_of_the_torque_is
 
 @pytest.mark.slow  # simulates the leg
 def test_degrees_called_radians_are_a_doubt(folder: Path, tmp_path: Path) -> None:
-    with pytest.warns(seaid.errors.SeaidWarning, match="if the angles are in degrees"):
-        doubts = "\n".join(made(degrees_called_rad, "stiff", folder, tmp_path).doubts)
+    doubts = "\n".join(made(degrees_called_rad, "stiff", folder, tmp_path).doubts)
     for joint in experiment("stiff", folder)[0].joint_names:
         assert f"{joint}_pos_rad: goes beyond the limits of {joint}: check its unit" in doubts
 

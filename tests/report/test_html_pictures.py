@@ -16,11 +16,10 @@ from seaid.report.html_robot import (
     Label,
     bodies_picture,
     posture_of,
-    principal_moments,
     robot_picture,
 )
 from seaid.report.html_traces import autocorrelation
-from seaid.robot.inertia import from_center_of_mass
+from seaid.robot.inertia import from_center_of_mass, principal_moments
 from tests.experiments import arm, arm_found, leg
 
 

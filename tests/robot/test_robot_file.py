@@ -14,6 +14,8 @@ import pytest
 from scripts.example_robots import example_urdf
 from seaid.errors import RobotError, SeaidWarning
 from seaid.robot import Robot, load_robot, search_folders
+from tests.one_joint import BODY
+from tests.plants import tree
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 LEG = MODELS / "tulip_leg.urdf"
@@ -79,14 +81,6 @@ def test_a_file_of_another_kind_says_what_makes_it_a_urdf(
     path = tmp_path / name
     path.write_bytes(content)
     assert f"'{path}' {words}" in refusal(path) or words in refusal(path)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_a_byte_order_mark_is_no_problem(tmp_path: Path, encoding: str) -> None:
-    path = tmp_path / "leg.urdf"
-    text = LEG.read_text().replace('encoding="utf-8"', f'encoding="{encoding[:6].rstrip("-")}"')
-    path.write_bytes(text.encode(encoding))
-    same(load_robot(path), load_robot(LEG))
 
 
 # xacro
@@ -242,19 +236,13 @@ def test_world_links_and_frames_without_inertia_are_read_without_a_word(
     write_urdf: Callable[[str], Path],
 ) -> None:
     """As Drake's models have them; warnings are errors here."""
-    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
     joints = {
-        "weld": ("fixed", "world", "base_link"),
-        "elbow": ("revolute", "base_link", "arm"),
-        "flange": ("fixed", "arm", "tool0"),
-        "camera": ("fixed", "tool0", "camera_frame"),
+        "weld": "fixed world base_link",
+        "elbow": 'revolute base_link arm <axis xyz="0 0 1"/>',
+        "flange": "fixed arm tool0",
+        "camera": "fixed tool0 camera_frame",
     }
-    links = {"world": "", "base_link": "", "arm": body, "tool0": "", "camera_frame": ""}
-    text = "".join(f'<link name="{name}">{inside}</link>' for name, inside in links.items())
-    for name, (kind, parent, child) in joints.items():
-        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
-        text += f'<child link="{child}"/><axis xyz="0 0 1"/></joint>'
-    robot = load_robot(write_urdf(text))
+    robot = load_robot(write_urdf(tree(joints, {"arm": BODY})))
     assert robot.joint_names == ("elbow",)
     assert robot.body_names == ("arm",)
 

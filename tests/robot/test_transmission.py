@@ -586,11 +586,7 @@ def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(
     log = log_of(true_motion(case), torque=0.01, angle=1e-6)
     one, other = (
         identify(
-            case.robot.without_nominal(),
-            log,
-            cutoff_hz=8.0,
-            method="two-step",
-            estimator=estimator,
+            case.robot.without_nominal(), log, cutoff_hz=8.0, method="two-step", estimator=estimator
         )
         for estimator in ("wls", "iv")
     )
@@ -875,7 +871,9 @@ def test_held_poses_calibrate_the_springs_of_coupled_joints() -> None:
     log = Log(np.linspace(0.0, 9.0, len(rest)), robot.joint_names, motor, rest)
     for joint, drive in robot.drives.items():
         found = calibrate_statics(held_poses(robot, log, joint))
-        assert found.value("stiffness") == pytest.approx(drive.values["stiffness"], rel=1e-6)
+        assert found.estimate.value("stiffness") == pytest.approx(
+            drive.values["stiffness"], rel=1e-6
+        )
 
 
 def test_springs_of_coupled_joints_without_encoders_are_refused() -> None:

@@ -9,12 +9,7 @@ import pytest
 
 import seaid
 from seaid.checks import replay_worse
-from seaid.simulation.replaying import (
-    compare_replays,
-    replay,
-    rollout,
-    without_unknown_terms,
-)
+from seaid.simulation.replaying import compare_replays, replay, rollout, without_unknown_terms
 from tests.one_joint import chain
 from tests.representatives import quick_first
 

@@ -13,25 +13,17 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.log.motion import Motion
+from seaid.log.reading import Log
 from seaid.robot.robot import Robot, load_robot
-from seaid.simulation.forward_dynamics import advance
-from seaid.simulation.plant import (
-    JOINT_POSITION,
-    JOINT_SPEED,
-    POSITION,
-    SPEED,
-    Plant,
-    plant_of,
-)
+from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, wiggle
-
-Chain = Callable[..., Path]
+from tests.simulation.swings import SLIDER, Chain, pendulum, run
 
 SPRING = SeriesElasticDrive(
     gear_ratio=50.0,
@@ -46,25 +38,14 @@ STIFF = StiffDrive(
     viscous_friction_Nms_per_rad=0.0,
     coulomb_friction_Nm=0.3,
 )
-PENDULUM = 'revolute <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
-SLIDER = 'prismatic <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
 STEP_S = 5e-4
 
 
-def pendulum(write_chain: Chain, drive: SeriesElasticDrive | StiffDrive, g: float = 9.81) -> Robot:
-    return load_robot(write_chain({"swing": PENDULUM}), {"swing": drive}, gravity=(0, 0, -g))
-
-
-def run(
+def run_of_one(
     plant: Plant, state: Array, torque: Callable[[float], float], duration: float, step: float
 ) -> Array:
     """Return the states (T, 4) of one joint under a motor torque of time."""
-    data, states = plant.model.createData(), [state]
-    for tick in range(round(duration / step)):
-        now, then = torque(tick * step), torque((tick + 1) * step)
-        state = advance(plant, data, state, np.array([now]), np.array([(then - now) / step]), step)
-        states.append(state)
-    return np.array(states)[:, :, 0]
+    return run(plant, state, lambda t: np.array([torque(t)]), duration, step)[:, :, 0]
 
 
 def at_rest() -> Array:
@@ -73,7 +54,7 @@ def at_rest() -> Array:
 
 def test_motor_sticks_while_friction_can_hold_it(write_chain: Chain) -> None:
     plant = plant_of(pendulum(write_chain, SPRING, g=0.0))
-    states = run(plant, at_rest(), lambda t: 0.0195 * np.sin(40 * t), 0.5, STEP_S)
+    states = run_of_one(plant, at_rest(), lambda t: 0.0195 * np.sin(40 * t), 0.5, STEP_S)
     assert not np.any(states)
 
 
@@ -81,7 +62,7 @@ def test_motor_sticks_while_its_load_swings(write_chain: Chain) -> None:
     plant = plant_of(pendulum(write_chain, SPRING))
     state = at_rest()
     state[JOINT_SPEED] = 0.3
-    states = run(plant, state, lambda t: 0.004 * np.sin(30 * t), 0.5, STEP_S)
+    states = run_of_one(plant, state, lambda t: 0.004 * np.sin(30 * t), 0.5, STEP_S)
     assert np.all(states[:, SPEED] == 0.0)
     assert np.all(states[:, POSITION] == 0.0)
     assert np.ptp(states[:, JOINT_POSITION]) > 0.01
@@ -91,7 +72,7 @@ def test_stiff_joint_is_held_against_gravity_without_creeping(write_chain: Chain
     plant = plant_of(pendulum(write_chain, STIFF))
     state = at_rest()
     state[JOINT_POSITION], state[POSITION] = 0.4, 20.0
-    states = run(plant, state, lambda t: 0.1 * np.sin(30 * t), 0.3, STEP_S)
+    states = run_of_one(plant, state, lambda t: 0.1 * np.sin(30 * t), 0.3, STEP_S)
     assert np.all(states[:, SPEED] == 0.0)
     assert np.all(states[:, JOINT_POSITION] == 0.4)
 
@@ -102,7 +83,7 @@ def test_motor_breaks_loose_when_the_torque_passes_the_friction(
 ) -> None:
     plant = plant_of(pendulum(write_chain, drive, g=0.0))
     coulomb = float(plant.coulomb[0])
-    states = run(plant, at_rest(), lambda t: 10 * coulomb * t, 0.2, STEP_S)
+    states = run_of_one(plant, at_rest(), lambda t: 10 * coulomb * t, 0.2, STEP_S)
     first = int(np.argmax(states[:, SPEED] > 0))
     assert first * STEP_S == pytest.approx(0.1, abs=2 * STEP_S)
     assert not np.any(states[: first - 1])
@@ -115,7 +96,7 @@ def test_slider_stops_where_friction_says_and_stays(write_chain: Chain) -> None:
     mass = robot.parameters[0] + 100.0**2 * 1e-5
     state = at_rest()
     state[JOINT_SPEED], state[SPEED] = 0.9, 90.0
-    states = run(plant_of(robot), state, lambda _: 0.0, 0.2, 1e-3)
+    states = run_of_one(plant_of(robot), state, lambda _: 0.0, 0.2, 1e-3)
     brake = 100.0 * 0.3 / mass
     assert 0.9 / brake < 0.15
     assert states[-1, JOINT_POSITION] == pytest.approx(0.9**2 / (2 * brake), rel=1e-9)
@@ -141,7 +122,7 @@ def test_elastic_pendulum_without_friction_keeps_its_energy(write_chain: Chain) 
     plant = plant_of(pendulum(write_chain, replace(SPRING, coulomb_friction_Nm=0.0)))
     state = at_rest()
     state[JOINT_POSITION], state[POSITION] = 1.0, 40.0
-    states = run(plant, state, lambda _: 0.0, 3.0, 1e-3)
+    states = run_of_one(plant, state, lambda _: 0.0, 3.0, 1e-3)
     total = energy(plant, states)
     exchanged = np.ptp([0.5 * plant.motor_inertia[0] * s**2 for s in states[:, SPEED]])
     assert exchanged > 0.1
@@ -153,7 +134,7 @@ def test_friction_takes_what_the_energy_loses(write_chain: Chain) -> None:
     plant = plant_of(robot)
     state = at_rest()
     state[JOINT_POSITION] = 1.0
-    states = run(plant, state, lambda _: 0.0, 0.6, 2e-4)
+    states = run_of_one(plant, state, lambda _: 0.0, 0.6, 2e-4)
     speed = states[:, SPEED]
     lost = np.sum(2e-5 * speed**2 + 0.02 * np.abs(speed)) * 2e-4
     total = energy(plant, states)
@@ -165,7 +146,9 @@ def test_halving_the_step_shows_the_fourth_order(write_chain: Chain) -> None:
     plant = plant_of(pendulum(write_chain, replace(SPRING, coulomb_friction_Nm=0.0)))
     state = at_rest()
     state[JOINT_POSITION] = 1.0
-    runs = [run(plant, state, lambda t: 0.1 * t, 0.32, 1e-3 / 2**halving) for halving in range(3)]
+    runs = [
+        run_of_one(plant, state, lambda t: 0.1 * t, 0.32, 1e-3 / 2**halving) for halving in range(3)
+    ]
     steps = [np.max(np.abs(coarse - fine[::2])) for coarse, fine in pairwise(runs)]
     assert steps[0] / steps[1] == pytest.approx(16, rel=0.1)
 
@@ -174,7 +157,7 @@ def test_halving_the_step_converges_through_stick_and_slip(write_chain: Chain) -
     plant = plant_of(pendulum(write_chain, SPRING))
     state = at_rest()
     state[JOINT_POSITION] = 1.0
-    ends = [run(plant, state, lambda _: 0.0, 0.5, h)[-1] for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
+    ends = [run_of_one(plant, state, lambda _: 0.0, 0.5, h)[-1] for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
     errors = [np.linalg.norm(one - ends[-1]) for one in ends[:-1]]
     assert errors[2] < 0.5 * errors[0]
     assert errors[2] < 1e-3 * np.linalg.norm(ends[-1])
@@ -185,7 +168,7 @@ def test_known_numbers_of_extra_terms_act_on_the_motor(write_chain: Chain) -> No
     state = at_rest()
     state[JOINT_POSITION], state[POSITION] = 10.0, 500.0
     robot = pendulum(write_chain, drive, g=0.0)
-    states = run(plant_of(robot), state, lambda _: 0.0, 0.1, STEP_S)
+    states = run_of_one(plant_of(robot), state, lambda _: 0.0, 0.1, STEP_S)
     assert states[:, SPEED] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -286,9 +269,7 @@ def test_joints_in_the_users_order_move_the_same() -> None:
     usual = leg()
     names = usual.joint_names[::-1]
     robot = load_robot(
-        Path(__file__).parents[2] / "models" / "tulip_leg.urdf",
-        dict(usual.drives),
-        joints=names,
+        Path(__file__).parents[2] / "models" / "tulip_leg.urdf", dict(usual.drives), joints=names
     )
     trajectory = short(usual)
     turned = Trajectory(names, trajectory.basis, trajectory.coefficients[:, ::-1])
@@ -309,51 +290,9 @@ def test_log_ends_within_a_motion_that_does_not_rest_at_its_end(write_chain: Cha
     assert len(motion.time) == 201
 
 
-def test_missing_nominal_value_is_named(write_chain: Chain) -> None:
-    robot = pendulum(write_chain, replace(SPRING, stiffness_Nm_per_rad=None))
-    with pytest.raises(RobotError, match="joint 'swing': 'stiffness' is not given; a simulation"):
-        simulate(robot, short(robot))
-    robot = pendulum(write_chain, replace(STIFF, coulomb_friction_Nm=None))
-    with pytest.raises(RobotError, match="'coulomb_friction_Nm' is not given"):
-        simulate(robot, short(robot))
-
-
 def test_friction_that_is_not_modelled_needs_no_value(write_chain: Chain) -> None:
     drive = replace(SPRING, friction=("viscous",), coulomb_friction_Nm=None)
     assert plant_of(pendulum(write_chain, drive)).coulomb.tolist() == [0.0]
-
-
-def test_what_is_known_beforehand_cannot_be_simulated() -> None:
-    with pytest.raises(RobotError, match="'tulip_leg' has no inertial parameters: it cannot be"):
-        simulate(leg().without_nominal(), short(leg()))
-
-
-def test_elastic_drive_without_motor_inertia_cannot_be_simulated(write_chain: Chain) -> None:
-    robot = pendulum(write_chain, replace(SPRING, motor_inertia_kg_m2=0.0))
-    with pytest.raises(RobotError, match="'swing': an elastic drive needs a motor inertia"):
-        simulate(robot, short(robot))
-
-
-@pytest.mark.parametrize("rate_hz", [0.0, -100.0, np.inf, np.nan])
-def test_impossible_rate_is_refused(rate_hz: float) -> None:
-    with pytest.raises(SeaidError, match="rate_hz must be more than zero"):
-        simulate(leg(), short(leg()), rate_hz=rate_hz)
-
-
-def test_trajectory_of_other_joints_is_refused() -> None:
-    with pytest.raises(SeaidError, match=r"moves rail, shoulder, telescope, wrist; .* hip_yaw"):
-        simulate(leg(), short(arm()))
-
-
-@pytest.mark.parametrize("std", [1e308, np.nan, -np.inf])
-def test_absurd_noise_is_refused(std: float) -> None:
-    with pytest.raises(SeaidError, match=r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"):
-        measure(leg(), leg_motion(), Noise(torque_std_Nm=std))
-
-
-def test_noise_of_wrong_length_is_refused() -> None:
-    with pytest.raises(SeaidError, match=r"Noise.torque_std_Nm must have shape \(5\)"):
-        measure(leg(), leg_motion(), Noise(torque_std_Nm=(0.1, 0.2)))
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 1000.0])
@@ -362,3 +301,41 @@ def test_rate_of_the_log(rate_hz: float, write_chain: Chain) -> None:
     log = simulate(robot, short(robot, duration=0.3), rate_hz=rate_hz)
     assert np.diff(log.time) == pytest.approx(1 / rate_hz)
     assert log.time[[0, -1]] == pytest.approx([0.0, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        (replace(SPRING, stiffness_Nm_per_rad=None), "joint 'swing': 'stiffness' is not given; a "),
+        (replace(STIFF, coulomb_friction_Nm=None), "'coulomb_friction_Nm' is not given"),
+        (replace(SPRING, motor_inertia_kg_m2=0.0), "'swing': an elastic drive needs a motor iner"),
+    ],
+)
+def test_drives_that_cannot_be_simulated_are_named(
+    drive: Drive, words: str, write_chain: Chain
+) -> None:
+    robot = pendulum(write_chain, drive)
+    with pytest.raises(RobotError, match=words):
+        simulate(robot, short(robot))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: simulate(leg().without_nominal(), short(leg())), "has no inertial parameters: it"),
+        (lambda: simulate(leg(), short(leg()), rate_hz=0.0), "rate_hz must be more than zero"),
+        (lambda: simulate(leg(), short(leg()), rate_hz=np.nan), "rate_hz must be more than zero"),
+        (lambda: simulate(leg(), short(leg()), rate_hz=np.inf), "rate_hz must be more than zero"),
+        (lambda: simulate(leg(), short(arm())), r"rail, shoulder, telescope, wrist; .* hip_yaw"),
+        (lambda: noisy(1e308), r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"),
+        (lambda: noisy(np.nan), r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"),
+        (lambda: noisy((0.1, 0.2)), r"Noise\.torque_std_Nm must have shape \(5\)"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(SeaidError, match=words):
+        make()
+
+
+def noisy(std: float | tuple[float, ...]) -> Log:
+    return measure(leg(), leg_motion(), Noise(torque_std_Nm=std))

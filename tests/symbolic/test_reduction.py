@@ -233,15 +233,9 @@ def test_sixty_tanh_are_independent_within_seconds() -> None:
 SHARP_AND_DEPENDENT = [
     ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.cosh(1000 * x)], [P[0] + P[2], P[1] - P[2]]),
     ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.exp(-1000 * x)], [P[0] + P[2], P[1] - 2 * P[2]]),
-    (
-        [sp.tanh(1000 * x), (sp.exp(2000 * x) - 1) / (sp.exp(2000 * x) + 1), x],
-        [P[0] + P[1], P[2]],
-    ),
+    ([sp.tanh(1000 * x), (sp.exp(2000 * x) - 1) / (sp.exp(2000 * x) + 1), x], [P[0] + P[1], P[2]]),
     ([sp.Heaviside(x - 50), sp.sign(x - 50), sp.Integer(1)], [P[0] + 2 * P[2], P[1] - P[2]]),
-    (
-        [sp.Max(x - 100, 0), sp.Piecewise((x - 100, x > 100), (0, True)), x],
-        [P[0] + P[1], P[2]],
-    ),
+    ([sp.Max(x - 100, 0), sp.Piecewise((x - 100, x > 100), (0, True)), x], [P[0] + P[1], P[2]]),
 ]
 
 

@@ -3,13 +3,26 @@
 import random
 import time
 import warnings
+from math import pi
+from pathlib import Path
 
 import pytest
 import sympy as sp
 from mpmath import mp, mpf
+from sympy.parsing.sympy_parser import implicit_multiplication, standard_transformations
 
-from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
-from tests.symbolic.systems import SYSTEMS, System
+from seaid.robot.robot import load_robot
+from seaid.symbolic import (
+    BaseForm,
+    RegressorForm,
+    base_parameters,
+    equations_of_motion,
+    reduce,
+    separate,
+)
+from tests.one_joint import BODY
+from tests.plants import write_robot
+from tests.symbolic.systems import SYSTEMS, Offset, System, arm, coordinates, g, t
 
 Values = dict[sp.Expr, sp.Expr]
 DIGITS, ZERO = 50, mpf(10) ** -25
@@ -102,3 +115,206 @@ def check_base(system: System, form: RegressorForm, base: BaseForm) -> None:
         for j, value in enumerate(row):
             parts = [row[pivot] * line[j] for pivot, line in zip(base.pivots, echelon, strict=True)]
             assert abs(value - mp.fsum(parts)) <= 1e-20 * max(1, *map(abs, parts))
+
+
+# Systems that textbooks print, each with its published number or list of base parameters
+
+F_v, F_C, k, r_M, r_L, N = sp.symbols("F_v F_C k r_M r_L N")
+
+
+def base_of_arm(axes: str, offsets: list[Offset]) -> BaseForm:
+    lagrangian, q, parameters = arm(axes, offsets)
+    torques = sp.symbols(f"tau1:{len(q) + 1}")
+    return reduce(separate(equations_of_motion(lagrangian, q, torques), q, parameters))
+
+
+a2, a3, d2, d3, d4, d6, l1, l2, l3 = sp.symbols("a2 a3 d2 d3 d4 d6 l1 l2 l3")
+HERE: Offset = (0, 0, 0)
+ARMS = {
+    "pendulum, horizontal axis": ("y", [HERE], 3),
+    "pendulum, vertical axis": ("z", [HERE], 1),
+    "planar 2R, vertical plane": ("yy", [HERE, (l1, 0, 0)], 6),
+    "planar 2R, horizontal plane": ("zz", [HERE, (l1, 0, 0)], 4),
+    "planar 3R, vertical plane": ("yyy", [HERE, (l1, 0, 0), (l2, 0, 0)], 9),
+    "two joints, vertical and horizontal axis": ("zy", [HERE, (l1, 0, 0)], 8),
+    "three joints in space, all offsets": ("zyx", [HERE, (l1, l2, l3), (a2, a3, d3)], 15),
+    "SCARA": ("zzZz", [HERE, (l1, 0, 0), (l2, 0, 0), HERE], 8),
+    "PUMA 560": ("zyyxyx", [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE], 36),
+    "Stanford arm": ("zyZzyz", [HERE, (0, d2, 0), HERE, HERE, HERE, (0, 0, d6)], 33),
+}
+
+
+SIX_JOINTS = ("PUMA 560", "Stanford arm")  # thousands of products of six sines
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in SIX_JOINTS else ()) for name in ARMS],
+)
+def test_arm_has_its_published_number_of_base_parameters(name: str) -> None:
+    axes, offsets, published = ARMS[name]
+    assert len(base_of_arm(axes, offsets).pivots) == published
+
+
+def test_arm_with_numbers_of_45_degrees_keeps_its_count() -> None:
+    """Square roots among the known numbers: a planar 2R arm in a plane leaning by 45 degrees."""
+    lagrangian, q, parameters = arm("xzz", [HERE, HERE, (l1, 0, 0)])
+    leaning = lagrangian.subs({q[0].diff(t): 0, q[0]: sp.pi / 4}, simultaneous=True).doit()
+    equations = equations_of_motion(leaning, q[1:], sp.symbols("tau1:3"))
+    base = reduce(separate(equations, q[1:], parameters[10:]))
+    assert len(base.pivots) == 6
+
+
+@pytest.mark.slow  # 1.6 s
+def test_planar_arm_with_decimal_lengths_in_expanded_equations() -> None:
+    """Three links with centres at their middles and a load: six of the seven are independent."""
+    q, masses, inertias = coordinates(3), sp.symbols("m1:5"), sp.symbols("I1:4")
+    torques = sp.symbols("tau1:4")
+
+    def base(lengths: list[float | sp.Rational]) -> BaseForm:
+        tip, lagrangian = sp.zeros(2, 1), sp.Integer(0)
+        for i, length in enumerate(lengths):
+            angle = sp.Add(*q[: i + 1])
+            along = length * sp.Matrix([sp.cos(angle), sp.sin(angle)])
+            places = [(masses[i], tip + along / 2), *([(masses[3], tip + along)] * (i == 2))]
+            for m, place in places:
+                speed = place.diff(t)
+                lagrangian += m * speed.dot(speed) / 2 - m * g * place[1]
+            lagrangian += inertias[i] * angle.diff(t) ** 2 / 2
+            tip += along
+        energy = sp.expand(lagrangian)
+        equations = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]  # in doubles
+        equations = [sp.expand(row - tau) for row, tau in zip(equations, torques, strict=True)]
+        return reduce(separate(equations, q, [*inertias, *masses]))
+
+    found = base([0.3, 0.28, 0.2])
+    assert len(found.pivots) == 6
+    assert max(x.q for x in found.echelon) <= 10**4  # short fractions, no binary ones
+
+
+def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
+    lagrangian, q, parameters = arm("zy", [HERE, (l1, 0, 0)])
+    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1:3"))
+    assert len(reduce(separate(equations, q, parameters)).pivots) == 8
+    s1, c1, s2, c2 = sp.symbols("s1 c1 s2 c2")
+    names = {sp.sin(q[0]): s1, sp.cos(q[0]): c1, sp.sin(q[1]): s2, sp.cos(q[1]): c2}
+    independent = [equation.xreplace(names) for equation in equations]
+    assert len(reduce(separate(independent, [*q, s1, c1, s2, c2], parameters)).pivots) == 9
+
+
+def test_planar_arm_gives_the_groupings_of_the_textbook() -> None:
+    """Spong, Hutchinson, Vidyasagar 2006: the two-link arm with lengths and centres of mass."""
+    q1, q2 = q = coordinates(2)
+    m1, m2, r1, r2, I1, I2 = sp.symbols("m1 m2 r1 r2 I1 I2")
+    elbow = l1 * sp.Matrix([sp.cos(q1), sp.sin(q1)])
+    centres = (r1 / l1 * elbow, elbow + r2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)]))
+    lagrangian = I1 * q1.diff(t) ** 2 / 2 + I2 * (q1 + q2).diff(t) ** 2 / 2
+    for m, centre in zip((m1, m2), centres, strict=True):
+        lagrangian += m * centre.diff(t).dot(centre.diff(t)) / 2 - m * g * centre[1]
+    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1 tau2"))
+    base = reduce(separate(equations, q, [I1, I2, m1, m2, r1, r2]))
+    assert set(base.parameters) == {
+        I1 + m1 * r1**2 + m2 * l1**2,
+        I2 + m2 * r2**2,
+        m1 * r1 + m2 * l1,
+        m2 * r2,
+    }
+
+
+def test_cart_pole() -> None:
+    x, angle = q = coordinates(2)
+    M, m, r, inertia, b, c, force = sp.symbols("M m r I b c F")
+    tip = sp.Matrix([x + r * sp.sin(angle), r * sp.cos(angle)])
+    lagrangian = M * x.diff(t) ** 2 / 2 + inertia * angle.diff(t) ** 2 / 2
+    lagrangian += m * tip.diff(t).dot(tip.diff(t)) / 2 - m * g * tip[1]
+    loss = b * x.diff(t) ** 2 / 2 + c * angle.diff(t) ** 2 / 2
+    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
+    base = reduce(separate(equations, q, [M, m, r, inertia, b, c]))
+    assert list(base.parameters) == [M + m, m * r, inertia + m * r**2, b, c]
+    assert list(base.zeta) == [force, 0]
+
+
+def test_cart_pole_solved_for_its_accelerations() -> None:
+    """The form that simulators print: denominators with masses and motion, cleared."""
+    x, angle = q = coordinates(2)
+    M, m, r, force = sp.symbols("M m r F")
+    s, c = sp.sin(angle), sp.cos(angle)
+    below = M + m * s**2
+    equations = [
+        x.diff(t, 2) - (force + m * s * (r * angle.diff(t) ** 2 - g * c)) / below,
+        angle.diff(t, 2)
+        - (-force * c - m * r * angle.diff(t) ** 2 * c * s + (M + m) * g * s) / (r * below),
+    ]
+    form = separate(equations, q, [M, m])
+    assert list(form.zeta) == [force, -sp.cos(angle) * force / r]
+    assert len(reduce(form).pivots) == 2
+
+
+def test_two_masses_and_a_spring() -> None:
+    x, y = q = coordinates(2)
+    m1, m2, c, force = sp.symbols("m1 m2 c F")
+    lagrangian = (m1 * x.diff(t) ** 2 + m2 * y.diff(t) ** 2 - k * (x - y) ** 2) / 2
+    loss = c * (x - y).diff(t) ** 2 / 2
+    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
+    base = reduce(separate(equations, q, [m1, m2, k, c]))
+    assert list(base.parameters) == [m1, m2, k, c]
+
+
+def test_series_elastic_joint_with_its_load() -> None:
+    """(7) and (8) together share k: friction, spring and a link about a horizontal axis."""
+    lagrangian, (angle,), parameters = arm("y", [HERE])
+    motor, torque, I_M = sp.Function("theta_M")(t), sp.Symbol("tau_M"), sp.Symbol("I_M")
+    spring = k * (r_M / N * motor - r_L * angle)
+    lagrangian += I_M * motor.diff(t) ** 2 / 2
+    lagrangian -= k * (r_M / N * motor - r_L * angle) ** 2 / 2
+    friction = F_v * motor.diff(t) + F_C * sp.sign(motor.diff(t))
+    equations = equations_of_motion(lagrangian, [motor, angle], [torque - friction, 0])
+    base = reduce(separate(equations, [motor, angle], [F_v, F_C, k, *parameters]))
+    mx, mz, Iyy = (sp.Symbol(name) for name in ("mx1", "mz1", "Iyy1"))
+    assert list(base.parameters) == [F_v, F_C, k, mx, mz, Iyy]
+    assert list(base.zeta) == [torque - I_M * motor.diff(t, 2), 0]
+    assert base.regressor[0, 2] == sp.expand(r_M / N * spring / k)
+    assert base.regressor[1, 2] == sp.expand(-r_L * spring / k)
+
+
+# (alpha [deg], d, r) of Khalil and Dombre (2002), table 3.1, with other lengths for d3 and r4
+RX90 = [(0, 0, 0), (90, 0, 0), (0, 0.5, 0), (-90, 0, 0.375), (90, 0, 0), (-90, 0, 0)]
+
+RX90_BASE = """
+        Izz1 + Iyy2 + Iyy3 + d3^2 M3456
+        Ixx2 - Iyy2 - d3^2 M3456; Ixy2; Ixz2 - d3 mz3; Iyz2; Izz2 + d3^2 M3456; mx2 + d3 M3456; my2
+        Ixx3 - Iyy3 + Iyy4 + 2 r4 mz4 + r4^2 M456; Ixy3; Ixz3; Iyz3
+        Izz3 + Iyy4 + 2 r4 mz4 + r4^2 M456; mx3; my3 + mz4 + r4 M456
+        Ixx4 - Iyy4 + Iyy5; Ixy4; Ixz4; Iyz4; Izz4 + Iyy5; mx4; my4 - mz5
+        Ixx5 - Iyy5 + Iyy6; Ixy5; Ixz5; Iyz5; Izz5 + Iyy6; mx5; my5 + mz6
+        Ixx6 - Iyy6; Ixy6; Ixz6; Iyz6; Izz6; mx6; my6"""
+"""Their base inertial parameters, without those of the rotors."""
+
+
+def published_rx90() -> list[sp.Expr]:
+    text = RX90_BASE.replace("^", "**").replace("\n", ";")
+    names = {f"M{end}": sum(sp.Symbol(f"m{i}") for i in end) for end in ("3456", "456")}
+    spaced = (*standard_transformations, implicit_multiplication)
+    lines = [line for line in text.split(";") if line.strip()]
+    return [sp.parse_expr(one, local_dict=names, transformations=spaced) for one in lines]
+
+
+def test_rx90_has_the_base_parameters_of_khalil_and_dombre(tmp_path: Path) -> None:
+    """Frames of modified Denavit and Hartenberg are those of a URDF with all axes along z."""
+    joints = {}
+    for i, (alpha, d, r) in enumerate(RX90, 1):
+        x, y, z = map(float, (d, -sp.sin(sp.rad(alpha)) * r, sp.cos(sp.rad(alpha)) * r))
+        place = f'<origin xyz="{x} {y} {z}" rpy="{alpha * pi / 180} 0 0"/>'
+        joints[f"q{i}"] = f'continuous l{i - 1} l{i} {place}<axis xyz="0 0 1"/>'
+    path = write_robot(tmp_path / "rx90.urdf", joints, BODY)
+    exact = base_parameters(load_robot(path))
+    assert exact.rank == 36
+    names = ["m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"]
+    parameters = [sp.Symbol(f"{name}{body}") for body in range(1, 7) for name in names]
+    lengths = {sp.Symbol("d3"): sp.Rational(1, 2), sp.Symbol("r4"): sp.Rational(3, 8)}
+    published = sp.Matrix([one.subs(lengths) for one in published_rx90()]).jacobian(parameters)
+    # both span the same space: one echelon form
+    echelon, pivots = published.rref()
+    assert len(pivots) == 36
+    found = sp.Matrix([[sp.Rational(x) for x in row] for row in exact.exact_grouping])
+    assert found.rref()[0] == echelon

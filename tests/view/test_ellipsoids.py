@@ -11,7 +11,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.robot.inertia import from_center_of_mass, in_parent_frame
 from seaid.robot.robot import Robot
-from seaid.view.shapes import Ellipsoid, ellipsoids_of
+from seaid.view.picture import Ellipsoid, ellipsoids_of
 
 
 def bodies_of(leg: Robot, *parameters: Array) -> list[Ellipsoid]:

@@ -17,8 +17,7 @@ from seaid.errors import RobotError
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
 from seaid.robot.robot_file import reread_urdf
-from seaid.view.picture import Picture, link_places, picture_of, placements, rest_posture
-from seaid.view.shapes import GREY
+from seaid.view.picture import GREY, Picture, link_places, picture_of, placements, rest_posture
 
 ROBOTS = [
     "ur5_robot.urdf",

@@ -18,7 +18,7 @@ from seaid.cli.commands import app, command_of
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log, write_log
 from seaid.project.saved import save_run
-from seaid.view.shapes import ellipsoids_of
+from seaid.view.picture import ellipsoids_of
 from seaid.view.window import View, view_robot
 from tests.experiments import arm_found
 

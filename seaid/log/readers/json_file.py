@@ -62,9 +62,7 @@ def _content(path: Path) -> Any:
 
 
 def _are_records(value: Any) -> bool:
-    return (
-        isinstance(value, list) and bool(value) and all(isinstance(row, Mapping) for row in value)
-    )
+    return isinstance(value, list) and value != [] and all(isinstance(x, Mapping) for x in value)
 
 
 def _record_columns(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -285,12 +285,10 @@ def optional(module: str, extra: str, path: Path) -> Any:
 
 def check_installed(module: str, extra: str, path: Path) -> None:
     """Raise LogError as `optional` does, but without importing the package."""
-    try:
-        spec = find_spec(module)
-    except ImportError:
-        spec = None
-    if spec is None:
-        raise _not_installed(module, extra, path)
+    with suppress(ImportError):
+        if find_spec(module) is not None:
+            return
+    raise _not_installed(module, extra, path)
 
 
 def _not_installed(module: str, extra: str, path: Path) -> LogError:

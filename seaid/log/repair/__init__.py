@@ -5,16 +5,19 @@ Clocks are repaired in `clocks`; gaps, wraps of encoders and dropouts in `channe
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
-from typing import Final, Literal
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
 
 import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Display
-from seaid.errors import LogError, shown
+from seaid.errors import LogError
 from seaid.log.channels import Quantity, quantity_of
+from seaid.log.tables import Reader, Within, types_of
+
+_Positive = Annotated[float, Within("a finite number above 0", lambda value: 0 < value < np.inf)]
+_Share = Annotated[float, Within("a share from 0 to 1", lambda value: 0 <= value <= 1)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,24 +57,16 @@ class Repairs(Display):
     >>> [str(repair) for repair in log.report]
     """
 
-    rate_hz: float | None = None
-    longest_gap_s: float | None = None
-    most_gap_error: float = 0.03
-    most_missing: float = 0.25
-    most_disordered: float = 0.02
-    most_saturated: float = 0.05
-    largest_drift: float = 2e-3
+    rate_hz: _Positive | None = None
+    longest_gap_s: _Positive | None = None
+    most_gap_error: _Share = 0.03
+    most_missing: _Share = 0.25
+    most_disordered: _Share = 0.02
+    most_saturated: _Share = 0.05
+    largest_drift: _Share = 2e-3
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            optional = field.default is None
-            if value is None and optional:
-                continue
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not (0 < value < math.inf if optional else 0 <= value <= 1):
-                allowed = "a finite number above 0, or None" if optional else "a share from 0 to 1"
-                raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
+        Reader(LogError).table(types_of(Repairs), vars(self), "Repairs")
 
 
 Fault = Literal[

@@ -13,10 +13,13 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+import seaid.log.readers.ros_bag as ros_bag
 from seaid.errors import LogError
+from seaid.log.readers.child_process import Answer
 from seaid.log.readers.opening import open_table
 from seaid.log.reading import read_log
 from seaid.robot.robot import Robot
+from tests.log.readers.files import error_of
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
 
@@ -222,3 +225,22 @@ def test_interfaces_of_ros2_control_have_their_names(tmp_path: Path) -> None:
             writer.write(topic, time, types.serialize_cdr(message, state))
     name = "/dynamic_joint_states/interface_values[knee].values[motor_position]"
     np.testing.assert_array_equal(open_table(tmp_path / "bag").load([name])[name], [10, 11, 12])
+
+
+# X
+
+
+def greedy(path: str) -> Answer:
+    return None, {"a": np.ones(10**12)}
+
+
+@pytest.mark.slow  # 0.9 s
+def test_a_bag_that_asks_for_all_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rosbags")
+    monkeypatch.setattr(ros_bag, "bag_columns", greedy)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(b"compressed")
+    text = "is not a ROS bag, or a damaged one: it requests more memory than is available"
+    assert error_of(path) == f"'{path}' {text}"

@@ -124,8 +124,6 @@ def test_transforms_are_those_of_pinocchio() -> None:
         atol=1e-14,
     )
     np.testing.assert_allclose(
-        as_floats(twist_transform(rotation, translation)),
-        placement.inverse().action,
-        atol=1e-14,
+        as_floats(twist_transform(rotation, translation)), placement.inverse().action, atol=1e-14
     )
     assert number(fmpq(1, 3)) == 1 / 3

@@ -32,10 +32,7 @@ TEXTBOOKS = {
     "pendulum on a vertical axis": ({"a": f"continuous {Z}"}, 1),
     "2R in a vertical plane": ({"a": f"continuous {Y}", "b": f"continuous {Y}{at('0 0 1')}"}, 6),
     "2R in a horizontal plane": ({"a": f"continuous {Z}", "b": f"continuous {Z}{at('1 0 0')}"}, 4),
-    "3R in a vertical plane": (
-        {name: f"continuous {Y}{at('0 0 0.5')}" for name in "abc"},
-        9,
-    ),
+    "3R in a vertical plane": ({name: f"continuous {Y}{at('0 0 0.5')}" for name in "abc"}, 9),
     "SCARA": (
         {
             "a": f"continuous {Z}",
@@ -107,10 +104,7 @@ def test_count_of_a_textbook_system(
 
 @pytest.mark.parametrize(("name", "count"), EXAMPLES.items())
 def test_count_of_a_known_robot(
-    name: str,
-    count: int,
-    example_path: Callable[[str], Path],
-    load_quietly: Callable[..., Robot],
+    name: str, count: int, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
     assert base_parameters(load_quietly(example_path(name))).rank == count
 

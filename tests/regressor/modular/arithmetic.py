@@ -2,7 +2,7 @@
 
 Residues are exact arithmetic without growth. A rational has a value modulo the prime, and dependent
 rows stay dependent, so that a rank never comes out too large. It comes out too small only if a
-random point is a zero of a nonzero polynomial, with a probability of at most degree / prime, 1e-15
+random point is a zero of a nonzero polynomial, with a probability of at most degree / prime, 1e-6
 here (Zippel 1979, Schwartz 1980).
 """
 
@@ -64,7 +64,7 @@ class ResidueNumbers:
         # Row 0 has the first motion throughout; in row 1 + k joint k has the second one.
         changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
         states = [np.where(changed, new, old) for old, new in zip(first, second, strict=True)]
-        bodies = self.random(10 * len(leaders)).astype(np.uint64)
+        bodies = self.random(10 * len(leaders)).astype(np.int64)
         torques = self.on_leaders(self._dynamics.torques(states, bodies))
         return np.asarray((torques[1:] != torques[0]).T)
 
@@ -129,7 +129,7 @@ class ResidueNumbers:
     ) -> Residues:
         """Return `regressor` @ bodies, (T, n)."""
         states = self.of_bodies(q, turned, v, a)
-        return self.on_leaders(self._dynamics.torques(states, bodies.astype(np.uint64)))
+        return self.on_leaders(self._dynamics.torques(states, bodies.astype(np.int64)))
 
     def of_bodies(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
@@ -137,7 +137,7 @@ class ResidueNumbers:
         """Return the states (T, b) of the joints of all bodies: q, cosine, sine, v and a."""
         factors = np.array([residue(x) for x in self._multipliers], dtype=object)
         q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
-        return [x.astype(np.uint64) for x in (q, *turned, v, a)]
+        return [x.astype(np.int64) for x in (q, *turned, v, a)]
 
     def on_leaders(self, torques: Words) -> Residues:
         """Return the torques (T, n, ...) of the independent joints: tau = E^T tau_all."""
@@ -205,53 +205,8 @@ class ResidueNumbers:
 
 
 def echelon(H: Residues) -> tuple[list[int], Residues]:
-    """Return pivots and rows (p, m) of the reduced echelon form of H (R, m), leftmost pivots.
-
-    Most rows are the equations of one drive, with few parameters: rows with the same nonzero
-    columns are reduced first, and columns that they determine are removed from all others.
-    """
-    width = H.shape[1]
-    alone, rest = np.zeros(width, dtype=bool), []
-    for columns, rows in _by_columns(H):
-        # With no more rows than columns they cannot determine all columns, and are not worth a
-        # reduction of their own.
-        pivots, reduced = _dense(H[rows][:, columns]) if len(rows) > len(columns) else ([], 0)
-        if len(pivots) == len(columns):
-            alone[columns] = True
-        elif pivots:
-            whole = np.zeros((len(pivots), width), dtype=object)
-            whole[:, columns] = reduced
-            rest.append(whole)
-        else:
-            rest.append(H[rows])
-    others = np.flatnonzero(~alone)
-    pivots, reduced = _dense(np.vstack([np.zeros((0, width), dtype=object), *rest])[:, others])
-    by_pivot = {int(others[pivot]): row for pivot, row in zip(pivots, reduced, strict=True)}
-    ordered = sorted({*by_pivot, *np.flatnonzero(alone).tolist()})
-    kept = np.zeros((len(ordered), width), dtype=object)
-    for place, pivot in enumerate(ordered):
-        if pivot in by_pivot:
-            kept[place, others] = by_pivot[pivot]
-        else:
-            kept[place, pivot] = 1
-    return ordered, kept
-
-
-def _by_columns(H: Residues) -> list[tuple[NDArray[np.intp], list[int]]]:
-    """Return the groups of nonzero rows that share their nonzero columns: [(columns, rows)]."""
-    nonzero = H != 0
-    groups: dict[bytes, list[int]] = {}
-    for row, pattern in enumerate(np.packbits(nonzero, axis=1)):
-        groups.setdefault(pattern.tobytes(), []).append(row)
-    pairs = [(np.flatnonzero(nonzero[rows[0]]), rows) for rows in groups.values()]
-    return [(columns, rows) for columns, rows in pairs if len(columns)]
-
-
-def _dense(H: Residues) -> tuple[list[int], Residues]:
-    """Return pivots and rows of the reduced echelon form of a matrix without zero columns."""
+    """Return pivots and rows (p, m) of the reduced echelon form of H (R, m), leftmost pivots."""
     rows, width = H.shape
-    if not rows or not width:
-        return [], np.zeros((0, width), dtype=object)
     reduced, rank = nmod_mat(rows, width, H.ravel().tolist(), PRIME).rref()
     table = [[int(x) for x in row] for row in reduced.tolist()[:rank]]
     kept = np.array(table, dtype=object).reshape(rank, width)

@@ -7,11 +7,9 @@ written down: in the aligned frame of a body, force m a + B h and moment h x a +
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain
-from typing import Any
 
 import numpy as np
 from flint import fmpq_mat
@@ -19,35 +17,15 @@ from numpy.typing import NDArray
 
 from seaid.regressor.exact.geometry import INERTIA, ExactTree, inertia_transform
 
-PRIME = 2**61 - 1
-"""A Mersenne prime that fits in a machine word."""
+PRIME = 2**29 - 3
+"""Sums of up to 32 products are below 2^63, so that NumPy's own products of matrices hold."""
 
-Words = NDArray[np.uint64]
+Words = NDArray[np.int64]
 """Integers from 0 to PRIME - 1."""
 
-_P, _LOW, _HALF = np.uint64(PRIME), np.uint64(2**32 - 1), np.uint64(2**29 - 1)
-_29, _32, _61, _3 = (np.uint64(x) for x in (29, 32, 61, 3))
-
-
-def times(x: Words, y: Words) -> Words:
-    """Return x * y, with 2^64 = 8, 2^61 = 1 modulo the prime, in halves of 32 bits."""
-    # x y = a c 2^64 + (a d + b c) 2^32 + b d with a, c < 2^29: no sum reaches 2^64.
-    a, b, c, d = x >> _32, x & _LOW, y >> _32, y & _LOW
-    middle, low = a * d + b * c, b * d
-    total = (a * c << _3) + (middle >> _29) + ((middle & _HALF) << _32)
-    return folded(total + (low & _P) + (low >> _61))
-
-
-def folded(total: Words) -> Words:
-    """Return sums below 2^64 modulo the prime."""
-    # 2^61 = 1: the bits above count as ones; the rest is below 2 PRIME.
-    total = (total & _P) + (total >> _61)
-    return total - _P * (total >= _P)
-
-
-def minus(x: Words, y: Words) -> Words:
-    """Return x - y."""
-    return folded(x + (_P - y))
+BodyMotion = tuple[Words, Words, Words]
+"""Acceleration of the origin less gravity, angular velocity w and acceleration e of a body, (S, 3).
+"""
 
 
 def residue(value: Fraction) -> int:
@@ -58,38 +36,37 @@ def residue(value: Fraction) -> int:
 def words(matrix: fmpq_mat) -> Words:
     """Return a matrix of rationals modulo the prime."""
     rows = [[residue(Fraction(int(x.p), int(x.q))) for x in row] for row in matrix.tolist()]
-    return np.array(rows, dtype=np.uint64)
+    return np.array(rows, dtype=np.int64)
 
 
-_Vector = Sequence[Any]
-"""Three components, each of any shape."""
-
-BodyMotion = tuple[_Vector, _Vector, _Vector]
-"""Acceleration of the origin less gravity, angular velocity w and acceleration e of a body."""
+def _cross(a: Words, b: Words) -> Words:
+    return np.cross(a, b) % PRIME
 
 
-def _sum(parts: Sequence[Words]) -> Words:
-    total = parts[0]
-    for part in parts[1:]:
-        total = folded(total + part)
-    return total
+def _skew(v: Words) -> Words:
+    """Return the matrices (..., 3, 3) of the product v x."""
+    return _cross(v[..., None, :], np.eye(3, dtype=np.int64)).swapaxes(-1, -2)
 
 
-def _add(a: _Vector, b: _Vector) -> list[Words]:
-    return [folded(x + y) for x, y in zip(a, b, strict=True)]
+def _moved(motion: BodyMotion, r: Words) -> Words:
+    """Return the acceleration of a point r (S, 3) or (3,) of a body."""
+    linear, w, e = motion
+    return (linear + _cross(e, r) + _cross(w, _cross(w, r))) % PRIME
 
 
-def _cross(a: _Vector, b: _Vector) -> list[Words]:
-    return [minus(times(a[j], b[k]), times(a[k], b[j])) for j, k in ((1, 2), (2, 0), (0, 1))]
-
-
-def _apply(matrix: Words, vector: _Vector) -> list[Words]:
-    """Return matrix @ vector for a matrix of numbers, of which many are zero or one."""
-    product = []
-    for row in matrix:
-        parts = [v if x == 1 else times(x, v) for x, v in zip(row, vector, strict=True) if x]
-        product.append(_sum(parts) if parts else np.zeros_like(vector[0]))
-    return product
+def _wrenches(motion: BodyMotion) -> Words:
+    """Return force and moment about the origin (S, 6, 10) of the ten unit parameters of a body."""
+    a, w, e = motion
+    K = np.zeros((len(a), 6, 10), dtype=np.int64)
+    K[:, :3, 0] = a
+    K[:, :3, 1:4] = _skew(e) + _skew(w) @ _skew(w)
+    K[:, 3:, 1:4] = -_skew(a)
+    of_e, of_w = np.zeros((2, len(a), 3, 6), dtype=np.int64)  # I e and I w
+    for column, (i, j) in enumerate(INERTIA):
+        for product, vector in ((of_e, e), (of_w, w)):
+            product[:, i, column], product[:, j, column] = vector[:, j], vector[:, i]
+    K[:, 3:, 4:] = of_e + _skew(w) @ of_w
+    return K % PRIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +74,55 @@ class _Joint:
     parent: int
     is_prismatic: bool
     rotation: Words
-    translation: list[Words]
+    translation: Words
     from_body: Words
     """The map (10, 10) from the parameters of the body to those in its aligned frame."""
     to_aligned: Words
     """The rotation (3, 3) of vectors of the body's frame to its aligned frame."""
+
+    @property
+    def row(self) -> int:
+        """The component along z of a wrench (6,) that its torque or force is."""
+        return 2 if self.is_prismatic else 5
+
+    def turned(self, c: Words, s: Words) -> Words:
+        """Return the rotations (S, 3, 3) of the joint about z."""
+        R = np.zeros((len(c), 3, 3), dtype=np.int64)
+        R[:, 2, 2] = 1
+        if self.is_prismatic:
+            R[:, 0, 0] = R[:, 1, 1] = 1
+        else:
+            R[:, 0, 0] = R[:, 1, 1] = c
+            R[:, 1, 0], R[:, 0, 1] = s, -s % PRIME
+        return R
+
+    def along(self, values: Words, slides: bool) -> Words:
+        """Return vectors (S, 3) along z: zero unless the joint slides, or turns."""
+        z = np.zeros((len(values), 3), dtype=np.int64)
+        z[:, 2] = values * (self.is_prismatic == slides)
+        return z
+
+    def behind(self, motion: BodyMotion, state: Sequence[Words]) -> BodyMotion:
+        """Return the motion of its body, by that of the parent."""
+        q, c, s, v, a = state
+        R = self.rotation @ self.turned(c, s) % PRIME
+        linear, w, e = (
+            np.einsum("sji,sj->si", R, x) % PRIME
+            for x in (_moved(motion, self.translation), *motion[1:])
+        )
+        linear = _moved((linear, w, e), self.along(q, True)) + self.along(a, True)
+        linear += 2 * _cross(w, self.along(v, True))
+        e = e + _cross(w, self.along(v, False)) + self.along(a, False)
+        return linear % PRIME, (w + self.along(v, False)) % PRIME, e % PRIME
+
+    def to_parent(self, state: Sequence[Words], wrenches: Words) -> Words:
+        """Return wrenches (S, 6, k) about the parent's origin, in its frame."""
+        turned = self.turned(state[1], state[2])
+        R = self.rotation @ turned % PRIME
+        lever = self.rotation @ (_skew(self.along(state[0], True)) @ turned % PRIME)
+        lever += _skew(self.translation) @ R
+        f, n = wrenches[:, :3], wrenches[:, 3:]
+        return np.concatenate([R @ f, lever % PRIME @ f + R @ n], axis=1) % PRIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,26 +131,11 @@ class ModularDynamics:
 
     joints: tuple[_Joint, ...]
     bodies: tuple[int, ...]
-    gravity: list[Words]
+    gravity: Words
 
     def torques(self, states: Sequence[Words], parameters: Words) -> Words:
         """Return the torques (S, b) at S states, each (S, b): q, cos, sin, v, a; of (10 b,)."""
-        motions = self.motions(states)
-        count = states[0].shape
-        forces: list[tuple[list[Words], list[Words]]] = []
-        for joint, body, motion in zip(self.joints, self.bodies, motions, strict=True):
-            aligned = _apply(joint.from_body, list(parameters[10 * body : 10 * body + 10]))
-            columns = _wrenches(motion, aligned)
-            forces.append(columns)
-        torques = np.zeros(count, dtype=np.uint64)
-        for place in reversed(range(len(self.joints))):
-            joint, body, (f, n) = self.joints[place], self.bodies[place], forces[place]
-            torques[:, body] = f[2] if joint.is_prismatic else n[2]
-            if joint.parent >= 0:
-                f, n = _to_parent(joint, [x[:, body] for x in states[:3]], f, n)
-                up = forces[joint.parent]
-                forces[joint.parent] = (_add(up[0], f), _add(up[1], n))
-        return torques
+        return np.asarray(np.sum(self.regressor(states) * parameters % PRIME, axis=2) % PRIME)
 
     def regressor(self, states: Sequence[Words], base: BodyMotion | None = None) -> Words:
         """Return the joint-torque regressor (S, b, 10 b).
@@ -140,21 +146,17 @@ class ModularDynamics:
         motions = self.motions(states, base)
         count, width = states[0].shape
         shape = (6 + width, 10 * width + 10) if base else (width, 10 * width)
-        whole = np.zeros((count, *shape), dtype=np.uint64)
-        joint_rows = whole[:, -width:]
-        below: dict[int, list[_Stack]] = defaultdict(list)  # by the parent, of the base by -1
-        for place in reversed(range(len(self.joints))):
-            joint, body = self.joints[place], self.bodies[place]
-            below[place].append(_columns(motions[place], joint.from_body, body))
-            columns, f, n = _joined_stacks(below.pop(place))
-            joint_rows[:, body, columns] = f[2] if joint.is_prismatic else n[2]
+        whole = np.zeros((count, *shape), dtype=np.int64)
+        below: dict[int, list[tuple[list[int], Words]]] = defaultdict(list)  # of the base by -1
+        for place, joint, body, state in self._from_the_tips(states):
+            own = _wrenches(motions[place]) @ joint.from_body % PRIME
+            columns, wrenches = _joined([*below.pop(place, []), (_columns(body), own)])
+            whole[:, body - width, columns] = wrenches[:, joint.row]
             if joint.parent >= 0 or base is not None:
-                state = [x[:, body, None] for x in states[:3]]
-                below[joint.parent].append((columns, *_to_parent(joint, state, f, n)))
+                below[joint.parent].append((columns, joint.to_parent(state, wrenches)))
         if base is not None:
-            below[-1].append(_columns(base, np.eye(10, dtype=np.uint64), width))
-            columns, f, n = _joined_stacks(below[-1])
-            whole[:, :6, columns] = np.stack([*f, *n], axis=1)
+            columns, wrenches = _joined([*below[-1], (_columns(width), _wrenches(base))])
+            whole[:, :6, columns] = wrenches
         return whole
 
     def forces_at(self, states: Sequence[Words], body: int, point: Words, is_flat: bool) -> Words:
@@ -163,48 +165,55 @@ class ModularDynamics:
         The point (3,) is in the frame of the body, -1 for the base; the forces in its aligned one.
         """
         count, width = states[0].shape
-        zero, unit = np.zeros((count, 6), dtype=np.uint64), np.eye(6, dtype=np.uint64)
-        f, n = ([zero + unit[i] for i in part] for part in (range(3), range(3, 6)))
-        place = self.bodies.index(body) if body >= 0 else -1
-        at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
-        # Moment about the origin of the body: n + r x f.
-        n = _add(n, _cross([x + zero for x in at], f))
-        rows = np.zeros((count, 6 + width, 6), dtype=np.uint64)
-        while place >= 0:
-            joint, index = self.joints[place], self.bodies[place]
-            rows[:, 6 + index] = f[2] if joint.is_prismatic else n[2]
-            f, n = _to_parent(joint, [x[:, index, None] for x in states[:3]], f, n)
-            place = joint.parent
-        rows[:, :6] = np.stack([*f, *n], axis=1)
+        at = point if body < 0 else self.joints[self.bodies.index(body)].to_aligned @ point % PRIME
+        wrenches = np.tile(np.eye(6, dtype=np.int64), (count, 1, 1))
+        wrenches[:, 3:, :3] = _skew(at)  # the moment about the origin of the body: n + r x f
+        rows = np.zeros((count, 6 + width, 6), dtype=np.int64)
+        follows = self.bodies.index(body) if body >= 0 else -1
+        for place, joint, index, state in self._from_the_tips(states):
+            if place == follows:
+                rows[:, 6 + index] = wrenches[:, joint.row]
+                wrenches, follows = joint.to_parent(state, wrenches), joint.parent
+        rows[:, :6] = wrenches
         return rows[:, :, : 6 if is_flat else 3]
 
     def acceleration_at(
         self, states: Sequence[Words], base: BodyMotion, body: int, point: Words, is_flat: bool
     ) -> Words:
         """Return the acceleration (S, 3 or 6) of a point of a body, in the body's aligned frame."""
-        place = self.bodies.index(body) if body >= 0 else -1
-        linear, w, e = self.motions(states, base)[place] if body >= 0 else base
-        at = _apply(self.joints[place].to_aligned, list(point)) if body >= 0 else list(point)
-        r = [x + np.zeros_like(w[0]) for x in at]
-        moved = _add(linear, _add(_cross(e, r), _cross(w, _cross(w, r))))
-        return np.stack([*moved, *(e if is_flat else ())], axis=1)
+        motion, at = base, point
+        if body >= 0:
+            place = self.bodies.index(body)
+            motion = self.motions(states, base)[place]
+            at = self.joints[place].to_aligned @ point % PRIME
+        return np.hstack([_moved(motion, at), *([motion[2]] if is_flat else [])])
 
     def motions(self, states: Sequence[Words], base: BodyMotion | None = None) -> list[BodyMotion]:
         """Return of every body the acceleration of its origin, w and e, in its aligned frame."""
-        q, c, s, v, a = states
-        zero = np.zeros(len(q), dtype=np.uint64)
-        if base is None:
-            base = ([minus(zero, x + zero) for x in self.gravity], [zero] * 3, [zero] * 3)
+        still = np.zeros((len(states[0]), 3), dtype=np.int64)
+        base = base or ((still - self.gravity) % PRIME, still, still)
         motions: list[BodyMotion] = []
         for joint, body in zip(self.joints, self.bodies, strict=True):
-            linear, w, e = base if joint.parent < 0 else motions[joint.parent]
-            r = [x + zero for x in joint.translation]
-            linear = _add(linear, _add(_cross(e, r), _cross(w, _cross(w, r))))
-            linear, w, e = (_apply(joint.rotation.T, x) for x in (linear, w, e))
-            state = q[:, body], c[:, body], s[:, body], v[:, body], a[:, body]
-            through = _slid if joint.is_prismatic else _turned
-            motions.append(through(linear, w, e, state))
+            parent = base if joint.parent < 0 else motions[joint.parent]
+            motions.append(joint.behind(parent, [x[:, body] for x in states]))
         return motions
+
+    def _from_the_tips(
+        self, states: Sequence[Words]
+    ) -> Iterator[tuple[int, _Joint, int, list[Words]]]:
+        for place in reversed(range(len(self.joints))):
+            body = self.bodies[place]
+            yield place, self.joints[place], body, [x[:, body] for x in states]
+
+
+def _columns(body: int) -> list[int]:
+    return list(range(10 * body, 10 * body + 10))
+
+
+def _joined(stacks: Sequence[tuple[list[int], Words]]) -> tuple[list[int], Words]:
+    """Return wrenches of several bodies, with their columns of the regressor, as one."""
+    columns = [column for own, _ in stacks for column in own]
+    return columns, np.concatenate([wrenches for _, wrenches in stacks], axis=2)
 
 
 def modular_dynamics(tree: ExactTree) -> ModularDynamics:
@@ -214,95 +223,10 @@ def modular_dynamics(tree: ExactTree) -> ModularDynamics:
             joint.parent,
             joint.is_prismatic,
             words(joint.rotation),
-            [x[0] for x in words(joint.translation)],
+            words(joint.translation)[:, 0],
             words(inertia_transform(joint.alignment.transpose())),
             words(joint.alignment.transpose()),
         )
         for joint in tree.joints
     )
-    return ModularDynamics(joints, tree.bodies, [x[0] for x in words(tree.gravity)])
-
-
-def _turned(linear: _Vector, w: _Vector, e: _Vector, state: Sequence[Words]) -> Any:
-    """Return the motion behind a joint that rotates about z."""
-    _, c, s, speed, rate = state
-
-    def about(x: _Vector) -> list[Words]:
-        return [
-            folded(times(c, x[0]) + times(s, x[1])),
-            minus(times(c, x[1]), times(s, x[0])),
-            x[2],
-        ]
-
-    linear, w, e = about(linear), about(w), about(e)
-    # e' = e + w x z q' + z q''
-    e = [folded(e[0] + times(w[1], speed)), minus(e[1], times(w[0], speed)), folded(e[2] + rate)]
-    return linear, [w[0], w[1], folded(w[2] + speed)], e
-
-
-def _slid(linear: _Vector, w: _Vector, e: _Vector, state: Sequence[Words]) -> Any:
-    """Return the motion behind a joint that slides along z."""
-    q, _, _, speed, rate = state
-    zero = np.zeros_like(q)
-    along, moving = [zero, zero, q], [zero, zero, folded(speed + speed)]
-    linear = _add(linear, _add(_cross(e, along), _cross(w, _cross(w, along))))
-    linear = _add(linear, _cross(w, moving))  # 2 w x z q'
-    return [linear[0], linear[1], folded(linear[2] + rate)], w, e
-
-
-def _wrenches(
-    motion: tuple[_Vector, _Vector, _Vector], parameters: Sequence[Words]
-) -> tuple[list[Words], list[Words]]:
-    """Return force and moment about the origin of a body with ten parameters."""
-    a, w, e = motion
-    m, h = parameters[0], [x + np.zeros_like(a[0]) for x in parameters[1:4]]
-    inertia = [[parameters[0]] * 3 for _ in range(3)]
-    for value, (i, j) in zip(parameters[4:], INERTIA, strict=True):
-        inertia[i][j] = inertia[j][i] = value
-    turned, swept = (
-        [_sum([times(x, y) for x, y in zip(row, vector, strict=True)]) for row in inertia]
-        for vector in (e, w)
-    )
-    force = _add([times(m, x) for x in a], _add(_cross(e, h), _cross(w, _cross(w, h))))
-    return force, _add(_cross(h, a), _add(turned, _cross(w, swept)))
-
-
-_Stack = tuple[list[int], list[Words], list[Words]]
-"""Columns of the regressor, and forces and moments in them, three arrays (S, columns) each."""
-
-
-def _columns(motion: BodyMotion, from_body: Words, body: int) -> _Stack:
-    """Return the columns of a body, with forces and moments of its unit parameters."""
-    a, w, e = ([x[:, None] for x in vector] for vector in motion)
-    columns = list(range(10 * body, 10 * body + 10))
-    return columns, *_wrenches((a, w, e), list(from_body[:, None, :]))
-
-
-def _joined_stacks(stacks: Sequence[_Stack]) -> _Stack:
-    """Return several stacks of columns as one."""
-    columns, *sides = zip(*stacks, strict=True)
-    f, n = ([np.concatenate(x, axis=1) for x in zip(*side, strict=True)] for side in sides)
-    return list(chain(*columns)), f, n
-
-
-def _to_parent(
-    joint: _Joint, state: Sequence[Words], f: _Vector, n: _Vector
-) -> tuple[list[Words], list[Words]]:
-    """Return a force and a moment about the origin in the parent's frame."""
-    q, c, s = state
-
-    def back(x: _Vector) -> _Vector:
-        if joint.is_prismatic:
-            return x
-        return [
-            minus(times(c, x[0]), times(s, x[1])),
-            folded(times(s, x[0]) + times(c, x[1])),
-            x[2],
-        ]
-
-    f, n = back(f), back(n)
-    if joint.is_prismatic:
-        n = [minus(n[0], times(q, f[1])), folded(n[1] + times(q, f[0])), n[2]]  # q z x f
-    f, n = _apply(joint.rotation, f), _apply(joint.rotation, n)
-    shift = [x + np.zeros_like(f[0]) for x in joint.translation]
-    return f, _add(n, _cross(shift, f))
+    return ModularDynamics(joints, tree.bodies, words(tree.gravity)[:, 0])

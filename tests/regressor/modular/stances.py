@@ -144,7 +144,7 @@ def _place(numbers: ResidueNumbers, contact: Contact) -> tuple[int, Words]:
     assert base is not None
     body, rotation, position = base.frame(contact.link)
     at = np.round(position + rotation @ np.array(contact.position_m), _DIGITS)
-    return body, np.array([numbers.number(x) for x in at.tolist()], dtype=np.uint64)
+    return body, np.array([numbers.number(x) for x in at.tolist()], dtype=np.int64)
 
 
 def _axes_and_gravity(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
@@ -162,8 +162,9 @@ def _axes_and_gravity(numbers: ResidueNumbers) -> tuple[Residues, Residues]:
 
 
 def _motion(linear: Residues, w: Residues, e: Residues) -> BodyMotion:
-    linear, w, e = ((x % PRIME).astype(np.uint64) for x in (linear, w, e))
-    return list(linear.T), list(w.T), list(e.T)
+    whole = np.stack([linear, w, e]).astype(object) % PRIME
+    first, second, third = whole.astype(np.int64)
+    return first, second, third
 
 
 def _leader_rows(numbers: ResidueNumbers, rows: Words) -> Residues:

@@ -1,0 +1,463 @@
+"""Periodic errors of a drive: transmission error in the deflection, ripple of the motor torque."""
+
+from __future__ import annotations
+
+import pickle
+import tomllib
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+import tomli_w
+from scipy.integrate import solve_ivp
+
+from seaid._arrays import Array
+from seaid.drives import (
+    SeriesElasticDrive,
+    StiffDrive,
+    drive_functions,
+    drive_table,
+    drives_from_mapping,
+    spring_curve,
+)
+from seaid.drives.equations import motor_equation, spring_force
+from seaid.drives.functions import friction_curve, smooth_columns
+from seaid.drives.regressor import drive_regressor
+from seaid.drives.symbols import Dahl, after_travel, states
+from seaid.errors import RobotError
+from seaid.identification.identification import identify
+from seaid.identification.result import Identification
+from seaid.log.motion import Motion
+from seaid.regressor import identifiability
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import Noise, measure, simulate_motion
+from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
+
+ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
+RIPPLE = {"motor": {2: (5e-4, 0.0)}}
+BARE = {
+    "type": "series_elastic",
+    "gear_ratio": 100.0,
+    "stiffness_Nm_per_rad": 300.0,
+    "viscous_friction_Nms_per_rad": 0.0,
+    "coulomb_friction_Nm": 0.0,
+}
+
+
+@cache
+def truth() -> Robot:
+    """Return the arm with errors of 1 to 2 mrad at a spring, and a ripple of its stiff wrist."""
+    shoulder: Any = arm().drives["shoulder"]
+    wrist = arm().drives["wrist"]
+    return arm().with_drives(
+        {
+            "shoulder": replace(shoulder, transmission_error=ERROR),
+            "wrist": replace(wrist, torque_ripple={"joint": {4: (1e-3, 0.0)}}),
+        }
+    )
+
+
+@cache
+def motion() -> Motion:
+    return simulate_motion(truth(), wiggle(arm(), 6.0, (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)))
+
+
+@cache
+def found(robot: Robot) -> Identification:
+    """Return the identification from encoders without offset, which would turn the phases."""
+    return identify(robot.without_nominal(), measure(robot, motion(), SENSORS, 0))
+
+
+SENSORS = replace(ARM_SENSORS, motor_offset_rad=0.0)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        {"transmission_error": {"motor": [1, 2], "mesh": [2]}},
+        {"torque_ripple": {"motor": [6], "joint": [12]}},
+        {"transmission_error": {"joint": {"3": [1e-3, -2e-4]}}, "torque_ripple": {"motor": [4]}},
+    ],
+)
+def test_table_of_a_drive_is_read_and_written(errors: dict[str, Any]) -> None:
+    table = {**BARE, **errors}
+    (drive,) = drives_from_mapping({"knee": tomllib.loads(tomli_w.dumps(table))}).values()
+    assert drive_table(drive) == table
+    assert len(drive.harmonics) == sum(len(x) for one in errors.values() for x in one.values())
+    bare = drive_table(drive.without_nominal())
+    assert {x: list(map(int, y)) for x, y in bare[next(iter(errors))].items()} == {
+        x: list(map(int, y)) for x, y in errors[next(iter(errors))].items()
+    }
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"transmission_error": [1, 2]}, "must be a table of orders, such as { motor = [1, 2] }"),
+    ({"transmission_error": {"rotor": [1]}}, "no angle of transmission_error is named 'rotor'"),
+    ({"transmission_error": {"motor": 1}}, "transmission_error motor must be a list of orders"),
+    ({"transmission_error": {"motor": []}}, "transmission_error motor must be a list of orders"),
+    ({"torque_ripple": {"motor": [0]}}, "an order is a whole number from 1 to 1000, found 0"),
+    ({"torque_ripple": {"motor": [1.5]}}, "an order is a whole number from 1 to 1000, found 1.5"),
+    ({"torque_ripple": {"motor": [True]}}, "an order is a whole number"),
+    ({"torque_ripple": {"motor": [2, 2]}}, "torque_ripple names an order twice"),
+    ({"torque_ripple": {"motor": {"2": [1.0]}}}, "motor 2: the amplitudes are two finite numbers"),
+    ({"torque_ripple": {"motor": {"2": [1.0, "a"]}}}, "two finite numbers"),
+    ({"transmission_error": {"motor": [1]}, "spring": ["linear", "cubic"]}, "a linear spring"),
+]
+
+
+@pytest.mark.parametrize(("errors", "message"), REFUSED)
+def test_errors_that_are_none(errors: dict[str, Any], message: str) -> None:
+    with pytest.raises(RobotError) as caught:
+        drives_from_mapping({"knee": {**BARE, **errors}})
+    assert message in str(caught.value)
+
+
+def test_no_angle_of_a_joint_that_slides() -> None:
+    with pytest.raises(RobotError, match="needs a joint that turns"):
+        StiffDrive(gear_ratio_rad_per_m=100.0, torque_ripple={"joint": [1]})
+
+
+def test_force_and_torque_of_the_errors() -> None:
+    """The spring force is k (d + error), and a motor at rest feels the ripple."""
+    table = {
+        **BARE,
+        "transmission_error": {"motor": {"1": [1e-3, 0.0]}, "mesh": {"2": [0.0, 2e-3]}},
+        "torque_ripple": {"joint": {"3": [0.01, 0.0]}},
+    }
+    (drive,) = drives_from_mapping({"knee": table}).values()
+    functions, motor, joint = drive_functions(drive), 5.0, 0.04
+    error = 1e-3 * np.cos(motor) + 2e-3 * np.sin(2 * (motor - motor / 100))
+    force = functions.force(motor, 0.0, joint, 0.0, 0.0)
+    assert force == pytest.approx(300.0 * (motor / 100 - joint + error))
+    ripple = functions.friction(motor, 0.0, joint, 0.0, 0.0)
+    assert ripple == pytest.approx(0.01 * np.cos(3 * joint))
+    assert spring_curve(drive).force(np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
+
+
+@pytest.mark.slow  # 3.4 s
+def test_transmission_error_is_recovered_in_rad() -> None:
+    drive = found(truth()).drives["shoulder"]
+    true = {
+        "stiffness": 250.0,
+        "transmission_error_motor_1_cos": 1e-3,
+        "transmission_error_motor_1_sin": 5e-4,
+        "transmission_error_joint_3_cos": 0.0,
+        "transmission_error_joint_3_sin": 2e-3,
+    }
+    for name, value in true.items():
+        tolerance = 1.0 if name == "stiffness" else 1.5e-4  # the low pass takes fast turns away
+        assert drive.value(name) == pytest.approx(value, abs=tolerance)
+    assert drive.units[drive.names.index("transmission_error_motor_1_cos")] == "rad"
+    identified = found(truth()).robot.drives["shoulder"]
+    assert identified.own_values["transmission_error_joint_3_sin"] == pytest.approx(
+        drive.value("transmission_error_joint_3_sin")
+    )
+    assert not [flag for flag in found(truth()).warnings if "transmission error" in flag.message]
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_ripple_of_a_stiff_drive_is_recovered() -> None:
+    wrist = found(truth()).drives["wrist"]
+    for name, value in (("torque_ripple_joint_4_cos", 1e-3), ("torque_ripple_joint_4_sin", 0.0)):
+        assert abs(wrist.value(name) - value) < 3 * wrist.standard_error(name)
+        assert wrist.standard_error(name) < 2e-4
+
+
+@cache
+def without() -> Identification:
+    return identify(arm().without_nominal(), measure(arm(), motion(), SENSORS, 0))
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_terms_make_the_rest_better() -> None:
+    for one, low, high in ((found(truth()), 0.0, 0.5), (without(), 1.0, 10.0)):
+        assert low <= abs(one.drives["shoulder"].value("stiffness") - 250.0) < high
+    better = found(truth()).drives["shoulder"].residual_std
+    assert better < 0.3 * without().drives["shoulder"].residual_std
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_orders_are_found_in_the_residual_and_named() -> None:
+    (flag,) = [one for one in without().warnings if one.code == "transmission-error"]
+    assert (flag.joint, flag.severity) == ("shoulder", "doubtful")
+    assert flag.evidence["explained of the motor equation"] > 0.95
+    assert flag.evidence["amplitude"] == pytest.approx(2e-3, rel=0.2)
+    assert "between the encoders" in flag.message
+
+
+@pytest.mark.slow  # two whole identifications of an arm
+def test_remedy_as_printed_repairs_the_result() -> None:
+    (flag,) = [one for one in without().warnings if one.code == "transmission-error"]
+    first, _, text = flag.remedy.partition("\n")
+    assert first == "in the drives file:"
+    (table,) = tomllib.loads(text).values()
+    orders = table["transmission_error"]
+    assert orders["motor"] == [1]
+    assert 3 in orders["joint"]
+    assert len(orders["joint"]) <= 2  # an order of the noise may be there too
+    robot = arm().without_nominal()
+    repaired = robot.with_drives({"shoulder": replace(robot.drives["shoulder"], **table)})
+    one = identify(repaired, measure(arm(), motion(), SENSORS, 0))
+    assert one.drives["shoulder"].value("stiffness") == pytest.approx(250.0, abs=0.5)
+    assert "transmission-error" not in {flag.code for flag in one.warnings}
+
+
+@pytest.mark.slow  # 2.1 s
+def test_a_second_log_may_turn_the_gear_less_than_once() -> None:
+    """The slide's gear turns 2.6 times in the whole log and 0.7 times in a part of it."""
+    log = arm_log(0)
+    slip = 0.05 * np.ptp(log.motor_torque[:, 2]) * np.sin(log.motor_position[:, 2])
+    torque = log.motor_torque + np.eye(4)[2] * slip[:, None]
+    log = replace(log, motor_torque=torque)
+    found = identify(arm().without_nominal(), [log, log.between(2.0, 3.0)])
+    (flag,) = [one for one in found.warnings if one.code == "transmission-error"]
+    assert flag.joint == "telescope"
+
+
+@pytest.mark.slow  # four simulated motions
+def test_right_drive_has_no_such_finding() -> None:
+    """Over seeds and encoders; more logs are in docs/results.md."""
+    for seed in range(4):
+        sensors = replace(ARM_SENSORS, motor_resolution_rad=2 * np.pi / (500 * (1 + seed)))
+        one = identify(arm().without_nominal(), measure(arm(), arm_motion(seed), sensors, seed))
+        assert "transmission-error" not in {flag.code for flag in one.warnings}
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_ripple_is_named_where_the_deflection_itself_is_measured() -> None:
+    true = motion()
+    index = arm().index("shoulder")
+    drive = truth().drives["shoulder"]
+    rippled = true.motor_torque.copy()
+    rippled[:, index] += 2e-2 * np.cos(4 * true.joint_position[:, index])
+    deflection = np.full_like(rippled, np.nan)
+    deflection[:, index] = true.joint_torque[:, index] / drive.values["stiffness"]
+    log = replace(measure(arm(), replace(true, motor_torque=rippled), SENSORS, 0))
+    one = identify(arm().without_nominal(), replace(log, deflection=deflection))
+    (flag,) = [flag for flag in one.warnings if flag.code == "transmission-error"]
+    assert "torque_ripple = { joint = [4] }" in flag.remedy
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
+    """An error in rad is that of the encoders, whatever the spring behind the gear is."""
+    shoulder: Any = truth().drives["shoulder"]
+    drive = replace(shoulder, gear_stiffness_Nm_per_rad=4000.0)
+    one = identify(
+        truth().with_drives({"shoulder": drive}).without_nominal(),
+        measure(arm(), motion(), SENSORS, 0),
+    )
+    name = "transmission_error_joint_3_sin"
+    assert one.drives["shoulder"].value(name) == pytest.approx(
+        found(truth()).drives["shoulder"].value(name)
+    )
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_simulation_shows_the_error_between_the_encoders() -> None:
+    """Two routes: the simulated motion, and (7) with the true values."""
+    drive = truth().drives["shoulder"]
+    index, true = arm().index("shoulder"), motion()
+    force = drive.values["stiffness"] * (
+        true.motor_position[:, index] / 100 - true.joint_position[:, index]
+    )
+    angles = {"motor": true.motor_position[:, index], "joint": true.joint_position[:, index]}
+    for one in drive.harmonics:
+        cosine, sine = one.amplitudes or (0.0, 0.0)
+        x = one.order * angles[one.angle]
+        force = force + 250.0 * (cosine * np.cos(x) + sine * np.sin(x))
+    assert true.joint_torque[:, index] == pytest.approx(force, abs=1e-9)
+
+
+def test_identifiability_does_not_depend_on_harmonics() -> None:
+    assert identifiability(truth()).summary() == identifiability(arm()).summary()
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_known_amplitudes_enter_the_known_side() -> None:
+    drive = SeriesElasticDrive(
+        gear_ratio=100.0,
+        stiffness_Nm_per_rad=250.0,
+        known=("transmission_error_joint_3_cos", "transmission_error_joint_3_sin"),
+        transmission_error={"joint": {3: (0.0, 2e-3)}},
+    )
+    robot = arm().with_drives({"shoulder": drive}).without_nominal()
+    assert robot.drives["shoulder"].own_values["transmission_error_joint_3_sin"] == 2e-3
+    log = measure(arm(), motion(), SENSORS, 0)
+    names = identify(robot, log).drives["shoulder"].names
+    assert "transmission_error_joint_3_sin" not in names
+
+
+@pytest.mark.slow  # a simulation of an arm and its identification
+def test_load_friction_of_a_spring_with_an_error() -> None:
+    """The amplitudes are inside |spring force| then, in which the equation is not linear."""
+    robot = truth().without_nominal()
+    shoulder = robot.drives["shoulder"]
+    friction = replace(shoulder, friction=("viscous", "coulomb", "load"))
+    robot = robot.with_drives({"shoulder": friction})
+    one = identify(robot, measure(arm(), motion(), SENSORS, 0)).drives["shoulder"]
+    assert one.value("stiffness") == pytest.approx(250.0, abs=1.0)
+    assert one.value("transmission_error_joint_3_sin") == pytest.approx(2e-3, rel=0.1)
+    assert abs(one.value("load_friction")) < 3 * one.standard_error("load_friction")
+
+
+@pytest.mark.slow  # 5.2 s
+@pytest.mark.parametrize(("error_rad", "is_named"), [(1e-3, True), (2e-5, False)])
+def test_an_error_is_named_if_its_torque_matters(error_rad: float, is_named: bool) -> None:
+    """Without noise 0.02 mrad is most of the residual, and less than 0.1 % of the torque."""
+    true, index, drive = arm_motion(), arm().index("shoulder"), arm().drives["shoulder"]
+    torque = true.motor_torque.copy()
+    lever = drive.motor_radius / drive.ratio * drive.values["stiffness"]
+    torque[:, index] += lever * error_rad * np.cos(3 * true.joint_position[:, index])
+    log = measure(arm(), replace(true, motor_torque=torque), Noise())
+    one = identify(arm().without_nominal(), log)
+    flags = [flag for flag in one.warnings if flag.code == "transmission-error"]
+    assert bool(flags) == is_named
+    if is_named:
+        assert "joint = [3]" in flags[0].remedy
+        assert flags[0].evidence["amplitude"] == pytest.approx(error_rad, rel=0.2)
+        assert one.joint_fits["shoulder"].motor == pytest.approx(0.025, rel=0.1)
+
+
+# The law of hysteresis: against its differential equation, known loops, and its limit
+
+TIME = np.linspace(0.0, 6.0, 6001)
+WIDTH = 0.07
+
+
+def position(time: Array) -> Array:
+    return 0.3 * np.sin(2.1 * time) + 0.1 * np.sin(7.3 * time + 1)
+
+
+def speed(time: float) -> float:
+    return float(0.63 * np.cos(2.1 * time) + 0.73 * np.cos(7.3 * time + 1))
+
+
+def dahl_rate(time: float, z: Array) -> Array:
+    v = speed(time)
+    return np.asarray((v - abs(v) * z) / WIDTH)
+
+
+def test_states_solve_the_differential_equation_of_the_law() -> None:
+    exact = solve_ivp(dahl_rate, (0, 6), [0.0], t_eval=TIME, rtol=1e-8, atol=1e-8, max_step=1e-3)
+    np.testing.assert_allclose(states(position(TIME), WIDTH)[0], exact.y[0], atol=3e-3)
+
+
+def test_a_step_after_another_is_the_whole() -> None:
+    x, z = position(TIME), 0.0
+    whole = states(x, WIDTH)[0]
+    for place, step in enumerate(np.diff(x).tolist()):
+        z = after_travel(z, step, WIDTH)
+        assert z == pytest.approx(whole[place + 1], abs=1e-9)
+
+
+def test_the_slope_by_the_width_is_the_difference() -> None:
+    x = position(TIME)
+    more, less = (states(x, WIDTH + step)[0] for step in (1e-6, -1e-6))
+    slope, found = (more - less) / 2e-6, states(x, WIDTH)[1]
+    agree = np.abs(slope - found) < 1e-4 * (1 + np.abs(found))
+    assert np.mean(agree) > 0.9999
+
+
+def test_speed_and_rests_do_not_matter() -> None:
+    x = np.concatenate([np.linspace(0, 0.5, 200), np.linspace(0.5, -0.2, 300)])
+    slow = np.concatenate([np.repeat(np.linspace(0, 0.5, 900), 2), np.linspace(0.5, -0.2, 40)])
+    assert states(x, WIDTH)[0][-1] == pytest.approx(states(slow, WIDTH)[0][-1])
+    assert not np.any(states(np.zeros(5), WIDTH))
+
+
+def test_the_area_of_a_loop() -> None:
+    """Over +-A it is the integral of its exponentials."""
+    A = 0.3
+    cycle = np.concatenate([np.linspace(-A, A, 4001), np.linspace(A, -A, 4001)])
+    x = np.tile(cycle, 3)
+    area = float(abs(np.trapezoid(states(x, WIDTH)[0][-8002:], cycle)))
+    # up: z = 1 - (1 + z_A) e^(-(x + A)/w), with z_A = tanh(A / w) at the ends
+    end = np.tanh(A / WIDTH)
+    up = 2 * A - (1 + end) * WIDTH * (1 - np.exp(-2 * A / WIDTH))
+    assert area == pytest.approx(2 * up, rel=1e-3)
+
+
+def test_a_narrow_law_is_the_direction_of_motion() -> None:
+    x = position(TIME)
+    direction = np.sign(np.diff(x, prepend=0))
+    assert states(x, 1e-9)[0][1:] == pytest.approx(direction[1:])
+
+
+def test_the_law_is_data_of_an_equation() -> None:
+    x, w = sp.symbols("x w")
+    expression = Dahl(x, w) + Dahl(x, w).diff(w)
+    assert pickle.loads(pickle.dumps(expression)) == expression
+    assert Dahl(x, w).diff(x).has(sp.Derivative)  # what follows the travel has no such slope
+
+
+DAHL = StiffDrive(gear_ratio=50.0, friction=("viscous", "dahl", "load")).with_values(
+    {"viscous_friction": 1e-3, "coulomb_friction": 0.1, "load_friction": 0.1, "presliding_angle": 1}
+)
+
+
+def test_plans_see_the_loop_of_wide_motions() -> None:
+    """Columns and curve of a plan are those of sharp friction, without the width."""
+    sharp = DAHL.without_memory()
+    assert sharp.friction == ("viscous", "coulomb", "load")
+    mine, other = (
+        smooth_columns(drive_regressor(motor_equation(one), one)) for one in (DAHL, sharp)
+    )
+    assert mine.names == other.names
+    w, load = np.linspace(-5, 5, 11), np.linspace(2, 3, 11)
+    given = {"theta_M_dot": w, "theta_M_ddot": w, "tau_G": load, "tau_M": w, "tau_L": load}
+    for got, wanted in zip(mine.evaluate(given, 0.1), other.evaluate(given, 0.1), strict=True):
+        np.testing.assert_allclose(got, wanted)
+    mine_curve, other_curve = (
+        friction_curve("knee", one).torque(w, load, sign_width=0.1)[0] for one in (DAHL, sharp)
+    )
+    np.testing.assert_allclose(mine_curve, other_curve)
+
+
+def test_plans_see_no_hysteresis_of_springs() -> None:
+    plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
+    drive = replace(plain, spring=("linear", "dahl"))
+    mine, other = (
+        smooth_columns(drive_regressor(motor_equation(one), one)) for one in (drive, plain)
+    )
+    assert (mine.names, mine.missing) == (other.names, other.missing)
+
+
+def test_the_curve_of_a_spring_is_the_middle_of_its_loop() -> None:
+    plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
+    drive = replace(plain, spring=("linear", "dahl")).with_values(
+        {"hysteresis_force": 2.0, "hysteresis_deflection": 0.01}
+    )
+    x = np.linspace(-0.1, 0.1, 5)
+    np.testing.assert_allclose(spring_curve(drive).force(x), 100 * x)
+    assert drive.without_memory() == plain
+
+
+def test_the_sharp_dead_zone_is_the_limit_of_the_smooth_one() -> None:
+    smooth = SeriesElasticDrive(
+        gear_ratio=1.0, stiffness_Nm_per_rad=1.0, spring=("linear", "smooth_dead_zone")
+    )
+    sharp = replace(smooth, spring=("linear", "dead_zone")).with_values({"dead_zone": 0.02})
+    x = np.linspace(-0.1, 0.1, 101)
+    for rounding, most in ((1e-2, 5e-3), (1e-3, 5e-4), (0.0, 1e-15)):
+        drive = smooth.with_values({"dead_zone": 0.02, "dead_zone_rounding": rounding})
+        error = np.max(np.abs(spring_curve(drive).force(x) - spring_curve(sharp).force(x)))
+        assert error <= most
+    assert spring_force(sharp) != spring_force(smooth)
+
+
+def test_stiffness_between_the_encoders_keeps_the_loop() -> None:
+    """A loop of force F_H over d_s is one of F_H / (1 + c k) over (1 + c k) d_s."""
+    drive = SeriesElasticDrive(
+        gear_ratio=50.0,
+        stiffness_Nm_per_rad=100.0,
+        gear_stiffness_Nm_per_rad=400.0,
+        spring=("linear", "dahl"),
+        nominal={"hysteresis_force": 2.0, "hysteresis_deflection": 0.01},
+    )
+    assert drive.values["hysteresis_force"] == pytest.approx(2.0 / 1.25)
+    assert drive.values["hysteresis_deflection"] == pytest.approx(0.01 * 1.25)
+    assert drive.with_values(drive.values).own_values == pytest.approx(drive.own_values)

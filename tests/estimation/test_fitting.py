@@ -1,0 +1,375 @@
+"""Robust estimates against truth, with and without outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+import seaid.log.long_log as long_log_module
+from seaid._arrays import Array
+from seaid.errors import IdentificationError, LogError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.fitting import (
+    ESTIMATORS,
+    LinearEstimator,
+    StoredRows,
+    huber,
+    huber_weights,
+    stored_estimate,
+    tukey,
+    tukey_weights,
+)
+from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
+from seaid.estimation.qr_factor import QRFactor
+from seaid.identification.datasets import rows_of_equations
+from seaid.identification.drive_estimates import spring_of
+from seaid.identification.identification import identify
+from seaid.log.long_log import LongLog, open_long_log
+from seaid.log.motion import Motion, motion_of, reconstruct_motion
+from seaid.log.reading import Log, write_log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model, load_regression
+from seaid.regressor.regression import (
+    Regress,
+    Regression,
+    actuator_regression,
+    regressions_of_parts,
+    stacked,
+)
+from tests.experiments import arm, arm_log, true_value
+from tests.plants import regression
+from tests.standard_errors import check_scores
+
+Solver = Callable[[Regression], Estimate]
+
+TRUTH = np.array([2.0, -1.0, 0.5])
+ROBUST = pytest.mark.parametrize("estimator", [huber, tukey])
+
+
+def experiment(
+    seed: int, count: int = 1000, stds: tuple[float, ...] = (1.0,), phi: float = 0.0
+) -> Regression:
+    """Return rows of several joints with Gaussian noise, correlated in time with the columns."""
+    rng = np.random.default_rng(seed)
+    shape = (count, 4, len(stds))
+    drawn = lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.normal(size=shape), axis=0)
+    H = np.concatenate([drawn[:, :3, place] for place in range(len(stds))])
+    noise = np.concatenate([std * drawn[:, 3, place] for place, std in enumerate(stds)])
+    joint = np.repeat(np.arange(len(stds)), count)
+    names = ("hip", "knee", "ankle")[: len(stds)]
+    return regression(H, H @ TRUTH + noise, joint=joint, joint_names=names)
+
+
+def spoiled(data: Regression, share: float, seed: int = 0) -> Regression:
+    """Return the rows with some of the targets gone off by thousands, mostly to one side."""
+    rng = np.random.default_rng(seed)
+    y = data.y.copy()
+    bad = np.flatnonzero(rng.random(len(y)) < share)
+    y[bad] += rng.uniform(-200.0, 1000.0, len(bad))
+    return replace(data, y=y)
+
+
+def scatter(estimator: Solver, runs: int, **setting: float) -> Array:
+    return np.array([estimator(experiment(seed, **setting)).values for seed in range(runs)])  # type: ignore[arg-type]
+
+
+@pytest.mark.slow  # 3.8 s
+@ROBUST
+def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
+    """95 % efficiency: errors grow by 1 / sqrt(0.95)."""
+    plain, robust = (np.std(scatter(one, 200, count=200) - TRUTH) for one in (ordinary, estimator))
+    assert robust == pytest.approx(plain / np.sqrt(0.95), rel=0.025)
+
+
+@pytest.mark.slow  # 10.6 s
+@ROBUST
+@pytest.mark.parametrize(("phi", "share"), [(0.0, 0.0), (0.8, 0.2)])
+def test_errors_are_as_large_as_the_standard_errors_say(
+    estimator: Solver, phi: float, share: float
+) -> None:
+    scores = []
+    for seed in range(250):
+        found = estimator(spoiled(experiment(seed, 2000, phi=phi), share, seed))
+        scores.append((found.values - TRUTH) / found.standard_errors)
+    check_scores(scores)
+
+
+@ROBUST
+def test_a_fifth_of_gross_outliers_by_the_thousand_does_little(estimator: Solver) -> None:
+    data = spoiled(experiment(0, 10_000), 0.2)
+    found = estimator(data)
+    assert np.max(np.abs(ordinary(data).values - TRUTH)) > 2.0
+    assert np.max(np.abs(weighted(data).values - TRUTH)) > 2.0
+    assert np.all(np.abs(found.values - TRUTH) < 0.05)
+    assert found.residual_std == pytest.approx(1.0, rel=0.4)  # that of the good rows
+
+
+def test_tukey_forgets_what_huber_still_follows() -> None:
+    """A saturated stretch: the torque stays low just where the motion asks for most."""
+    data = experiment(1, 2000, phi=0.9)
+    H = data.H + np.array([3.0, 0.0, 0.0])
+    exact = H @ TRUTH
+    y = np.minimum(exact, np.quantile(exact, 0.85)) + 0.1 * (data.y - data.H @ TRUTH)
+    data = replace(data, H=H, y=y)
+    errors = [np.max(np.abs(one(data).values - TRUTH)) for one in (ordinary, huber, tukey)]
+    assert errors[0] > 0.05
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.02
+
+
+@pytest.mark.rounding
+@ROBUST
+def test_weights_solve_the_estimating_equation(estimator: Solver) -> None:
+    """Sum of psi(u) / scale times row is zero, with the median of |residual| as scale."""
+    data = spoiled(experiment(2, stds=(0.1, 5.0)), 0.1)
+    at_huber = data.y - data.H @ huber(data).values
+    of_joint = [1.4826 * np.median(np.abs(at_huber[data.joint == j])) for j in range(2)]
+    scale = np.array(of_joint)[data.joint.astype(int)]
+    u = (data.y - data.H @ estimator(data).values) / scale
+    psi = u * (huber_weights if estimator is huber else tukey_weights)(u)
+    size = np.linalg.norm(data.H / scale[:, None], axis=0)
+    assert np.all(np.abs(data.H.T @ (psi / scale)) < 1e-3 * size)
+
+
+@pytest.mark.slow  # 0.8 s
+@ROBUST
+def test_equations_have_their_own_scales(estimator: Solver) -> None:
+    good = np.array([estimator(experiment(seed, 300, (0.1, 5.0))).values for seed in range(20)])
+    alone = np.array([estimator(experiment(seed, 300, (0.1,))).values for seed in range(20)])
+    assert np.std(good - TRUTH) < 1.1 * np.std(alone - TRUTH)
+
+
+@pytest.mark.rounding
+@ROBUST
+@given(exponent=st.lists(st.integers(-6, 6), min_size=3, max_size=3))
+def test_units_do_not_matter(estimator: Solver, exponent: list[int]) -> None:
+    data, scale = spoiled(experiment(3, 200), 0.1), 10.0 ** np.array(exponent)
+    plain, scaled = estimator(data), estimator(replace(data, H=data.H * scale))
+    assert scaled.values * scale == pytest.approx(plain.values, rel=1e-5)
+    assert scaled.standard_errors * scale == pytest.approx(plain.standard_errors, rel=1e-3)
+
+
+@pytest.mark.rounding
+@ROBUST
+def test_exact_data_with_outliers_give_the_exact_answer(estimator: Solver) -> None:
+    data = experiment(4)
+    y = data.H @ TRUTH
+    assert estimator(replace(data, y=y)).values == pytest.approx(TRUTH, rel=1e-10)
+    y[::7] += 50.0
+    assert estimator(replace(data, y=y)).values == pytest.approx(TRUTH, rel=1e-6)
+
+
+@ROBUST
+def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
+    """Against the estimate from targets that are off by one standard deviation."""
+    data = spoiled(experiment(5, 3000), 0.1)
+    direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
+    plain = estimator(data)
+    once, carrying = (
+        estimator(replace(data, propagated=direction), np.array([[size]]))  # type: ignore[call-arg]
+        for size in (1e-4, 2e-4)
+    )
+    moved = estimator(replace(data, y=data.y + 0.01 * direction[:, 0])).values - plain.values
+    added = carrying.covariance - once.covariance
+    assert added == pytest.approx(np.outer(moved, moved), abs=0.08 * float(moved @ moved))
+    assert np.all(carrying.white_standard_errors > plain.white_standard_errors)  # type: ignore[operator]
+
+
+def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("seaid.estimation.fitting._MOST_ITERATIONS", 2)
+    with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
+        huber(spoiled(experiment(7), 0.2))
+
+
+@pytest.mark.slow  # 2.4 s
+@pytest.mark.parametrize("name", ["huber", "tukey"])
+def test_a_saturated_amplifier_in_a_log(name: LinearEstimator) -> None:
+    """The torque sensor of one joint stands at a wrong value for a tenth of the log."""
+    assert name in ESTIMATORS
+    log = arm_log(0)
+    torque = log.motor_torque.copy()
+    torque[3000:3600, 1] = 3 * np.max(np.abs(torque[:, 1]))
+    log, known = replace(log, motor_torque=torque), arm().without_nominal()
+    joint = arm().joint_names[1]
+    truth = true_value(arm(), joint, "stiffness")
+    pair: tuple[LinearEstimator, LinearEstimator] = ("wls", name)
+    plain, robust = (
+        abs(estimate.drives[joint].value("stiffness") / truth - 1)
+        for estimate in (identify(known, log, method="two-step", estimator=x) for x in pair)
+    )
+    assert plain > 0.1
+    assert robust < 0.01
+
+
+@pytest.mark.parametrize("name", ["huber", "tukey"])
+def test_spikes_in_a_log(name: LinearEstimator) -> None:
+    """One of a thousand samples of torque is a spike; the low pass smears it over its rows."""
+    log = arm_log(0)
+    torque, rng = log.motor_torque.copy(), np.random.default_rng(0)
+    bad = rng.random(torque.shape) < 1e-3
+    torque[bad] += (10 * np.std(torque, axis=0) * rng.choice([-1.0, 1.0], torque.shape))[bad]
+    known = arm().without_nominal()
+    spiky, clean = (
+        identify(known, recorded, method="two-step", estimator=name)
+        for recorded in (replace(log, motor_torque=torque), log)
+    )
+    for joint in known.elastic_joints:
+        off = spiky.drives[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
+        assert off == pytest.approx(1.0, abs=0.05)
+        assert spiky.checks[joint].condition_number < 3 * clean.checks[joint].condition_number
+
+
+# Long logs in pieces: the same rows, the same estimate, the same errors as in memory
+
+CUTOFF_HZ = 8.0
+ROBOT = arm().without_nominal()
+JOINT = "shoulder"
+
+
+@cache
+def log(seed: int = 0) -> Log:
+    return arm_log(seed, motion_seed=seed)
+
+
+@pytest.fixture(scope="module")
+def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("npz") / "log.npz"
+    write_log(log(), file)
+    return file
+
+
+def stream_estimate(
+    logs: list[LongLog],
+    regress: Regress,
+    weigh: Callable[[QRFactor], Array] = settled_weights,
+    propagated: Array | None = None,
+) -> tuple[Estimate, QRFactor]:
+    with rows_of_equations(logs, {"": regress}, True, None, False) as stored:
+        rows = stored[""]
+        assert isinstance(rows, StoredRows)
+        return stored_estimate(rows, weigh, propagated)[:2]
+
+
+def opened(path: Path, chunk_samples: int = 1500) -> LongLog:
+    return open_long_log(path, ROBOT, cutoff_hz=CUTOFF_HZ, chunk_samples=chunk_samples)
+
+
+@cache
+def motion(seed: int = 0) -> Motion:
+    return reconstruct_motion(ROBOT, log(seed), CUTOFF_HZ)
+
+
+def actuator(one: Motion) -> Regression:
+    return actuator_regression(ROBOT, one, JOINT)
+
+
+def load_side() -> tuple[Callable[[Motion], Regression], Array]:
+    """Return the regression of the load side with springs as found, and their covariance."""
+    spring = spring_of(ROBOT, ordinary(actuator(motion())), JOINT)
+    telescope = ordinary(actuator_regression(ROBOT, motion(), "telescope"))
+    other = spring_of(ROBOT, telescope, "telescope")
+    springs = {JOINT: spring.values, "telescope": other.values}
+    model = load_model(ROBOT, base_parameters(ROBOT), ROBOT.joint_names)
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2], covariance[2:, 2:] = spring.covariance, other.covariance
+    return lambda one: load_regression(ROBOT, one, model, springs), covariance
+
+
+def assert_same(found: Estimate, expected: Estimate) -> None:
+    assert found.names == expected.names
+    assert np.max(np.abs(found.values - expected.values) / expected.standard_errors) < 1e-9
+    assert found.standard_errors == pytest.approx(expected.standard_errors, rel=1e-8)
+    assert found.white_standard_errors == pytest.approx(expected.white_standard_errors, rel=1e-8)
+    assert found.residual_std == pytest.approx(expected.residual_std, rel=1e-9)
+
+
+def test_rows_are_those_of_the_whole_log(npz: Path) -> None:
+    whole = actuator(motion())
+    found = stacked([rows for _, rows in regressions_of_parts(opened(npz), {"": actuator})])
+    assert np.array_equal(found.time, whole.time)
+    assert found.excluded == whole.excluded > 0
+    scale = np.max(np.abs(whole.H), axis=0)
+    assert np.max(np.abs(found.H - whole.H) / scale) < 1e-9
+    assert np.max(np.abs(found.y - whole.y)) < 1e-9 * np.max(np.abs(whole.y))
+
+
+@pytest.mark.parametrize("chunk", [1250, 1777, 100_000])
+def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
+    found = stream_estimate([opened(npz, chunk)], actuator, equal_weights)[0]
+    assert_same(found, ordinary(actuator(motion())))
+
+
+def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
+    regress, propagated = load_side()
+    expected = weighted(regress(motion()), propagated)
+    assert_same(stream_estimate([opened(npz)], regress, settled_weights, propagated)[0], expected)
+
+
+def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two actuator sides and the load side: one reading, after that for the largest speeds."""
+    long_log, reconstructed = opened(npz, 3000), []
+
+    def counted(*arguments: Any) -> Motion:
+        reconstructed.append(arguments)
+        return motion_of(*arguments)
+
+    monkeypatch.setattr(long_log_module, "motion_of", counted)
+    pieces = len(list(long_log.motions()))
+    reconstructed.clear()
+    found = identify(ROBOT, long_log)
+    first_pieces = 3  # asked which torques there are
+    assert len(reconstructed) <= pieces + first_pieces
+    whole = identify(ROBOT, log(), method="two-step", cutoff_hz=CUTOFF_HZ)
+    assert_same(found.load, whole.load)
+    for joint in ROBOT.elastic_joints:
+        assert_same(found.drives[joint], whole.drives[joint])
+
+
+def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("seaid.estimation.fitting.np.save", full)
+    with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
+        stream_estimate([opened(npz)], actuator)
+
+
+@pytest.mark.slow  # 2.0 s
+def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
+    write_log(log(1), tmp_path / "other.npz")
+    logs = [opened(npz), opened(tmp_path / "other.npz")]
+    both = stacked([actuator(motion()), actuator(motion(1))])
+    found, qr_factor = stream_estimate(logs, actuator)
+    assert_same(found, ordinary(both))
+    assert qr_factor.count == len(both.y)
+    assert qr_factor.excluded == both.excluded
+    assert qr_factor.joint_names == ROBOT.joint_names
+
+
+def test_part_without_motion_is_still_left_out_by_the_speed_of_the_whole(tmp_path: Path) -> None:
+    """A piece in which the motor hardly moves would find its own noise fast."""
+    still = log().motor_position.copy()
+    still[:2000, 1] = still[2000, 1] + 1e-6 * np.sin(np.arange(2000) / 30)
+    write_log(replace(log(), motor_position=still), tmp_path / "still.npz")
+    rows = stacked(
+        [rows for _, rows in regressions_of_parts(opened(tmp_path / "still.npz"), {"": actuator})]
+    )
+    assert np.min(rows.time) > 1.8
+
+
+def test_joint_that_never_moves(tmp_path: Path) -> None:
+    still = log().motor_position.copy()
+    still[:, 1] = 0.1
+    write_log(replace(log(), motor_position=still), tmp_path / "log.npz")
+    words = r"0 rows \(1\d\d more are near standstill\) cannot determine 4 .* with more motion"
+    with pytest.raises(IdentificationError, match=words):
+        stream_estimate([opened(tmp_path / "log.npz")], actuator)

@@ -1,0 +1,341 @@
+"""Every term of a drive in a plan: what it asks of motors, its columns, and their gradients."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives import FrictionTerm
+from seaid.drives.drives import Drive, SeriesElasticDrive
+from seaid.drives.equations import joint_equation, motor_equation, spring_equation
+from seaid.drives.functions import (
+    SMOOTH_SIGNALS,
+    STATES,
+    nonlinear_spring,
+    smooth_columns,
+    spring_curve,
+)
+from seaid.errors import ExcitationError
+from seaid.excitation import Limits, design_excitation
+from seaid.excitation.basis import FourierBasis
+from seaid.excitation.flatness import differentiation, motor_signals, transmission
+from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
+from seaid.excitation.objective import drive_target, stacked_regressor
+from seaid.regressor import joint_torques
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model
+from seaid.regressor.regression import motor_regressor
+from seaid.robot.robot import Robot
+from tests import terms
+from tests.excitation.test_objective import assert_gradient
+from tests.representatives import quick_first
+from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
+
+DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
+SHARP = np.full(2, 1e-7)
+LIMITED = Limits(joint_torque=50.0, motor_torque=0.5, motor_speed=400.0, deflection=0.1)
+COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
+BESIDE = {
+    "parallel_stiffness": 3.0,
+    "parallel_preload": 1.0,
+    "joint_viscous_friction": 0.1,
+    "joint_coulomb_friction": 0.2,
+}
+FRICTION: Mapping[str, float] = {
+    "asymmetric_friction": 1e-4,
+    "quadratic_friction": 1e-6,
+    "load_friction": 0.2,
+    "stribeck_friction": 0.01,
+    "stribeck_speed": 6.0,
+}
+TERMS = (*DRY, "asymmetric", "quadratic", "load", "stribeck")
+BOTH = ("linear", "preload")
+
+
+def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
+    return with_terms(ELASTIC, terms, values)  # type: ignore[no-any-return]
+
+
+CUBIC = elastic(
+    {"cubic_stiffness": 2e4, "deflection_zero": 0.01, "spring_offset": 1.0, **FRICTION},
+    spring=("linear", "cubic", "preload"),
+    friction=TERMS,
+)
+FULL = with_terms(
+    CUBIC, {"parallel_spring": BOTH, "joint_friction": ("viscous", "coulomb")}, BESIDE
+)
+FLUID = FULL.with_values({"joint_coulomb_friction": 0.0})
+"""Dry friction at the joint lets a spring's torque jump, and its motor."""
+
+HEAVY = with_terms(
+    STIFF,
+    {"friction": (*TERMS, "offset"), "parallel_spring": BOTH},
+    {**FRICTION, "friction_offset": 0.01, "parallel_stiffness": 3.0, "parallel_preload": 1.0},
+)
+SMOOTH = with_terms(
+    STIFF,
+    {"friction": ("viscous", "shifted_coulomb", "load")},
+    {"coulomb_width": 2.0, "coulomb_shift": 0.5, "load_friction": 0.2},
+)
+
+
+def robot_of(folder: Path, one: Drive, two: Drive, is_coupled: bool = False) -> Robot:
+    if is_coupled:
+        one = replace(one, transmission=COUPLED["one"])
+        two = replace(two, transmission=COUPLED["two"])
+    return arm(folder, one, two)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        elastic({"cubic_stiffness": 2e4, "deflection_zero": 0.01}, spring=("linear", "cubic")),
+        elastic(
+            {"fifth_stiffness": 1e7, "cubic_stiffness": -1e3, "spring_offset": 2.0},
+            spring=("linear", "cubic", "fifth", "preload"),
+        ),
+        elastic({"spring_offset": 2.0, "spring_damping": 1.0}, spring=(*BOTH, "damping")),
+    ],
+)
+def test_stretch_of_a_spring_gives_back_its_force(drive: SeriesElasticDrive) -> None:
+    spring, curve = nonlinear_spring("two", drive), spring_curve(drive)
+    force = np.linspace(-20, 20, 81)
+    stretch, by_force = spring.stretch(force)
+    np.testing.assert_allclose(curve.force(stretch + spring.zero), force, atol=1e-11)
+    np.testing.assert_allclose(curve.slope(stretch + spring.zero) * by_force, 1.0, rtol=1e-9)
+
+
+def test_spring_that_gives_way_is_continued_straight() -> None:
+    """k - 3 |k_3| d^2 is a tenth of k at the end; beyond, the force grows by that."""
+    drive = elastic({"cubic_stiffness": -2e3}, spring=("linear", "cubic"))
+    spring, end = nonlinear_spring("two", drive), np.sqrt(0.9 * 120 / 6e3)
+    peak = 120 * end - 2e3 * end**3
+    assert spring.stretch(np.array([-peak]))[0] == pytest.approx(-end)
+    assert spring.stretch(np.array([peak + 12 * 0.1]))[0] == pytest.approx(end + 0.1)
+
+
+def test_dead_zone_is_crossed_smoothly_and_whole_outside() -> None:
+    drive = elastic({"dead_zone": 0.01}, spring=("linear", "dead_zone"))
+    spring = nonlinear_spring("two", drive)
+    force = np.linspace(-12, 12, 2401)
+    stretch, by_force = spring.stretch(force)
+    outside = np.abs(force) > 4
+    expected = force / 120 + 0.01 * np.sign(force)
+    np.testing.assert_allclose(stretch[outside], expected[outside], rtol=1e-4)
+    np.testing.assert_allclose(np.gradient(stretch, force)[1:-1], by_force[1:-1], rtol=2e-3)
+
+
+@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
+@pytest.mark.parametrize(
+    ("one", "two"),
+    [(HEAVY, FLUID), (SMOOTH, CUBIC), (FLUID, ELASTIC)],
+    ids=["heavy", "smooth", "springs"],
+)
+def test_loads_obey_the_equations(
+    one: Drive, two: Drive, is_coupled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """(4b), (7), (8) with parallel elements, along a periodic motion differentiated by itself."""
+    time, rate_hz = terms.TIME[::2], terms.RATE_HZ / 2
+    monkeypatch.setattr(terms, "TIME", time)
+    monkeypatch.setattr(terms, "RATE_HZ", rate_hz)
+    robot = robot_of(tmp_path, one, two, is_coupled)
+    C, states = robot.transmission, exact_motion(arm(tmp_path, STIFF, ELASTIC)).joint_states
+    limits = drive_limits(robot, LIMITED, SHARP)
+    assert limits is not None
+    loads = drive_loads(limits, time, states)
+    through = loads[0] @ np.linalg.inv(C)
+    signals = motor_signals(limits.drives, states, through, differentiation(time))
+    inside, bodies = slice(20, -20), joint_torques(robot, *states)
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drives[joint]
+        nothing = dict.fromkeys(("tau_L", "tau_M", "i_M", "u_M"), np.zeros(len(time)))
+        own = dict(zip(STATES[3:], [state[:, index] for state in states], strict=True))
+        parallel = value_of(joint_equation(drive), drive, {**nothing, **own})
+        np.testing.assert_allclose(loads[0, :, index], bodies[:, index] + parallel, atol=1e-9)
+        seen = dict(zip(SMOOTH_SIGNALS, signals[:, :, index], strict=True))
+        angle = seen["theta_M"]
+        by_name = {**nothing, **seen, "tau_L": through[:, index]}
+        np.testing.assert_allclose(seen["theta_L"], states[0] @ C[index])
+        by_name |= {"theta_M_dot": slope(angle), "theta_M_ddot": slope(slope(angle))}
+        if isinstance(drive, SeriesElasticDrive):
+            error = value_of(spring_equation(drive), drive, by_name)
+            assert np.max(np.abs(error)) < 1e-9
+        torque = value_of(motor_equation(drive), drive, by_name)
+        off = np.abs(loads[1, :, index] - torque)[inside]
+        assert np.mean(off > 1e-4 * np.max(np.abs(torque))) < 0.02  # where a sign turns
+        np.testing.assert_allclose(loads[2, inside, index], slope(angle)[inside], atol=1e-3)
+
+
+def check_load_gradient(robot: Robot, limits: Limits) -> None:
+    found = drive_limits(robot, limits, np.full(robot.n, 2.0))
+    assert found is not None
+    bounds = pickle.loads(pickle.dumps(found))
+    basis, time = FourierBasis(3, 4.0), np.linspace(0.0, 3.9, 50)
+    position, velocity, acceleration = maps = basis.matrices(time)
+    rng = np.random.default_rng(0)
+    x = 0.3 * rng.normal(size=(robot.n, basis.size))
+
+    def loads(x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        states = (position @ x.T, velocity @ x.T, acceleration @ x.T)
+        return drive_loads(bounds, time, states), states
+
+    values, states = loads(x)
+    kinds, joints = (np.tile(index.ravel(), 4) for index in np.indices((4, robot.n)))
+    instants = rng.integers(0, len(time), len(kinds))
+    gradient = drive_load_gradient(bounds, time, states, values, (kinds, instants, joints), maps)
+    for _ in range(3):
+        direction = rng.normal(size=x.shape)
+        plus, minus = (loads(x + sign * 1e-6 * direction)[0] for sign in (1, -1))
+        numeric = ((plus - minus) / 2e-6)[kinds, instants, joints]
+        found = np.einsum("mik,ik->m", gradient, direction)
+        np.testing.assert_allclose(found, numeric, rtol=2e-6, atol=1e-8 * np.abs(numeric).max())
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
+@pytest.mark.parametrize(("one", "two"), [(HEAVY, FULL), (SMOOTH, CUBIC)], ids=["heavy", "smooth"])
+def test_gradient_of_loads_equals_differences(
+    one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
+) -> None:
+    check_load_gradient(robot_of(tmp_path, one, two, is_coupled), LIMITED)
+
+
+def test_gradient_of_loads_of_the_leg(elastic_leg: Robot) -> None:
+    limits = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, deflection=0.004)
+    check_load_gradient(elastic_leg, limits)
+
+
+DEAD = elastic(
+    {"dead_zone": 0.005, "spring_damping": 0.1}, spring=("linear", "dead_zone", "damping")
+)
+DAMPED = elastic({"spring_damping": 0.1}, spring=("linear", "damping"))
+FIFTH = elastic({"fifth_stiffness": 1e7}, spring=("fifth",))
+DRIVEN = elastic({"torque_constant": 0.05, **FRICTION}, motor_input="current", friction=TERMS)
+
+
+@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
+@pytest.mark.parametrize(
+    ("one", "two"),
+    quick_first([(HEAVY, FULL), (SMOOTH, CUBIC), (STIFF, DEAD), (STIFF, DRIVEN)], 2),
+    ids=["heavy", "smooth", "dead", "current"],
+)
+def test_gradient_of_the_columns_of_all_terms(
+    one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
+) -> None:
+    robot = robot_of(tmp_path, one, two, is_coupled)
+    target = drive_target(robot, None, base_parameters(robot), np.full(2, 2.0))
+    nonlinear = {"cubic_stiffness", "coulomb_shift", "dead_zone", "torque_constant"}
+    assert nonlinear & {name.split(" of ")[0] for name in target.names}
+    time = np.linspace(0.0, 4.9, 60)
+    c = 0.2 * np.random.default_rng(0).normal(size=(9, 2))
+    q, v, a = (matrix @ c for matrix in FourierBasis(4, 5.0).matrices(time))
+    assert_gradient(target, time, (q, v, a))
+
+
+@pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
+def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_path: Path) -> None:
+    """Load rows: the motor torque of a stiff drive, the torque behind a spring; and motor rows."""
+    parallel = {"parallel_stiffness": 3.0}
+    one = with_terms(STIFF, {"parallel_spring": ("linear",)}, parallel)
+    two = elastic({"joint_viscous_friction": 0.1}, joint_friction=("viscous",))
+    robot = robot_of(tmp_path, one, two, is_coupled)
+    base, model = base_parameters(robot), load_model(robot, base_parameters(robot), ("one", "two"))
+    target = drive_target(robot, None, base, SHARP)
+    time = np.linspace(0.0, 4.9, 99)
+    c = 0.2 * np.random.default_rng(0).normal(size=(9, 2))
+    states = [matrix @ c for matrix in FourierBasis(4, 5.0).matrices(time)]
+    H = stacked_regressor(target, time, (states[0], states[1], states[2]))
+    limits = drive_limits(robot, LIMITED, SHARP)
+    assert limits is not None
+    loads = drive_loads(limits, time, (states[0], states[1], states[2]))
+    through = loads[0] @ np.linalg.inv(robot.transmission)
+    drives, p = robot.drives, len(base.columns)
+    true = np.array([drives[joint].values[name] for joint, name, _ in model.drives])
+    absorbed = [drives[joint].values[name] for joint, name, _ in model.absorbed]
+    theta = np.concatenate([base.project(robot.parameters), true]) + model.absorption @ absorbed
+    names = [*model.expressions, *(f"{name} of {joint}" for joint, name, _ in model.drives)]
+    values = dict(zip(names, theta, strict=True))
+    values |= {f"{name} of two": value for name, value in drives["two"].values.items()}
+    values["spring_offset of two"] = 0.0
+    assert set(target.names) <= set(values)
+    assert len(target.names) > p
+    told = H @ np.array([values[name] for name in target.names])
+    told = told.reshape(len(time), 3)[1:-1] / np.sqrt(1000.0 * (time[1] - time[0]))
+    signals = motor_signals(limits.drives, states, through, differentiation(time))  # type: ignore[arg-type]
+    rotor = 1e-5 * signals[2, 1:-1, 1]
+    expected = [
+        40.0 * loads[1, 1:-1, 0] - 40.0 * 2e-5 * signals[2, 1:-1, 0],
+        through[1:-1, 1],
+        50.0 * (loads[1, 1:-1, 1] - rotor),
+    ]
+    np.testing.assert_allclose(told, np.column_stack(expected), rtol=1e-6, atol=1e-6)
+
+
+def test_current_column_is_what_the_motor_needs(tmp_path: Path) -> None:
+    robot = arm(tmp_path, STIFF, DRIVEN)
+    motion = exact_motion(robot)
+    smooth = smooth_columns(motor_regressor(robot, "two"))
+    motor = (motion.motor_position, motion.motor_velocity, motion.motor_acceleration)
+    signals = dict(zip(STATES, [s[:, 1] for s in (*motor, *motion.joint_states)], strict=True))
+    columns = smooth.evaluate(signals, 1e-9)[0]
+    assert motion.motor_current is not None
+    place = smooth.names.index("torque_constant")
+    np.testing.assert_allclose(columns[:, place], -motion.motor_current[:, 1], atol=1e-9)
+
+
+@pytest.mark.slow  # a search with terms of all kinds
+def test_excitation_is_found_for_drives_with_terms(tmp_path: Path) -> None:
+    robot = arm(tmp_path, SMOOTH, CUBIC)
+    limits = Limits(velocity=2.0, acceleration=10.0, motor_torque=0.5)
+    options: dict[str, Any] = {"starts": 1, "iterations": 6, "coefficients": 12}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the search for an excitation ended early")
+        found = design_excitation(robot, 4.0, limits=limits, drive_parameters=True, **options)
+    assert np.isfinite(found.condition_number)
+    assert found.margins.motor_torque is not None
+    assert np.all(found.margins.motor_torque >= 0)
+
+
+@pytest.mark.parametrize(
+    ("two", "limits", "words"),
+    [
+        (DEAD, {"motor_speed": 100.0}, "spring with dead zone: its motor_speed do not follow"),
+        (DAMPED, {"deflection": 0.1}, "'two' has a spring with damping: its deflection do not fol"),
+        (FIFTH, {"motor_speed": 100.0}, "'two': its spring has no linear stiffness"),
+        ({"spring": ("linear", "cubic")}, {"motor_speed": 100.0}, "nominal cubic stiffness"),
+        ({"friction": (*DRY, "stribeck")}, {"motor_torque": 0.1}, "nominal stribeck friction"),
+        ({"parallel_spring": ("linear",)}, {"joint_torque": 1.0}, "nominal parallel stiffness"),
+    ],
+)
+def test_limits_that_need_more_say_what(
+    two: Any, limits: dict[str, float], words: str, tmp_path: Path
+) -> None:
+    two = replace(ELASTIC, **two) if isinstance(two, dict) else two
+    with pytest.raises(ExcitationError, match=words) as caught:
+        drive_limits(arm(tmp_path, STIFF, two), Limits(**limits), np.ones(2))
+    assert "'two'" in str(caught.value)
+
+
+def test_columns_near_a_value_need_the_value(tmp_path: Path) -> None:
+    two = replace(ELASTIC, friction=("viscous", "coulomb", "stribeck"))
+    robot = arm(tmp_path, STIFF, two)
+    with pytest.raises(ExcitationError, match="'two': its drive has no nominal stribeck friction"):
+        drive_target(robot, None, base_parameters(robot), np.ones(2))
+    robot = arm(tmp_path, replace(STIFF, friction=(*DRY, "stribeck")), ELASTIC)
+    with pytest.raises(ExcitationError, match="'one': its drive has no nominal stribeck friction"):
+        drive_target(robot, None, base_parameters(robot), np.ones(2))
+
+
+def test_transmission_of_a_plain_spring_is_its_compliance(tmp_path: Path) -> None:
+    drives = transmission(arm(tmp_path, STIFF, ELASTIC))
+    deflection, by_torque = drives.spring_deflection(np.full((3, 2), 6.0))
+    np.testing.assert_allclose(deflection, [[0.0, 0.05]] * 3)
+    np.testing.assert_allclose(by_torque, [[0.0, 1 / 120]] * 3)

@@ -1,0 +1,511 @@
+"""write_urdf: the same torques, every tag still there, impossible bodies refused."""
+
+from __future__ import annotations
+
+import re
+import string
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yourdfpy
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import etree
+
+from seaid.drives.drives import StiffDrive
+from seaid.errors import RobotError, SeaidError, SeaidWarning
+from seaid.export.mjcf import write_mjcf
+from seaid.export.urdf import (
+    Element,
+    edited,
+    is_empty,
+    new_element,
+    parse_positions,
+    with_children,
+    with_content,
+    without,
+    write_urdf,
+)
+from seaid.robot.inertia import from_center_of_mass
+from seaid.robot.robot import Payload, Robot, load_robot
+from tests.experiments import MODELS
+
+FIXED = """<?xml version="1.0"?>
+<!-- a leg with a camera -->
+<robot name="leg" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <link name="base"/>
+  <joint name="hip" type="revolute">
+    <parent link="base"/><child link="thigh"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="5" effort="20"/>
+    <dynamics damping="1"/>
+  </joint>
+  <link name="thigh">
+    <!-- weighed in March -->
+    <inertial><mass value="3"/><origin xyz="0 0 -0.2" rpy="0.1 0 0"/>
+      <inertia ixx="0.03" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://leg/thigh.stl"/></geometry></visual>
+  </link>
+  <joint name="mount" type="fixed">
+    <origin xyz="0.1 0 -0.1" rpy="0 0.3 0"/><parent link="thigh"/><child link="camera"/>
+  </joint>
+  <link name="camera"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <gazebo reference="thigh"><mu1>0.2</mu1></gazebo>
+  <transmission name="t"><type>SimpleTransmission</type></transmission>
+  <ros2_control name="c" type="system"><hardware/></ros2_control>
+</robot>
+"""
+
+
+def torques(robot: Robot, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    states = rng.uniform(-1, 1, (20, 3, robot.model.nv))
+    data = robot.model.createData()
+    return np.array([pin.rnea(robot.model, data, *state) for state in states])
+
+
+def changed(robot: Robot, seed: int = 0) -> Robot:
+    """Return the robot with other possible bodies: a little more of everything, and a lump more."""
+    rng = np.random.default_rng(seed)
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    for body in bodies:
+        turned = np.diag(rng.uniform(1e-3, 2e-3, 3))
+        body[:] = 1.1 * body + from_center_of_mass(0.1, rng.uniform(-0.1, 0.1, 3), turned)
+    return robot.with_values(bodies.ravel(), robot.drives)
+
+
+def outside_of_inertials(path: Path) -> bytes:
+    """Return the bytes of a file without its <inertial>; a link with nothing else is one tag."""
+    text = re.sub(rb"\s*<inertial\b.*?</inertial>", b"", path.read_bytes(), flags=re.DOTALL)
+    return re.sub(rb"(<link\s[^>]*?)\s*>\s*</link>", rb"\1/>", re.sub(rb"\s+/>", b"/>", text))
+
+
+def test_reloaded_torques_are_equal_and_all_else_in_the_file_is_as_it_was(
+    example_urdf: Path, tmp_path: Path
+) -> None:
+    urdf = example_urdf
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = changed(load_robot(urdf))
+        written = write_urdf(robot, tmp_path / urdf.name, force=True)  # two files have such bodies
+        again = load_robot(written.urdf)
+    expected = torques(robot)
+    scale = np.max(np.abs(expected), axis=0) + 1e-12
+    assert np.max(np.abs(torques(again) - expected) / scale) < 1e-9
+    assert outside_of_inertials(written.urdf) == outside_of_inertials(urdf)
+
+
+def fixed_robot(tmp_path: Path) -> Robot:
+    (tmp_path / "leg.urdf").write_text(FIXED)
+    drive = StiffDrive(
+        gear_ratio=10.0,
+        motor_inertia_kg_m2=1e-4,
+        viscous_friction_Nms_per_rad=2e-3,
+        coulomb_friction_Nm=0.05,
+    )
+    return load_robot(tmp_path / "leg.urdf", {"hip": drive})
+
+
+def test_fixed_children_keep_their_inertia_and_the_rest_is_the_moving_links(tmp_path: Path) -> None:
+    robot = changed(fixed_robot(tmp_path))
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    text = written.urdf.read_text()
+    for kept in (
+        "<!-- a leg with a camera -->",
+        "<!-- weighed in March -->",
+        '<mesh filename="package://leg/thigh.stl"/>',
+        '<gazebo reference="thigh">',
+        '<ros2_control name="c" type="system">',
+        '<mass value="0.2"/>',
+        'xmlns:xacro="http://www.ros.org/wiki/xacro"',
+    ):
+        assert kept in text
+    assert not written.notes
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+def test_stiff_friction_stands_at_the_joint_and_all_drives_beside_the_file(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert '<dynamics damping="0.2" friction="0.5"/>' in written.urdf.read_text()
+    assert written.drives == tmp_path / "out.toml"
+    assert load_robot(written.urdf, written.drives).drives == robot.drives
+
+
+def test_a_lump_lighter_than_what_is_fixed_goes_to_the_moving_link_whole(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    light = robot.with_values(
+        from_center_of_mass(0.1, np.array([0, 0, -0.1]), 1e-4 * np.eye(3)), robot.drives
+    )
+    written = write_urdf(light, tmp_path / "out.urdf")
+    assert "link 'thigh' has the inertia of all links fixed to it (camera)" in written.notes[0]
+    np.testing.assert_allclose(
+        load_robot(written.urdf).parameters, light.parameters, rtol=1e-12, atol=1e-18
+    )
+
+
+def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    parameters = robot.parameters.copy()
+    parameters[4] = -1.0
+    wrong = robot.with_values(parameters, robot.drives)
+    with pytest.raises(
+        RobotError, match=r"'thigh' would be physically inconsistent .*feasible=True, or"
+    ):
+        write_urdf(wrong, tmp_path / "out.urdf")
+    assert not (tmp_path / "out.urdf").exists()
+    written = write_urdf(wrong, tmp_path / "out.urdf", force=True)
+    assert "physically inconsistent" in written.notes[0]
+    with pytest.warns(SeaidWarning, match="negative moments of inertia of thigh"):
+        again = load_robot(written.urdf)
+    np.testing.assert_allclose(again.parameters, parameters, rtol=1e-12)
+
+
+def moved(folder: Path, text: str | None = None, name: str = "leg.urdf") -> dict[str, Any]:
+    """Put another file in the place of the robot's own, or beside it; return it as source=."""
+    (folder / name).unlink(missing_ok=True)
+    if text is not None:
+        (folder / name).write_text(text)
+    return {} if name == "leg.urdf" else {"source": folder / name}
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "out", "words"),
+    [
+        (('"hip"', '"hop"'), "other.urdf", "out.urdf", "named 'hip'; did you mean 'hop'"),
+        (('"thigh"', '"femur"'), "o.urdf", "out.urdf", "moves link 'femur', in the robot it moves"),
+        (('<child link="camera"/>', '<child link="eye"/>'), "leg.urdf", "out.urdf", "link 'eye', "),
+        (None, "leg.urdf", "out.urdf", r"no URDF file at '.*leg\.urdf'"),
+        ((FIXED[700:], ""), "leg.urdf", "out.urdf", r"leg\.urdf' is not well-formed XML"),
+        (("", ""), "leg.urdf", "./leg.urdf", r"leg.urdf' is the source URDF: name another file"),
+        (("", ""), "out.toml", "out.urdf", r"out\.toml' is the source URDF"),
+        (("", ""), "leg.urdf", "out.toml", r"no name for a URDF: name a file that ends in \.urdf"),
+        (("", ""), "leg.urdf", "OUT.TOML", "is no name for a URDF"),
+        (("", ""), "leg.urdf", "", "is no name for a URDF"),
+    ],
+)
+def test_files_that_do_not_fit_are_named_and_left(
+    change: tuple[str, str] | None, name: str, out: str, words: str, tmp_path: Path
+) -> None:
+    robot = fixed_robot(tmp_path)
+    options = moved(tmp_path, FIXED.replace(*change) if change else None, name)
+    before = {path: path.read_text() for path in tmp_path.iterdir()}
+    with pytest.raises(RobotError, match=words):
+        write_urdf(robot, tmp_path / out if out else "", **options)
+    assert {path: path.read_text() for path in tmp_path.iterdir()} == before
+
+
+def test_robots_without_a_file_or_bodies_are_refused(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    with pytest.raises(RobotError, match="name its URDF with source="):
+        write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
+    for write in (write_urdf, write_mjcf):
+        with pytest.raises(RobotError, match="no inertial parameters to write"):
+            write(robot.without_nominal(), tmp_path / "out.urdf")
+
+
+def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = fixed_robot(tmp_path)
+    for name in ("out.urdf", "out.toml"):
+        (tmp_path / name).write_text("old")
+    write = Path.write_bytes
+    for full_at in (".urdf", ".toml"):  # of the URDF, and of the drives after it
+
+        def full(path: Path, content: bytes, full_at: str = full_at) -> int:
+            if path.suffix == full_at:
+                raise OSError(28, "No space left on device")
+            return write(path, content)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(Path, "write_bytes", full)
+            with pytest.raises(SeaidError, match=r"out\.\w+': No space left on device; make room"):
+                write_urdf(robot, tmp_path / "out.urdf")
+        assert [(tmp_path / f"out.{end}").read_text() for end in ("urdf", "toml")] == ["old"] * 2
+        assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_meshes_named_relative_to_the_file_are_told_where_they_would_be_lost(
+    tmp_path: Path,
+) -> None:
+    for name in ("thigh.stl", "/meshes/thigh.stl", "file:///thigh.stl"):
+        (tmp_path / "leg.urdf").write_text(FIXED.replace("package://leg/thigh.stl", name))
+        robot = load_robot(tmp_path / "leg.urdf")
+        assert not write_urdf(robot, tmp_path / "beside it.urdf").notes
+        notes = write_urdf(robot, tmp_path / "another folder" / "out.urdf").notes
+        assert len(notes) == (name == "thigh.stl")
+        assert all(f"write it into '{tmp_path}', or copy them" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("files", "subject"),
+    [
+        (("a.stl",), "'a.stl' is relative to its folder"),
+        (("a.stl", "b.stl"), "'a.stl' and 1 other file are relative to its folder"),
+        (("a.stl", "b.stl", "c.stl"), "'a.stl' and 2 other files are relative to its folder"),
+    ],
+)
+def test_files_that_would_be_lost_are_counted(
+    tmp_path: Path, files: tuple[str, ...], subject: str
+) -> None:
+    visual = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+    shapes = "".join(map(visual.format, files))
+    text = FIXED.replace(visual.format("package://leg/thigh.stl"), shapes)
+    (tmp_path / "leg.urdf").write_text(text)
+    robot = load_robot(tmp_path / "leg.urdf")
+    (note,) = write_urdf(robot, tmp_path / "another folder" / "out.urdf").notes
+    assert note.startswith(f"{subject}: write it into ")
+
+
+def test_friction_of_drives_that_move_other_joints_is_left_to_the_file_of_drives(
+    tmp_path: Path,
+) -> None:
+    urdf = MODELS / "differential_wrist.urdf"
+    robot = load_robot(urdf, MODELS / "differential_wrist.toml")
+    stiff = {
+        joint: StiffDrive(gear_ratio=5.0, coulomb_friction_Nm=0.1, transmission=drive.transmission)
+        for joint, drive in robot.drives.items()
+    }
+    written = write_urdf(robot.with_drives(stiff), tmp_path / "out.urdf")
+    coupled = [joint for joint, drive in stiff.items() if drive.transmission]
+    assert len(coupled) == 2
+    assert written.urdf.read_text().count("<dynamics") == len(stiff) - len(coupled)
+    for joint, note in zip(coupled, written.notes, strict=True):
+        assert note.startswith(f"joint '{joint}': its drive moves other joints")
+    assert load_robot(urdf, written.drives).drives == stiff
+
+
+def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
+    fixed_robot(tmp_path)
+    robot = load_robot(tmp_path / "leg.urdf", payloads=[Payload("thigh", 1.0)])
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert written.notes == ("the known payload is not in the file: give it with payloads=",)
+    assert written.drives is None
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+# Odd robots, odd paths
+
+
+def test_a_link_that_has_only_what_is_fixed_to_it_gets_nothing_but_rounding(tmp_path: Path) -> None:
+    """2.7 + 0.2 - 2.7 - 0.2 is no zero: what is left must not be written as a body."""
+    robot = fixed_robot(tmp_path)
+    inertial = re.search(r"<inertial>.*?</inertial>", FIXED, re.DOTALL)
+    assert inertial is not None
+    (tmp_path / "leg.urdf").write_text(FIXED.replace(inertial.group(), "", 1))
+    lump = load_robot(tmp_path / "leg.urdf").parameters
+    jitter = 1 + 1e-15 * np.random.default_rng(0).uniform(-1, 1, 10)
+    written = write_urdf(robot.with_values(lump * jitter, robot.drives), tmp_path / "o.urdf")
+    assert written.urdf.read_text().count("<inertial>") == 1
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, lump, rtol=1e-12, atol=1e-15)
+
+
+def test_a_mass_on_the_wrong_side_is_moved_to_the_link_that_moves(tmp_path: Path) -> None:
+    """The camera has the mass, the thigh an inertia alone: a URDF cannot say that rest."""
+    text = FIXED.replace('<mass value="3"/>', "").replace('xyz="0 0 -0.2"', 'xyz="0 0 0"')
+    (tmp_path / "leg.urdf").write_text(text)
+    robot = load_robot(tmp_path / "leg.urdf")
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert "has the inertia of all links fixed to it (camera)" in written.notes[0]
+    again = load_robot(written.urdf)
+    np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (0, 1e10, r"'thigh' would have a mass of 1e\+10 kg \(at most 1e\+09 kg\)"),
+        (1, 1e6, "'thigh' would have its centre of mass further than 10000 m away"),
+        (4, 1e16, r"'thigh' would have an inertia of 1e\+16 kg m\^2"),
+        (0, 1e300, "'thigh' would have a mass"),
+    ],
+)
+def test_absurd_bodies_are_refused_even_by_force(
+    tmp_path: Path, place: int, value: float, words: str
+) -> None:
+    robot = fixed_robot(tmp_path)
+    parameters = robot.parameters.copy()
+    parameters[place] = value
+    absurd = robot.with_values(parameters, robot.drives)
+    for write in (write_urdf, write_mjcf):
+        with pytest.raises(RobotError, match=words):
+            write(absurd, tmp_path / "out.urdf", force=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["leg.urdf"]
+
+
+def test_elements_of_other_namespaces_are_left_alone(tmp_path: Path) -> None:
+    other = '<o:link xmlns:o="urn:o" name="thigh"><inertial><mass value="9"/></inertial></o:link>'
+    (tmp_path / "leg.urdf").write_text(
+        FIXED.replace('<link name="base"/>', other + '<link name="base"/>')
+    )
+    robot = changed(load_robot(tmp_path / "leg.urdf"))
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert other in written.urdf.read_text()
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_path: Path) -> None:
+    """yourdfpy finds no links in a default namespace, and XML has no version 0.0."""
+    text = FIXED.replace('version="1.0"', 'version="0.0"', 1)
+    text = text.replace("<robot ", '<robot xmlns="http://www.ros.org" ')
+    (tmp_path / "leg.urdf").write_text(text.replace("<link", "<mujoco/><link", 1))
+    robot = changed(load_robot(tmp_path / "leg.urdf"))
+    path = write_urdf(robot, tmp_path / "out.urdf").urdf
+    again, lines = load_robot(path), path.read_text().splitlines()
+    np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-12)
+    assert again.body_names == robot.body_names
+    model = pin.buildModelFromUrdf(str(path))
+    assert model.inertias[1].mass == pytest.approx(robot.parameters[0], rel=1e-12)
+    read = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
+    assert {link.name for link in read.links} >= {"base", *robot.body_names}
+    assert lines[0] == '<?xml version="1.0"?>'
+    assert any("<mujoco/>" in line for line in lines)
+
+
+# XML as text: what changes is changed in its place, all else stays byte by byte
+
+STRANGE = """<?xml version='1.0' encoding='ISO-8859-1' standalone="yes"?>
+<!DOCTYPE robot [<!ENTITY maker "caf\u00e9">]>
+<?editor keep="this"?>
+<!-- before <inertial> -->
+<robot name='arm' xmlns:xacro="http://ros.org/xacro" xacro:note="&maker;" z='1' a='2'>
+  <gazebo><link name="upper"><inertial><mass value="9"/></inertial></link></gazebo>
+  <link  name = 'base' />
+\t<link
+     name="upper"   >
+    <inertial  >
+      <!-- weighed > in March -->
+      <mass unit='kg' value='3'></mass><custom><![CDATA[a < b & c]]></custom>
+      <inertia iyy="0.03" ixx="0.03"   izz='0.01' ixy="0" ixz="0"
+               iyz="0"/>
+    </inertial>
+    <visual><geometry><mesh scale="1 1 1" filename="package://arm/&maker;.stl"/></geometry></visual>
+  </link >
+  <link name="hand"/>
+  <joint type="revolute" name="wrist"><child link="hand"/><parent link="upper"/>
+    <limit lower="-1" upper="1" velocity="5" effort="20"/></joint>
+  <joint type="continuous" name="elbow"><parent link="base"/><child link="upper"/></joint>
+  <joint type="fixed" name="palm_joint"><parent link="hand"/><child link="palm"/></joint>
+  <link name="palm"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>
+<!-- after -->
+"""
+
+
+def test_a_strange_file_stays_as_it_is_but_for_its_bodies(tmp_path: Path) -> None:
+    text = STRANGE.replace("\n", "\r\n").encode("iso-8859-1")
+    path = tmp_path / "strange arm.urdf"
+    path.write_bytes(text)
+    robot = load_robot(path)
+    bodies = robot.parameters.copy()
+    bodies *= 1.5
+    written = write_urdf(robot.with_values(bodies, robot.drives), tmp_path / "out.urdf")
+    found = written.urdf.read_bytes()
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, bodies, rtol=1e-12, atol=1e-18)
+    lines = [line for line in found.split(b"\r\n") if line not in text.split(b"\r\n")]
+    assert found.count(b"\n") == found.count(b"\r\n")
+    assert len(lines) == 7
+    assert lines[0].startswith(b"      <origin xyz=")
+    assert (
+        b"<mass unit='kg' value=\"4.5\"></mass><custom><![CDATA[a < b & c]]></custom>" in lines[1]
+    )
+    assert lines[2].startswith(b'      <inertia iyy="')
+    assert lines[3].startswith(b'               iyz="')
+    assert lines[4] == b'  <link name="hand">'
+    assert lines[5].startswith(
+        b'    <inertial><origin xyz="0.0 0.0 0.0" rpy="0 0 0"/><mass value="0.05'
+    )
+    assert lines[6] == b"  </link>"
+
+
+def test_what_is_new_is_indented_as_its_neighbours() -> None:
+    text = b"<a>\n  <b>\n    <c/>\n  </b>\n  <d x='1' />\n  <e></e>\n</a>"
+    root = parse_positions(text)
+    places = [root.find(tag) for tag in "bde"]
+    edits = [
+        with_content(text, one, [new_element("n", {"m": {"k": "2"}})]) for one in places if one
+    ]
+    assert edited(text, edits) == (
+        b'<a>\n  <b>\n    <n><m k="2"/></n>\n    <c/>\n  </b>\n  <d x=\'1\'>\n    <n><m k="2"/></n>'
+        b'\n  </d>\n  <e>\n    <n><m k="2"/></n></e>\n</a>'
+    )
+
+
+def test_an_element_goes_with_the_space_before_it() -> None:
+    text = b"<a>\n  <b>x</b>\n  <c/>\n</a>"
+    root = parse_positions(text)
+    assert edited(text, [without(text, one) for one in root.children]) == b"<a>\n</a>"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"<a><b></a>", "mismatched tag"),
+        ("<a/>".encode("utf-16"), "its encoding is not one of single bytes or UTF-8"),
+    ],
+)
+def test_what_cannot_be_read_is_said(text: bytes, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        parse_positions(text)
+
+
+TAGS, NAMES = st.sampled_from("abc"), st.sampled_from(["k", "kk", "ns:k"])
+VALUES = st.text(string.ascii_letters + " /=>'", max_size=5)
+ATTRIBUTES = st.dictionaries(NAMES, VALUES, max_size=3)
+SPACES = st.sampled_from(["", " ", "\n  ", "<!-- <a k='9'/> -->", "<![CDATA[<b>]]>", "<?p a?>"])
+
+
+@st.composite
+def elements(draw: st.DrawFn, depth: int = 3) -> str:
+    """Return the text of an element with others inside, comments and odd spaces."""
+    tag, space = draw(TAGS), draw(st.sampled_from([" ", "\n\t", "  "]))
+    attributes = "".join(
+        f'{space}{name}{draw(st.sampled_from(["=", " = "]))}"{value}"'
+        for name, value in draw(ATTRIBUTES).items()
+    )
+    if draw(st.booleans()):
+        return f"<{tag}{attributes}{draw(st.sampled_from(['', ' ']))}/>"
+    inside = draw(st.lists(elements(depth - 1), max_size=3)) if depth else []
+    content = "".join(draw(SPACES) + one for one in inside) + draw(SPACES)
+    return f"<{tag}{attributes}>{content}</{tag}>"
+
+
+def canonical(text: bytes) -> str:
+    return str(etree.canonicalize(text.decode()))
+
+
+@given(inside=elements(), children=st.dictionaries(TAGS, ATTRIBUTES, min_size=1))
+def test_places_and_edits_are_what_a_parser_of_the_whole_file_sees(
+    inside: str, children: dict[str, dict[str, str]]
+) -> None:
+    text = f'<r xmlns:ns="n">{inside}</r>'.encode()
+    tree, root = etree.fromstring(text), parse_positions(text)
+    seen = [(one.tag.replace("{n}", "n "), len(one.attrib)) for one in tree.iter(etree.Element)]
+    assert [(one.tag, len(one.attributes)) for one in root.all()][1:] == seen[1:]
+    for one in root.all():
+        tag = one.tag.replace("n ", "ns:")
+        assert text[one.start : one.end].startswith(b"<" + tag.encode())
+        closing = b"/>" if is_empty(text, one) else f"</{tag}>".encode()
+        assert text[one.start : one.end].endswith(closing)
+    parent = root.children[0]
+    found = parse_positions(edited(text, with_children(text, parent, children))).children[0]
+    before = {tag: parent.find(tag) for tag in children}
+    for tag, attributes in children.items():
+        child, old = found.find(tag), before[tag]
+        assert isinstance(child, Element)
+        written = {name.replace("ns:", "n "): value for name, value in attributes.items()}
+        assert child.attributes == {**(old.attributes if old else {}), **written}
+    assert len(found.children) == len(parent.children) + sum(old is None for old in before.values())
+
+
+@given(inside=elements())
+def test_no_edit_changes_nothing(inside: str) -> None:
+    text = inside.replace("ns:", "ns_").encode()
+    assert edited(text, []) == text
+    same = [with_children(text, one, {}) for one in parse_positions(text).all()]
+    assert not any(same)

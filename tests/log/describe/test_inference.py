@@ -1,0 +1,309 @@
+"""describe_log on the headers of 130 real logs: what each column is, or that it is doubtful."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log.describe import Description, describe_log
+from seaid.log.describe.names import meaning_of
+from tests.one_joint import chain
+
+FOLDER = Path(__file__).parents[2] / "data" / "headers"
+HEADERS = tomllib.loads((FOLDER / "headers.toml").read_text("utf-8"))["header"]
+MORE = tomllib.loads((FOLDER / "more_headers.toml").read_text("utf-8"))["header"]
+TWENTY = tomllib.loads((FOLDER / "twenty_headers.toml").read_text("utf-8"))["header"]
+ALL = HEADERS + MORE + TWENTY
+DEVELOP = [one for one in HEADERS if one.get("develop")]
+HELD_OUT = [one for one in HEADERS if not one.get("develop")]
+FIRST_HALF = [one for one in MORE if one["half"] == 1]
+SECOND_HALF = [one for one in MORE if one["half"] == 2]
+LAST = [one for one in MORE if one["half"] == 3]
+TIME: Array = np.linspace(0.0, 3.99, 400)
+MOTIONS = ("position", "velocity", "acceleration")
+LEAST = 0.9
+"""Share of the columns that must be right."""
+
+SURE = 0.75
+"""Share of those right that must not be listed as doubtful."""
+
+SIZES = {"rad": 1.0, "deg": 57.3, "turn": 0.159, "counts": 652.0, "s": 1.0, "ms": 1e3, "us": 1e6}
+SIZES |= {"ns": 1e9, "mrad": 1e3, "rpm": 9.55, "deg/s": 57.3, "mA": 1e3, "mNm": 1e3}
+NEVER_READ = ("velocity", "acceleration", "temperature")
+"""Quantities that are never commands, or never read from a log."""
+NO_QUANTITY = ("other", "doubtful", "supply", "flag")
+SI = {"position": "rad", "torque": "Nm", "current": "A", "voltage": "V", "time": "s"}
+SI["temperature"] = "degC"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a column is; see the head of the file of headers."""
+
+    column: str
+    joint: str
+    quantity: str
+    kind: str
+    side: str
+    unit: str
+    role: str
+    doubtful: bool
+
+
+def truths(header: dict[str, Any]) -> Iterator[Truth]:
+    """Yield the truth of every column of a header."""
+    for pattern, text in header["columns"].items():
+        main, *more = text.split(", ")
+        words, _, unit = main.partition(" in ")
+        quantity, side = (*words.split(), "")[:2]
+        named = "{}" in pattern
+        pairs = zip(header["joints"], header["labels"], strict=True)
+        for joint, label in pairs if named else [(header["joints"][0], "")]:
+            yield Truth(
+                column=pattern.replace("{}", label),
+                joint=joint if named or len(header["joints"]) == 1 else "",
+                quantity="" if quantity in NO_QUANTITY else quantity,
+                kind=quantity,
+                side=side,
+                unit=unit,
+                role=next((one for one in more if one != "doubtful"), ""),
+                doubtful="doubtful" in (quantity, *more),
+            )
+
+
+def samples(truth: Truth, number: int) -> Array:
+    """Return samples as such a column has them: a motion of each joint, its derivatives, a torque.
+
+    The side of the motor turns fifty times as far.
+    """
+    size, seed = SIZES.get(truth.unit, 1.0), np.random.default_rng(number)
+    noise = 1e-3 * seed.standard_normal(len(TIME))
+    if truth.quantity == "time":
+        return size * TIME
+    if truth.quantity == "temperature":
+        return 40 + 0.1 * (number % 3) * TIME
+    if truth.kind == "supply":
+        return 24 + noise
+    if truth.kind == "flag":
+        return np.repeat(seed.integers(0, 4, 8), len(TIME) // 8)
+    rate, start = 2 * np.pi * seed.uniform(0.3, 0.9), seed.uniform(0, 6)
+    if truth.quantity in MOTIONS and truth.role in ("", "command"):  # of one motion per joint
+        of_joint = np.random.default_rng([len(truth.joint), *truth.joint.encode()])
+        rate, start = 2 * np.pi * of_joint.uniform(0.3, 0.9), of_joint.uniform(0, 6)
+        start += 0.05 * (truth.role == "command")
+    size *= 50.0 if truth.side == "motor" and truth.quantity in MOTIONS else 1.0
+    order = MOTIONS.index(truth.quantity) if truth.quantity in MOTIONS else 0
+    wave = rate**order * np.sin(rate * TIME + start + order * np.pi / 2)
+    values = size * (wave + noise)
+    return np.round(values) if truth.unit == "counts" else values
+
+
+def described(header: dict[str, Any], folder: Path) -> Description:
+    """Return the inference for a log with this header and likely samples."""
+    robot = chain(folder, *header["joints"])
+    columns = {one.column: samples(one, k) for k, one in enumerate(truths(header))}
+    names = ",".join(f'"{name}"' for name in columns)
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(folder / "log.csv", table, fmt="%.9g", delimiter=",", header=names, comments="")
+    return describe_log(folder / "log.csv", robot)
+
+
+def used_as(found: Description) -> dict[str, tuple[str, str, str | None]]:
+    """Return {column: (joint, quantity, unit)} of the columns that a description uses."""
+    used: dict[str, tuple[str, str, str | None]] = {}
+    for joint, sources in found.description.joints.items():
+        for quantity, source in sources.items():
+            for column in source.columns():
+                name = "supply" if column == source.times else quantity
+                used[column] = (joint, name, source.unit)
+            if source.time is not None and source.time.column:
+                used[source.time.column] = ("", "time", source.time.unit)
+    clock = found.description.time
+    if clock is not None and clock.column:
+        used[clock.column] = ("", "time", clock.unit)
+    return used
+
+
+def is_right(
+    header: dict[str, Any], truth: Truth, used: tuple[str, str, str | None] | None
+) -> bool:
+    """Return whether a column was read and used as what it is."""
+    is_raw = truth.quantity != "" and (not truth.role or truth.quantity in NEVER_READ)
+    if used is None:
+        meaning = meaning_of(truth.column, header["joints"])
+        is_needed = is_raw and truth.quantity in ("position", "torque", "current")
+        is_role_read = meaning.is_raw == is_raw or truth.quantity in NEVER_READ
+        is_read = meaning.quantity == truth.quantity and is_role_read
+        return not truth.quantity or (is_read and not is_needed)
+    joint, quantity, unit = used
+    if quantity == "supply" or truth.quantity == "duty":  # their product is a voltage
+        return truth.kind == quantity or quantity == "motor_voltage"
+    if quantity.endswith("_command"):  # of a joint without torque
+        kind = quantity.removesuffix("_command")
+        is_command = (truth.quantity, truth.role) == (kind, "command")
+        usual = {"position": "rad", "velocity": "rad/s", "torque": "Nm"}[kind]
+        return is_command and joint == truth.joint and (unit or usual) == (truth.unit or usual)
+    side, kind = quantity.split("_") if "_" in quantity else ("", quantity)
+    wanted_side = truth.side if kind in ("position", "torque") else ""
+    return (
+        is_raw
+        and kind == truth.quantity
+        and (joint == truth.joint or kind == "time")
+        and wanted_side in ("", side)
+        and (unit or SI[kind]) == (truth.unit or unit or SI[kind])
+    )
+
+
+@cache
+def judged(place: int) -> list[tuple[Truth, bool, bool]]:
+    """Return each column of a header, whether it is right, and whether it is listed as doubtful."""
+    result, header = [], ALL[place]
+    try:
+        with TemporaryDirectory() as folder:
+            found = described(header, Path(folder))
+        used, text = used_as(found), "\n".join(found.unsure)
+    except LogError as problem:  # no column that looks like a position: all are listed
+        used, text = {}, str(problem)
+    for truth in truths(header):
+        listed = re.search(rf"(?<![\w.]){re.escape(truth.column)}(?![\w.])", text) is not None
+        right = truth.doubtful and (listed or truth.column not in used)
+        result.append((truth, right or is_right(header, truth, used.get(truth.column)), listed))
+    return result
+
+
+@pytest.mark.parametrize("place", range(len(ALL)), ids=[one["name"] for one in ALL])
+def test_no_column_of_a_real_header_is_wrong_without_being_listed(place: int) -> None:
+    wrong = [one.column for one, right, listed in judged(place) if not right | listed]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [DEVELOP, HELD_OUT, FIRST_HALF, SECOND_HALF, LAST, TWENTY],
+    ids=["developed on", "held out", "first half", "second half", "last", "twenty"],
+)
+def test_most_columns_of_real_headers_are_right(headers: list[dict[str, Any]]) -> None:
+    found = [one for header in headers for one in judged(ALL.index(header))]
+    assert np.mean([right for _, right, _ in found]) >= LEAST
+    sure = [not listed for truth, right, listed in found if right and not truth.doubtful]
+    assert np.mean(sure) >= SURE
+
+
+# Doubts and assumptions of describe_log: unknown words, and samples that contradict names
+
+STAMPS: Array = np.arange(1000.0) / 200
+
+
+def sine(size: float = 1.0, phase: float = 0.0) -> Array:
+    """Return a sine of 0.5 Hz; a phase of pi/2 and a size of pi make its derivative."""
+    return size * np.sin(np.pi * STAMPS + phase)
+
+
+SPEED = sine(np.pi, np.pi / 2)
+TORQUE = sine(3.0, 1.0) + 0.3 * np.sin(11 * STAMPS)
+
+
+def asked(folder: Path, **columns: Array) -> Description:
+    """Return the inference for columns of a robot with one joint."""
+    np.savez(folder / "log.npz", t=STAMPS, **columns)  # type: ignore[arg-type]
+    return describe_log(folder / "log.npz", chain(folder, "knee"))
+
+
+def test_what_names_and_samples_agree_on_is_sure(tmp_path: Path) -> None:
+    found = asked(tmp_path, knee_pos=sine(), knee_vel=SPEED, knee_current_A=TORQUE)
+    assert found.unsure == ()
+    assert found.assumed == (
+        "knee_pos: taken for rad",
+        "knee_pos: taken for the joint side of the gear; it may be the motor side",
+    )
+    assert "# assumed: knee_pos: taken for rad\n" in found.to_toml()
+    assert "assumed: knee_pos: taken for rad\n" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "name"),
+    [
+        ("deg", np.degrees(1.0), "knee_vel_rad_s"),
+        ("turn", 1 / (2 * np.pi), "knee_vel_rad_s"),
+        (None, 1.0, "knee_vel_rad_s"),
+        ("turn", 60 / (2 * np.pi) / 60, "knee_rpm"),
+    ],
+)
+def test_a_velocity_with_a_unit_gives_that_of_the_position(
+    tmp_path: Path, unit: str | None, size: float, name: str
+) -> None:
+    speed = SPEED * (30 / np.pi if name == "knee_rpm" else 1.0)
+    found = asked(tmp_path, knee_pos=sine(size), knee_tau_Nm=TORQUE, **{name: speed})
+    assert found.description.joints["knee"]["joint_position"].unit == unit
+    assert f"knee_pos: {unit or 'rad'} by its velocity" in found.assumed
+
+
+P: Array = sine()
+DOUBTS: tuple[tuple[dict[str, Array], str], ...] = (
+    ({"knee_pos_rad": P, "knee_vel_deg_s": SPEED}, "as knee_vel_deg_s says: check the units"),
+    ({"knee_pos": P, "knee_vel": -SPEED}, "knee_vel: position and velocity have opposite signs"),
+    ({"knee_pos": P, "knee_vel": np.sin(17 * STAMPS)}, "one is not the velocity of the other"),
+    ({"knee_pos_mm": sine(50)}, "knee_pos_mm: mm does not fit the type of knee"),
+    ({"knee_pos_rad": sine(57)}, "goes beyond the limits of knee: check its unit"),
+    ({"knee_pos_deg": sine(0.2)}, "knee_pos_deg: hardly moves in deg: check its unit"),
+    ({"knee_pos": sine(0.1)}, "knee_pos (moves by 0.2): taken for rad"),
+    ({"knee_pos": P, "iq_measured": TORQUE}, "taken for rad; turns are usual of such drives"),
+    ({"knee_pos": P, "knee_current": np.abs(TORQUE)}, "a magnitude or the current of a supply?"),
+    ({"knee_pos": P, "knee_motor_torque": np.round(100 * TORQUE)}, "raw values of the drive?"),
+    ({"knee_pos": P, "knee_tau_Nm": TORQUE, "knee_tau_cmd_Nm": TORQUE}, "which one is measured?"),
+    ({"knee_pos": P, "knee_blurb_torque": TORQUE}, "the meaning of blurb in the name is not known"),
+    (
+        {"knee_pos": P, "knee_tau": TORQUE, "other_tau": TORQUE},
+        "other_tau: has the name of a torque, and is not used",
+    ),
+    (
+        {"knee_pos": P, "knee_tau": TORQUE, "knee_blurb": 2 * SPEED},
+        "knee_blurb: not understood, and not used; it moves like the velocity of knee",
+    ),
+    ({"knee_pos": P, "knee_blurb": TORQUE}, "not understood: it may be what a joint lacks"),
+    (
+        {"knee_pos": P, "knee_current": np.floor(STAMPS) % 3},
+        "whole numbers only: a state, excluded",
+    ),
+    (
+        {"knee_pos_estimate": P, "knee_current_A": TORQUE},
+        "knee_pos_estimate: an estimate of the drive, as there is no other position",
+    ),
+    (
+        {"drive_knee_position": P, "drive_foot_position": sine(1, 2)},
+        "drive_foot_position: has the name of a position, and is not used",
+    ),
+    (
+        {"knee_motor_rad": sine(100), "knee_enc_deg": np.rad2deg(P)},
+        "knee: the motor turns 100 times as far: check the gear ratio",
+    ),
+    ({"knee_pos": P, "tau_mA": TORQUE}, "a torque in amperes: describe it with torque_constant_"),
+    (
+        {"knee_pos": P, "q_2": sine(1e308), "tau": sine(1e155)},
+        "q_2, tau: has values beyond 1e+30: no sensor, excluded",
+    ),
+    ({"knee_pos": P, "torque_est": 1 + 0 * P}, "knee: no torque, current or voltage found"),
+)
+
+
+@pytest.mark.parametrize(("columns", "doubt"), DOUBTS, ids=[doubt for _, doubt in DOUBTS])
+def test_what_names_or_samples_leave_open_is_a_doubt(
+    tmp_path: Path, columns: dict[str, Array], doubt: str
+) -> None:
+    assert doubt in "\n".join(asked(tmp_path, **columns).unsure)
+
+
+def test_a_word_that_most_names_have_is_no_doubt(tmp_path: Path) -> None:
+    found = asked(tmp_path, blurb_knee_pos=sine(), blurb_knee_vel=SPEED, blurb_knee_amps=TORQUE)
+    assert "blurb in the name" not in "\n".join(found.unsure)

@@ -1,0 +1,243 @@
+"""Tables of text in any of their formats, and what is no table."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid.log.readers.table as limits
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import describe_log, read_log
+from seaid.log.readers.opening import open_table
+from seaid.log.reading import write_log
+from seaid.robot.robot import Robot
+from tests.log.readers.files import error_of, one_log
+
+TIME: Array = np.linspace(0.0, 1.99, 200)
+ROWS: Array = np.column_stack([TIME, np.sin(3 * TIME), np.cos(2 * TIME)])
+NAMES = ["t", "q", "tau"]
+
+
+def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
+    lines = (delimiter.join(f"{one:.6f}" for one in row) for row in ROWS)
+    return head + "\n".join(lines).replace(".", decimal) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty; a log starts with a line of column names"),
+        (b"\n\n\n", "is empty"),
+        (b"a,b\n", "has column names but no samples"),
+        (b"a,b\n\n \n", "has column names but no samples"),
+        (bytes(range(256)), "is not a text file in UTF-8"),
+        ("a,b\n1,2\n".encode("utf-16"), "in UTF-8 (invalid start byte at byte 0)"),
+        ("a,b\n1,2\n".encode("utf-16-le"), "is not a text file in UTF-8 (it has zero bytes)"),
+        (b"a,b\n1,\xff\n", "(invalid start byte at byte 6)"),
+        (b"PK\x03\x04junk", "not a text file in UTF-8 but a spreadsheet or an archive; save the"),
+        (b"\x1f\x8bjunk", "is not a text file in UTF-8 but compressed; unpack it first"),
+        (b"version https://git-lfs.github.com/spec/v1\nsize 12\n", "fetch the file with git lfs"),
+        (b'a,b\n"' + b"x" * 140_000 + b'",1\n', "is not a table: field larger than field limit"),
+        (b'"' + b"x" * 140_000 + b'",b\n', "is not a table: field larger than field limit"),
+        (b"a,b\n1," + b"2" * 2_000_000, "line 2 has more than 1,000,000 characters"),
+        (b",".join([b"x"] * 20_000), "has 20,000 columns or more, allowed are 10,000"),
+        (b"a," + b"b" * 5_000, "the name of a column has 5,000 characters, allowed are 1,000"),
+        (b"a,a,b\n1,2,3\n", "column named twice: a"),
+        (b"a,b\n1,2\n3\n", "is not a table: line 3 has 1 cells, the first line 2 column names"),
+        (b"a,b\n1,2,3,4\n", "2 column names; decimal commas? Delimit the columns by"),
+        (b"a,b\n1,2\n1,2,3\n", "line 3 has 3 cells, the first line 2 column names"),
+        (b"a,b\n1,2,3\n1,2\n", "line 3 has 2 cells, the first line 3 column names"),
+        (b"a,b\nleft\n1,2\n", "line 2 has 1 cells"),
+        (b"1.5,2\n3,4,5\n", "line 2 has 3 cells, the first line 2 numbers"),
+        (b"a,b\n" + b"y" * 5_000 + b",1\n", "has 'yyy"),
+        (b"a,b\n1\x00,2\n", "is not a number"),
+        (b"a,b\n1,2\n" + bytes(40) + b"\n", "line 3: has zero bytes, as a file that was not wri"),
+        (b"a,b\n2024-05-01 12:00:00,2\n", "is not a number; write the time as seconds"),
+        (b"a,b\n1,2\n\nlost,3\n", "line 4: column 'a' has 'lost', which is not a number: empty it"),
+        (b'a,b\n1,2\n"2,5",3\n', "is not a number; write a decimal point"),
+        (b'a\n"[1, 2, 3]"\n"[1, 2]"\n', "line 3: column 'a' has '[1, 2]', and a list of 3 numb"),
+        (b't,a\n1,"[1, 2, 3]"\n2,5\n', "line 3: column 'a' has '5', and a list of 3 numbers bef"),
+        (b't,a\n1,"[1, 2, 3]"\n2,"[1, x, 2]"\n', "column 'a[1]' has 'x', which is not a number"),
+        (b't,a\n1,"[1, 2, 3]"\n2,"[1, 2, 3]",4\n', "line 3 has 3 cells"),
+    ],
+)  # fmt: skip
+def test_what_is_no_table_is_named_with_its_place(
+    tmp_path: Path, content: bytes, words: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    text = error_of(path, "1" if content[:1] == b"1" else "a[1]" if b"[1, " in content else "a")
+    assert text.startswith(f"'{path}'")
+    assert words in text
+
+
+def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
+    path, words = tmp_path / "log.csv", ("NA", "n/a", "#N/A", "null", "None", "nan", "")
+    path.write_text("a,b\n1,2\n" + "".join(f"{word},3\n" for word in words))
+    values = open_table(path).load(["a"])["a"]
+    assert np.array_equal(np.isnan(values), [False, *[True] * len(words)])
+
+
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        (text_of(",", head="t,q,tau\n"), NAMES),
+        (text_of(";", ",", head="t;q;tau\n"), NAMES),
+        (text_of("\t", ",", head="t\tq\ttau\n"), NAMES),
+        (text_of(" ", ",", head="t q tau\n"), NAMES),
+        (text_of("  ", head="t   q tau\n"), NAMES),
+        (text_of(" ", head="# t q tau\n"), NAMES),
+        (text_of(",", head="% t, q, tau\n"), NAMES),
+        (text_of(",", head="\n# ramp\n# kp=1,kd=2\nt,q,tau\n"), NAMES),
+        (text_of(" ", head="# made by a bench\n# t q tau\n"), NAMES),
+        (text_of(";", ",", head='"t";"q";"tau"\n'), NAMES),
+        (text_of(";", head="t, in s;q;tau\n"), ["t, in s", "q", "tau"]),
+        (text_of(",", head="0,1,2\n"), ["0", "1", "2"]),
+        (text_of(","), ["1", "2", "3"]),
+        (text_of(";", ","), ["1", "2", "3"]),
+        (text_of("\t"), ["1", "2", "3"]),
+        (text_of("   "), ["1", "2", "3"]),
+        (text_of(" ", ","), ["1", "2", "3"]),
+        (text_of(",", head="# made by a bench\n# on a Monday\n"), ["1", "2", "3"]),
+        (text_of("|", head="t|q|tau\n"), NAMES),
+        (text_of(",", head="t,|q|,tau\n"), ["t", "|q|", "tau"]),
+        (text_of(";", ",", head="sep=;\nt;q;tau\n"), NAMES),
+        (text_of(",", head='"sep=,"\n'), ["1", "2", "3"]),
+        (text_of(",", head='"t","q","tau"\n').replace("\n", "\r\n"), NAMES),
+        (text_of(",", head="t,q,tau\ns,rad,Nm\n"), ["t [s]", "q [rad]", "tau [Nm]"]),
+        (text_of(";", ",", head="t;q;tau\n[s];;(Nm)\n"), ["t [s]", "q", "tau [Nm]"]),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".txt"])
+def test_a_table_of_text_is_read_in_its_own_format(
+    tmp_path: Path, content: str, names: list[str], suffix: str
+) -> None:
+    path = tmp_path / f"log{suffix}"
+    path.write_text(content)
+    table = open_table(path)
+    assert table.names == names
+    assert table.blocks is not None
+    parts = list(table.blocks(names, 60))
+    assert [len(one[names[0]]) for one in parts] == [60, 60, 60, 20]
+    for place, name in enumerate(names):
+        np.testing.assert_allclose(table.load([name])[name], ROWS[:, place], atol=1e-6)
+        np.testing.assert_allclose(
+            np.concatenate([one[name] for one in parts]), ROWS[:, place], atol=1e-6
+        )
+
+
+def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
+        path.write_text(f"a,b\n{line}\n1,2\n")
+        assert not any("[true]" in name or "[x]" in name for name in open_table(path).names)
+
+
+def test_one_number_a_line_is_one_column(tmp_path: Path) -> None:
+    (tmp_path / "q.txt").write_text("\n".join(map(str, ROWS[:, 1])))
+    np.testing.assert_allclose(open_table(tmp_path / "q.txt").load(["1"])["1"], ROWS[:, 1])
+
+
+def test_columns_of_a_file_without_header_are_described_by_their_numbers(
+    arm: Robot, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text_of(";", ","))
+    description = {
+        "time": 1,
+        "joints": {"arm": {"joint_position": {"column": 2, "unit": "deg"}, "motor_torque": 3}},
+    }
+    log = read_log(path, arm, description=description)
+    np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(ROWS[:, 1]), atol=1e-6)
+    (tmp_path / "log.toml").write_text(
+        'time = { column = 1 }\n[joints.arm]\njoint_position = { column = 2, unit = "deg" }\n'
+        "motor_torque = 3\n"
+    )
+    np.testing.assert_array_equal(read_log(path, arm).motor_torque, log.motor_torque)
+    with pytest.raises(LogError, match=r"no column is named '4'.*the first line is numbers: no he"):
+        read_log(path, arm, description={**description, "time": 4})
+    with pytest.raises(LogError, match=r"no column looks like.*first line is numbers: no header"):
+        describe_log(path)
+
+
+def test_lists_in_cells_are_a_column_per_number(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(
+        'kind,t,positions,ok,"raw [V]"\nSTATE,0.5,"[0.25, -1e-3, 3]",true,[7 8]\n'
+        'STATE,1.0,"[0.5, nan, 4]",false,[9 10]\n'
+    )
+    table = open_table(path)
+    assert table.names == [
+        *("t", "positions[0]", "positions[1]", "positions[2]", "ok", "raw [V][0]", "raw [V][1]")
+    ]
+    found = table.load(["positions[2]", "t", "raw [V][1]", "ok", "positions[1]"])
+    assert found["positions[2]"].tolist() == [3, 4]
+    assert found["raw [V][1]"].tolist() == [8, 10]
+    assert found["ok"].tolist() == [1, 0]
+    assert found["positions[1]"][0] == -1e-3
+    assert np.isnan(found["positions[1]"][1])
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        ("t,q\n0,1,7\n0.1,2,8\n", {"t": 0.1, "q": 2, "unnamed": 8}),
+        ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": 0.1, "q": 2, "unnamed": 2}),  # written by R
+        ("t,q\n[s],[rad]\n0,1,7\n0.1,2,8\n", {"t [s]": 0.1, "q [rad]": 2, "unnamed": 8}),
+    ],
+)
+def test_a_cell_more_than_names_is_an_unnamed_column(
+    rows: str, columns: dict[str, float], tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(rows)
+    table = open_table(path)
+    loaded = table.load(list(table.names))
+    assert {name: values[-1] for name, values in loaded.items()} == columns
+
+
+def test_truth_values_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("on,off\nTrue,false\nFALSE,true\n")
+    table = open_table(path)
+    assert table.load(["on"])["on"].tolist() == [1.0, 0.0]
+
+
+def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
+    arm: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "log.csv"
+    write_log(one_log(), path)
+    with path.open("r+b") as file:
+        file.truncate(2 * 10**9)  # sparse: takes no room on the disk
+    monkeypatch.setattr(limits, "free_memory", lambda: 7.9e9)
+    text = error_of(path)
+    assert "takes 2 GB of memory, too much for the 7.9 GB that are free" in text
+    assert "read it in pieces with seaid.open_long_log" in text
+
+
+def test_a_mark_of_utf8_blank_lines_at_the_end_and_a_field_are_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"\xef\xbb\xbfa,b\n1,2\n3,4\n\n\n")
+    assert open_table(path).load(["a"])["a"].tolist() == [1.0, 3.0]
+    blocks = open_table(path).blocks
+    assert blocks is not None
+    assert [one["b"].tolist() for one in blocks(["b"], 2)] == [[2.0, 4.0]]
+    assert csv.field_size_limit() == 131_072  # as it was: it is everybody's
+
+
+def test_a_long_file_is_read_in_parts_like_a_short_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("a,b\n" + "".join(f"{k},{k if k % 7 else 'nan'}\n" for k in range(500)))
+    whole = open_table(path).load(["b", "a"])
+    monkeypatch.setattr("seaid.log.readers.csv_file._LINES", 64)
+    monkeypatch.setattr("seaid.log.readers.csv_file._TEXT", 100)
+    parts = open_table(path).load(["b", "a"])
+    np.testing.assert_array_equal(parts["b"], whole["b"])
+    assert parts["a"].tolist() == list(range(500))

@@ -1,0 +1,625 @@
+"""Log descriptions: foreign columns, units, sides, clocks become our channels; mistakes named."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log.description import LogDescription, changed_source, description_for
+from seaid.log.reading import Log, read_log, write_log
+from seaid.log.repair import Repairs
+from seaid.log.usable_parts import holes
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
+from tests.measured import LOGS
+from tests.one_joint import BODY
+from tests.plants import write_robot
+
+TIME = np.arange(200) / 100
+ROTARY = {"type": "series_elastic", "gear_ratio": 100}
+PULLEYS = ROTARY | {"motor_pulley_radius_m": 0.02, "load_pulley_radius_m": 0.04}
+DRUM = ROTARY | {"motor_pulley_radius_m": 0.02}
+Table = dict[str, Any]
+
+
+def robot_of(
+    folder: Path, drive: Table, joints: tuple[str, ...] = ("arm",), kind: str = "continuous"
+) -> Robot:
+    limits = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
+    parents = ("base", *(f"body_{joint}" for joint in joints))
+    chain = {
+        joint: f"{kind} {parent} body_{joint} {limits if kind != 'continuous' else ''}"
+        for joint, parent in zip(joints, parents, strict=False)
+    }
+    path = write_robot(folder / "robot.urdf", chain, BODY)
+    return load_robot(path, dict.fromkeys(joints, drive))
+
+
+def wave(hz: float, size: float = 1.0) -> Array:
+    return size * np.sin(2 * np.pi * hz * TIME + hz)
+
+
+def log_file(folder: Path, **columns: Array) -> Path:
+    columns = {"t": TIME} | columns | {"a": wave(0.5), "b": wave(0.7), "c": wave(0.9)}
+    np.savez(folder / "log.npz", **columns)  # type: ignore[arg-type]
+    return folder / "log.npz"
+
+
+def described(**arm: Any) -> Table:
+    quantities = {"motor_position": "a", "joint_position": "b", "motor_torque": "c"} | arm
+    kept = {name: one for name, one in quantities.items() if one is not None}
+    return {"time": "t", "joints": {"arm": kept}}
+
+
+def error_of(path: Path, robot: Robot, description: Any) -> str:
+    with pytest.raises(LogError) as caught:
+        read_log(path, robot, description=description)
+    return str(caught.value)
+
+
+# Units, signs, sides
+
+
+@pytest.mark.parametrize(
+    ("quantity", "source", "factor"),
+    [
+        ("joint_position", {"column": "b", "unit": "deg"}, np.pi / 180),
+        ("joint_position", {"column": "b", "unit": "turn", "sign": -1}, -2 * np.pi),
+        ("motor_position", {"column": "b", "unit": "counts", "counts_per_turn": 4}, np.pi / 2),
+        ("motor_position", {"column": "b", "side": "joint"}, 200.0),
+        ("motor_position", {"column": "b", "side": "joint", "unit": "deg"}, 200 * np.pi / 180),
+        ("joint_position", {"column": "b", "side": "motor"}, 1 / 200),
+        ("motor_torque", {"column": "b", "side": "joint"}, 1 / 200),
+        ("joint_torque", {"column": "b", "side": "motor", "unit": "mNm"}, 0.2),
+        ("motor_torque", {"column": "b", "unit": "A", "torque_constant_Nm_per_A": 0.03}, 0.03),
+        ("motor_torque", {"column": "b", "unit": "mA", "torque_constant_Nm_per_A": 3.0}, 0.003),
+        ("motor_torque", {"column": "b", "scale": -0.5, "sign": -1}, 0.5),
+        ("motor_current", {"column": "b", "unit": "mA"}, 1e-3),
+        ("motor_voltage", {"column": "b", "times": 24.0}, 24.0),
+    ],
+)
+def test_value_is_the_column_in_si_units_at_its_side(
+    tmp_path: Path, quantity: str, source: Table, factor: float
+) -> None:
+    robot = robot_of(tmp_path, PULLEYS)  # the motor turns 100 * 0.04 / 0.02 times as far
+    arm: Table = {quantity: source}
+    if quantity == "joint_torque":
+        arm["motor_torque"] = "c"
+    log = read_log(log_file(tmp_path), robot, description=described(**arm))
+    np.testing.assert_allclose(log.sensors()[quantity][:, 0], factor * wave(0.7), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "zero"), [("degC", 1.0, 0.0), ("K", 1.0, -273.15), ("degF", 5 / 9, -160 / 9)]
+)
+def test_a_temperature_is_in_degrees_celsius(
+    tmp_path: Path, unit: str, factor: float, zero: float
+) -> None:
+    source = {"column": "b", "unit": unit, "scale": 2.0, "offset": 1.0}
+    description = described(motor_temperature=source)
+    log = read_log(log_file(tmp_path), robot_of(tmp_path, PULLEYS), description=description)
+    expected = 2.0 * (factor * wave(0.7) + zero) + 1.0
+    np.testing.assert_allclose(log.sensors()["motor_temperature"][:, 0], expected, rtol=1e-12)
+
+
+def test_prismatic_joint_is_in_metres_and_newtons(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, DRUM, kind="prismatic")
+    description = described(
+        joint_position={"column": "b", "unit": "mm", "offset": 0.5},
+        joint_torque={"column": "a", "unit": "kN"},
+        motor_position={"column": "c", "side": "joint", "unit": "mm"},
+        motor_torque=None,
+    )
+    log = read_log(log_file(tmp_path), robot, description=description)
+    np.testing.assert_allclose(log.joint_position[:, 0], 0.001 * wave(0.7) + 0.5, rtol=1e-12)
+    np.testing.assert_allclose(log.sensors()["joint_torque"][:, 0], 1e3 * wave(0.5), rtol=1e-12)
+    np.testing.assert_allclose(log.motor_position[:, 0], 5000 * 1e-3 * wave(0.9), rtol=1e-12)
+    counts = described(joint_position={"column": "b", "unit": "counts", "counts_per_m": 1e4})
+    log = read_log(log_file(tmp_path), robot, description=counts)
+    np.testing.assert_allclose(log.joint_position[:, 0], 1e-4 * wave(0.7), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("drive", "kind"), [(ROTARY, "continuous"), (PULLEYS, "continuous"), (DRUM, "prismatic")]
+)
+def test_deflection_and_one_side_give_the_other(tmp_path: Path, drive: Table, kind: str) -> None:
+    robot = robot_of(tmp_path, drive, kind=kind)
+    motor, load = wave(0.5, 50.0), wave(0.7)
+    behind_gear = drive.get("motor_pulley_radius_m", 1.0) / 100
+    twist = behind_gear * motor - drive.get("load_pulley_radius_m", 1.0) * load  # (7), (8)
+    path = log_file(tmp_path, motor=motor, load=load, twist=-1e3 * twist)
+    deflection = {"column": "twist", "sign": -1, "scale": 1e-3}
+    given = {"motor_position": "motor", "joint_position": "load"}
+    for excluded in given:
+        arm: Table = given | {"deflection": deflection, excluded: None}
+        log = read_log(path, robot, description=described(**arm))
+        np.testing.assert_allclose(log.motor_position[:, 0], motor, atol=1e-12 * 5000)
+        np.testing.assert_allclose(log.joint_position[:, 0], load, atol=1e-12)
+
+
+def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, {"type": "stiff", "gear_ratio": 1.0})
+    on = np.where(TIME < 1.5, 1.0, 0.0)
+    path = log_file(tmp_path, kp=np.full(200, 5.0), on=on)
+    servo = {"goal": "a", "position": "b", "gain": "kp", "gain_factor": 0.2, "supply": 12.0}
+    repair = {"most_saturated": 1.0}
+    arm = {"motor_position": None, "motor_torque": None, "motor_voltage": {"servo": servo}}
+    description = described(**arm) | {"where": "on", "repair": repair}
+    log = read_log(path, robot, description=description)
+    goal = wave(0.5)
+    held = np.concatenate([goal[:1], goal[:-1]])
+    before, after = (np.clip(one - wave(0.7), -1, 1) for one in (held, goal))
+    expected = 6 * (before + after)[on > 0]
+    assert np.max(np.abs(expected)) == 12.0
+    np.testing.assert_allclose(log.sensors()["motor_voltage"][:, 0], expected, rtol=1e-12)
+
+
+# Partial descriptions of files with seaid's own names
+
+
+def own_file(folder: Path, robot: Robot, log: Log) -> Path:
+    """Write a log with seaid's own names."""
+    write_log(log, folder / "own.npz")
+    return folder / "own.npz"
+
+
+def same(log: Log, other: Log) -> bool:
+    columns = {"time_s": other.time, **other.columns()}
+    return all(
+        np.array_equal(values, columns[name])
+        for name, values in {"time_s": log.time, **log.columns()}.items()
+    )
+
+
+@pytest.mark.slow  # 1.6 s
+@pytest.mark.parametrize("sensors", [LEG_SENSORS, Noise()])
+def test_a_clean_log_is_not_changed_by_a_description_of_nothing(
+    tmp_path: Path, sensors: Noise
+) -> None:
+    plain = measure(leg(), leg_motion(), sensors, seed=1)
+    path = own_file(tmp_path, leg(), plain)
+    for description in (
+        {},
+        {"time": "time_s"},
+        {"joints": {"knee_pitch": {"motor_torque": "knee_pitch.motor_torque_Nm"}}},
+    ):
+        assert same(read_log(path, leg(), description=description), plain)
+
+
+def test_what_is_not_described_is_read_from_the_own_columns(tmp_path: Path) -> None:
+    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    path = own_file(tmp_path, leg(), plain)
+    (tmp_path / "own.toml").write_text(
+        """
+[joints.hip_pitch]
+motor_torque = "knee_pitch.motor_torque_Nm"
+joint_position = { column = "hip_pitch.joint_position_rad", sign = -1 }
+
+[joints.knee_pitch]
+motor_torque = { column = "hip_pitch.motor_torque_Nm", scale = 1.2, unit = "mNm" }
+"""
+    )
+    log = read_log(path, leg())
+    hip, knee = (leg().index(name) for name in ("hip_pitch", "knee_pitch"))
+    expected = {name: values.copy() for name, values in plain.sensors().items()}
+    expected["motor_torque"][:, hip] = plain.motor_torque[:, knee]
+    expected["motor_torque"][:, knee] = plain.motor_torque[:, hip] * 1.2e-3
+    expected["joint_position"][:, hip] *= -1
+    assert np.array_equal(log.time, plain.time)
+    for name, values in expected.items():
+        np.testing.assert_allclose(log.sensors()[name], values, rtol=1e-12)
+
+
+def test_time_of_an_own_file_gets_another_unit(tmp_path: Path) -> None:
+    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    path = own_file(tmp_path, leg(), replace(plain, time=1e3 * plain.time))
+    path.with_suffix(".toml").write_text('time = { column = "time_s", unit = "ms" }')
+    log = read_log(path, leg())
+    np.testing.assert_allclose(log.time, plain.time, atol=1e-12)
+    np.testing.assert_array_equal(log.motor_position, plain.motor_position)
+
+
+def test_described_delay_is_corrected_and_other_channels_stay(tmp_path: Path) -> None:
+    plain = perfect_log(leg(), leg_motion())
+    knee, delay_s = leg().index("knee_pitch"), 0.0123
+    late = plain.motor_torque.copy()
+    late[:, knee] = CubicSpline(plain.time, late[:, knee])(plain.time - delay_s)
+    path = own_file(tmp_path, leg(), replace(plain, motor_torque=late))
+    source = {"column": "knee_pitch.motor_torque_Nm", "delay_s": delay_s}
+    log = read_log(path, leg(), description={"joints": {"knee_pitch": {"motor_torque": source}}})
+    kept = plain.time <= plain.time[-1] - delay_s
+    np.testing.assert_array_equal(log.time, plain.time[kept])
+    np.testing.assert_array_equal(log.motor_position, plain.motor_position[kept])
+    error = np.abs(log.motor_torque[:, knee] - plain.motor_torque[kept, knee])[20:]
+    assert np.sqrt(np.mean(error**2)) < 2e-3 * np.std(plain.motor_torque[:, knee])
+    assert [(one.channel, one.kind) for one in log.report] == [(source["column"], "delay")]
+
+
+def test_excluded_intervals_are_holes(tmp_path: Path) -> None:
+    plain = perfect_log(leg(), leg_motion())
+    path = own_file(tmp_path, leg(), plain)
+    log = read_log(path, leg(), description={"exclude_s": [[1.5, 2.0], [5.5, 99]]})
+    kept = (plain.time < 1.5) | ((plain.time >= 2.0) & (plain.time < 5.5))
+    assert same(log, replace(plain, **{name: x[kept] for name, x in rows_of(plain).items()}))
+    assert [one.kind for one in log.report] == ["excluded intervals"]
+    assert [one.length_s for one in holes(log.time)] == pytest.approx([0.5], abs=0.01)
+
+
+def rows_of(log: Log) -> dict[str, Any]:
+    return {"time": log.time, **log.sensors()}
+
+
+@pytest.mark.parametrize("drive", [ROTARY, PULLEYS])
+def test_deflection_next_to_both_positions_is_a_channel_of_its_own(
+    tmp_path: Path, drive: Table
+) -> None:
+    """As a motion of the joint: an elongation of the spring over the radius of its pulley."""
+    robot = robot_of(tmp_path, drive)
+    names = {"arm.motor_position_rad": wave(0.7), "arm.joint_position_rad": wave(0.8)}
+    path = log_file(
+        tmp_path, **names, **{"arm.motor_torque_Nm": wave(0.9), "time_s": TIME, "twist": wave(0.3)}
+    )
+    log = read_log(path, robot, description={"joints": {"arm": {"deflection": "twist"}}})
+    assert log.deflection is not None
+    np.testing.assert_allclose(log.motor_position[:, 0], wave(0.7))
+    np.testing.assert_allclose(log.joint_position[:, 0], wave(0.8))
+    turned = wave(0.3) / drive.get("load_pulley_radius_m", 1.0)
+    np.testing.assert_allclose(log.deflection[:, 0], turned)
+    write_log(log, tmp_path / "own.csv")
+    assert same(read_log(tmp_path / "own.csv", robot), log)
+    again = read_log(tmp_path / "own.csv", robot, description={"exclude_s": [[-2.0, -1.0]]})
+    assert again.deflection is not None
+    assert log.deflection is not None
+    np.testing.assert_allclose(again.deflection, log.deflection)
+
+
+# Clocks and repair
+
+
+def test_joints_have_clocks_of_their_own_and_encoders_wrap(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    late, motor = TIME + 0.0042, wave(0.5, 30.0)
+    turned = np.mod(motor * 4096 / (2 * np.pi), 4096)
+    path = log_file(tmp_path, late=1e6 * late, turned=turned)
+    source = {"column": "turned", "unit": "counts", "counts_per_turn": 4096, "wraps": 4096}
+    clock = {"column": "late", "unit": "us"}
+    log = read_log(path, robot, description=described(motor_position=source | {"time": clock}))
+    expected = 30 * np.sin(2 * np.pi * 0.5 * (log.time - 0.0042) + 0.5)
+    error = log.motor_position[:, 0] - expected
+    turns = error / (2 * np.pi)
+    assert np.ptp(error[5:-5]) < 1e-3
+    assert np.mean(turns) == pytest.approx(np.round(np.mean(turns)), abs=1e-3)
+    assert any("wraps" in str(repair) for repair in log.report)
+    assert log.between(0.0, 1.0).report == log.report
+
+
+@pytest.mark.parametrize(
+    ("source", "wraps"),
+    [
+        ({"unit": "deg"}, 360),
+        ({"unit": "turn", "scale": 0.5}, 2),
+        ({"unit": "counts", "counts_per_turn": 4096, "sign": -1}, 4096),
+        ({"scale": 0.1}, 20 * np.pi),
+    ],
+)
+def test_the_period_that_is_added_to_a_source_is_in_the_unit_of_its_column(
+    tmp_path: Path, source: dict[str, Any], wraps: float
+) -> None:
+    """The text of the remedy unwraps the log of which it is."""
+    text = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
+    table = tomllib.loads(f"source = {text}")["source"]
+    assert table["wraps"] == pytest.approx(wraps)
+    motor = wave(0.5, 30.0)
+    factor = 2 * np.pi / wraps * source.get("sign", 1)
+    turned = np.mod(motor / factor, wraps)
+    log = read_log(
+        log_file(tmp_path, turned=turned),
+        robot_of(tmp_path, ROTARY),
+        description=described(motor_position=table),
+    )
+    assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
+    assert any("(as given)" in str(repair) for repair in log.report)
+
+
+def test_a_number_that_multiplies_a_column_multiplies_its_period(tmp_path: Path) -> None:
+    source = {"column": "turned", "times": 0.5, "wraps": 4 * np.pi}
+    motor = wave(0.5, 30.0)
+    path = log_file(tmp_path, turned=np.mod(2 * motor, 4 * np.pi))
+    robot = robot_of(tmp_path, ROTARY)
+    log = read_log(path, robot, description=described(motor_position=source))
+    assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
+
+
+def test_even_rate_stands_for_a_time(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    description = described() | {"time": {"rate_hz": 250.0}}
+    log = read_log(log_file(tmp_path), robot, description=description)
+    np.testing.assert_allclose(log.time, np.arange(200) / 250, rtol=1e-12)
+
+
+def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    values = np.stack([wave(0.5), wave(0.7), wave(0.9)])[:, :, None]
+    write_log(Log(TIME, ("arm",), *values), tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz") as archive:
+        data = dict(archive)
+    data["arm.joint_position_rad"][50] = np.nan
+    np.savez(tmp_path / "bad.npz", **data)
+    with pytest.raises(LogError, match=r"or repair single samples with repair=seaid\.Repairs\(\)"):
+        read_log(tmp_path / "bad.npz", robot)
+    log = read_log(tmp_path / "bad.npz", robot, repair=Repairs())
+    assert log.joint_position[50, 0] == pytest.approx(values[1, 50, 0], abs=1e-3)
+    assert [repair.kind for repair in log.report] == ["values that are no number"]
+    data["time_s"][50] = 0.1
+    np.savez(tmp_path / "bad.npz", **data)
+    with pytest.raises(LogError, match=r"or repair them with repair=seaid\.Repairs"):
+        read_log(tmp_path / "bad.npz", robot)
+
+
+# Where descriptions come from
+
+
+def test_toml_beside_the_log_is_taken_and_others_are_left_alone(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    path = log_file(tmp_path)
+    description = description_for(path, described(motor_torque={"column": "c", "unit": "mNm"}))
+    assert description is not None
+    beside = path.with_suffix(".toml")
+    beside.write_text(description.to_toml())
+    np.testing.assert_allclose(read_log(path, robot).motor_torque[:, 0], 1e-3 * wave(0.9))
+    for other in ('[arm]\ntype = "stiff"\n', "junk", '[joints]\ntype = "stiff"\n'):
+        beside.write_text(other)
+        with pytest.raises(LogError, match="no column is named 'time_s'"):
+            read_log(path, robot)
+    beside.write_text("[joints.arm]\nx = ]")
+    with pytest.raises(LogError, match="is not valid TOML"):
+        read_log(path, robot)
+
+
+names = st.text(st.characters(exclude_categories=["C"]), min_size=1, max_size=12)
+sources = st.fixed_dictionaries(
+    {"column": names},
+    optional={
+        "sign": st.sampled_from([-1]),
+        "scale": st.floats(0.1, 10),
+        "offset": st.floats(-3, 3),
+        "unit": st.sampled_from(["deg", "turn"]),
+        "wraps": st.floats(1, 1e4),
+        "delay_s": st.floats(-1, 1),
+        "time": st.one_of(names, st.fixed_dictionaries({"rate_hz": st.floats(1, 1e4)})),
+    },
+)
+
+
+@settings(derandomize=True, deadline=None)
+@given(joints=st.dictionaries(names, sources, min_size=1), time=names)
+def test_description_survives_its_toml(
+    tmp_path_factory: pytest.TempPathFactory, joints: dict[str, Table], time: str
+) -> None:
+    content = {
+        "time": time,
+        "joints": {joint: {"joint_position": source} for joint, source in joints.items()},
+        "repair": {"most_missing": 0.5},
+        "exclude_s": [[1.0, 2.5], [3.0, 4.0]],
+    }
+    given = description_for(Path("log.csv"), content)
+    assert given is not None
+    path = tmp_path_factory.mktemp("description") / "log.toml"
+    path.write_text(given.to_toml(), encoding="utf-8")
+    back = description_for(Path("log.csv"), path)
+    assert back is not None
+    assert back.to_dict() == given.to_dict()
+
+
+# Mistakes
+
+
+def of(column: str, **more: Any) -> Table:
+    return {"column": column, **more}
+
+
+SERVO = {"goal": "a", "position": "b", "gain": 1, "supply": 1}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"motor_torque": "cc"}, "[joints.arm] motor_torque: no column is named 'cc'; did you me"),
+        ({"motor_torqe": "c"}, "no key is named 'motor_torqe'; did you mean 'motor_torque'?"),
+        ({"joint_velocity": "c"}, "; velocities are differentiated from positions"),
+        ({"motor_torque": {"colum": "c"}}, "no key is named 'colum'; did you mean 'column'?"),
+        ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
+        ({"motor_torque": 3.5}, "motor_torque must be a table, found 3.5"),
+        ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
+        ({"motor_torque": {"column": 3.5}}, "'column' must be the name of a column, found 3.5"),
+        ({"motor_torque": of("c", unit="deg")}, "no unit of this quantity is named 'deg'; allowed"),
+        ({"motor_torque": of("c", unit="N")}, "no unit of this quantity is named 'N'; did you"),
+        ({"joint_position": of("b", unit="m")}, "no unit of this quantity is named 'm'"),
+        ({"motor_position": of("a", wraps=1, times="b")}, "wraps is a constant period: times must"),
+        (
+            {"motor_position": of("a", wraps=10**400)},
+            "'wraps' must be a number above zero (1e-30 to 1e+30)",
+        ),
+        ({"motor_position": of("a", wraps=-1)}, "above zero (1e-30 to 1e+30), found -1"),
+        ({"motor_torque": of("c", unit="A")}, "unit 'A' or 'mA' and torque_constant"),
+        ({"motor_torque": of("c", sign=2)}, "sign must be 1 or -1, found 2"),
+        ({"motor_torque": of("c", scale=0)}, "that is not zero, found 0"),
+        (
+            {"motor_torque": of("c", scale="x")},
+            "'scale' must be a finite number (at most 1e+30 in size)",
+        ),
+        ({"motor_torque": of("c", scale=None)}, "that is not zero, found None"),
+        (
+            {"motor_torque": of("c", times=True)},
+            "the name of a column or a finite number (at most 1e+30 in size), found True",
+        ),
+        ({"motor_torque": of("c", side="link")}, "'side': no value is named 'link'; allowed: mot"),
+        ({"motor_current": of("c", side="joint")}, "only positions and torques have a"),
+        ({"motor_position": of("a", unit="counts")}, "counts_per_turn (or counts_per_m)"),
+        ({"motor_position": of("a", time={"unit": "s"})}, "a time needs either column or rate"),
+        ({"motor_position": of("a", time=of("t", unit="h"))}, "unit of time"),
+        (
+            {"motor_position": of("a", time={"rate_hz": -1})},
+            "'rate_hz' must be a number above zero",
+        ),
+        ({"motor_position": of("a", time="tt")}, "no column is named 'tt'"),
+        ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
+        ({"motor_torque": {"servo": {"goal": "a"}}}, "[servo]: key 'position' is missing"),
+        ({"motor_torque": {"servo": SERVO}}, "servo gives a motor_voltage only"),
+        ({"motor_voltage": {"servo": {"goals": "a"}}}, "no key is named 'goals'; did you mean"),
+        ({"time": "x"}, "no column is named 'x'"),
+    ],
+)
+def test_mistake_in_a_joint_is_named(tmp_path: Path, change: Table, words: str) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    assert words in error_of(log_file(tmp_path), robot, described(**change))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
+        ({"joints": {}}, "no column with a name of seaid's for a joint of this robot, and the de"),
+        ({"joints": 3}, "description= [joints] must be a table, found 3"),
+        (
+            {"exclude_s": [1, 2]},
+            "must be an interval [start, end] in seconds, start before end, found 1",
+        ),
+        (
+            {"exclude_s": [[2, 1]]},
+            "must be an interval [start, end] in seconds, start before end, found [2",
+        ),
+        (
+            {"exclude_s": [[0, "x"]]},
+            "must be an interval [start, end] in seconds, start before end, found [0",
+        ),
+        ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
+        ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
+        ({"joints": {"arn": {"joint_position": "a"}}}, "named 'arn'; did you mean 'arm'"),
+        ({"time": None}, 'no time is given; name its column, time = "...", or a constant rate, ti'),
+        ({"where": 3}, "'where' must be the name of a column, found 3"),
+        ({"where": "off"}, "the column of 'where' is zero at all samples"),
+        ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
+        ({"time": "short"}, "must have shape (7)"),
+        ({"repair": {"most_mising": 1}}, "[repair]: no key is named 'most_mising'; did you mean"),
+        ({"repair": {"most_missing": 2}}, "'most_missing' must be a share from 0 to 1, found 2"),
+    ],
+)
+def test_mistake_in_the_description_is_named(tmp_path: Path, change: Table, words: str) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    path = log_file(tmp_path, off=np.zeros(200), short=np.ones(7))
+    assert words in error_of(path, robot, described() | change)
+
+
+def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> None:
+    robot, path = robot_of(tmp_path, ROTARY), log_file(tmp_path, dead=np.zeros(200))
+    assert "cannot read the description" in error_of(path, robot, tmp_path / "no.toml")
+    text = error_of(path, robot, described(motor_position="dead"))
+    assert "'arm.motor_position_rad' is 0 all the time while the other side of the joint" in text
+    given = description_for(Path("x"), described())
+    assert given is not None
+    speed = {"speed": given.joints["arm"]["motor_torque"]}
+    wrong = LogDescription({"arm": dict(given.joints["arm"]) | speed})  # made in Python
+    assert "no key is named 'speed'" in error_of(path, robot, wrong)
+    stiff = robot_of(tmp_path, STIFF)
+    text = error_of(path, stiff, described(motor_position=None, deflection="a"))
+    assert "joint 'arm' has a stiff drive, which has no deflection" in text
+    with pytest.raises(LogError, match="give columns= or description=, not both"):
+        read_log(path, robot, columns={"time_s": "t"}, description=described())
+
+
+# Measured logs
+
+HEBI = ROTARY | {"gear_ratio": 272.222}
+STIFF = {"type": "stiff", "gear_ratio": 1.0}
+HEBI_JOINTS = tuple(f"joint_{index}" for index in range(5))
+UR10 = tuple(
+    f"{one}_joint"
+    for one in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
+
+
+@pytest.mark.parametrize(
+    ("log", "description", "drive", "joints", "rate_hz"),
+    [
+        ("hebi_arms/capstone_repeat_waypoints.npz", "hebi_csv_5", HEBI, HEBI_JOINTS, 100),
+        ("hebi_arms/grav_comp_bad.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 92),
+        ("hebi_arms/ps4_repeat_waypoints.npz", "hebi_csv_3_deflection", HEBI, HEBI_JOINTS[:3], 94),
+        ("hebi_arms/ps5_robot_data.npz", "hebi_csv_3", HEBI, HEBI_JOINTS[:3], 97),
+        ("hebi_arms/sample.npz", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100),
+        ("hebi_arms/virtual_spring.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94),
+        ("hebi_x5_unloaded/exampleLog.csv", "hebi_csv_1", HEBI, HEBI_JOINTS[:1], 100),
+        pytest.param(
+            *("hebi_x5_unloaded/exampleLog.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
+            marks=pytest.mark.hebi,
+        ),
+        ("ur10_exciting/ur10_exciting_trajectory.npz", "ur10_csv", STIFF, UR10, 125),
+        ("double_pendulum_a0/strong_torque", "double_pendulum_strong", STIFF, 2, 500),
+        ("double_pendulum_a0/weak_torque", "double_pendulum_weak", STIFF, 2, 500),
+        ("xl330_pendulum/raw", "xl330", STIFF, ("pendulum",), 187),
+    ],
+)
+def test_every_measured_set_is_read_with_its_description(
+    tmp_path: Path, log: str, description: str, drive: Table, joints: Any, rate_hz: float
+) -> None:
+    path = LOGS / log
+    path = sorted(path.iterdir())[0] if path.is_dir() else path
+    joints = ("Joint1", "Joint2") if joints == 2 else joints
+    robot = robot_of(tmp_path, drive, joints)
+    found = read_log(path, robot, description=LOGS / f"{description}.toml")
+    steps = np.diff(found.time)
+    assert 1 / np.median(steps) == pytest.approx(rate_hz, rel=0.01)
+    assert set(found.columns()) >= {f"{joint}.joint_position_rad" for joint in joints}
+
+
+def test_unpowered_motor_encoders_are_named(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:2])
+    text = error_of(LOGS / "hebi_arms" / "sample.npz", robot, LOGS / "hebi_csv_2.toml")
+    assert "'joint_0.motor_position_rad' is 0 all the time while the other side" in text
+
+
+@pytest.mark.slow  # 0.7 s
+def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, STIFF, UR10)
+    folder = LOGS / "ur10_exciting"
+    logs = [
+        read_log(folder / f"ur10_exciting_trajectory{end}", robot, description=LOGS / name)
+        for end, name in ((".npz", "ur10_csv.toml"), (".db3", "ur10_bag.toml"))
+    ]
+    np.testing.assert_allclose(logs[0].joint_position, logs[1].joint_position, atol=1e-8)
+    np.testing.assert_allclose(logs[0].motor_torque, logs[1].motor_torque, atol=1e-6)
+
+
+@pytest.mark.hebi
+def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:1])
+    folder = LOGS / "hebi_x5_unloaded"
+    table = read_log(folder / "exampleLog.csv", robot, description=LOGS / "hebi_csv_1.toml")
+    raw = read_log(folder / "exampleLog.hebilog", robot, description=LOGS / "hebilog_1.toml")
+    np.testing.assert_allclose(table.motor_position, raw.motor_position, atol=1e-3)
+    torque, raw_torque = (log.sensors()["joint_torque"] for log in (table, raw))
+    np.testing.assert_allclose(torque, raw_torque, atol=1e-6)
+
+
+def test_computed_voltage_is_that_of_the_servo(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, STIFF, ("pendulum",))
+    path = sorted((LOGS / "xl330_pendulum" / "raw").iterdir())[0]
+    log = read_log(path, robot, description=LOGS / "xl330.toml")
+    with np.load(path) as content:
+        stamps, goal = content["timestamp"], content["goal_position"]
+        position, kp = content["position"], content["kp"][0]
+    gain = kp * 4096 / (2 * np.pi) / (256 * 885)
+    held = np.concatenate([goal[:1], goal[:-1]])
+    before, after = (np.clip(gain * (one - position), -1, 1) for one in (held, goal))
+    expected = np.interp(log.time, stamps, 3.7 * (before + after))
+    difference = log.sensors()["motor_voltage"][:, 0] - expected
+    assert np.sqrt(np.mean(difference**2)) < 0.02 * np.std(expected)

@@ -1,0 +1,75 @@
+"""What many tests measure: trees of joints, rows of equations, and files of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.regressor.regression import Regression
+
+
+def write_columns(path: Path, columns: Mapping[str, Array], fmt: str = "%.12g") -> Path:
+    """Write columns as a CSV file, or as .npz by the ending of the path."""
+    if path.suffix == ".npz":
+        np.savez(path, **columns)  # type: ignore[arg-type]
+        return path
+    table, header = np.column_stack([*columns.values()]), ",".join(columns)
+    np.savetxt(path, table, fmt=fmt, delimiter=",", header=header, comments="")
+    return path
+
+
+def regression(H: Array, y: Array, *, unit: str = "kg", **more: Any) -> Regression:
+    """Return rows y = H theta + noise, with names a, b, ... and one equation unless told.
+
+    Equations `joint=` follow each other in time, 0.05 s a row, unless `time=` is given.
+    """
+    count, width = H.shape
+    joint = np.asarray(more.get("joint", np.zeros(count)), dtype=float)
+    time = np.empty(count)
+    for one in np.unique(joint):
+        time[joint == one] = 0.05 * np.arange(np.sum(joint == one))
+    plain: dict[str, Any] = {
+        "names": tuple("abcdefghijklmnop"[:width]),
+        "units": (unit,) * width,
+        "time": time,
+        "run": np.zeros(count),
+        "excluded": 0,
+        "propagated": np.empty((count, 0)),
+    }
+    return Regression(H=H, y=y, **(plain | more | {"joint": joint}))
+
+
+Bodies = Mapping[str, str] | str
+
+
+def tree(joints: Mapping[str, str], bodies: Bodies = "") -> str:
+    """Return links and joints of a URDF: {joint: "type parent child <elements>"}.
+
+    Parameters
+    ----------
+    joints : {str: str}
+        Each with what it is, the links that it joins, and its elements.
+    bodies : {str: str} or str
+        What stands in a link, or in all that are a child.
+    """
+    ends = {name: text.split(" ", 3) for name, text in joints.items()}
+    links = dict.fromkeys(link for _, *pair in ends.values() for link in pair[:2])
+    children = {child for _, _, child, *_ in ends.values()}
+    own = dict.fromkeys(children, bodies) if isinstance(bodies, str) else bodies
+    text = "".join(f'<link name="{link}">{own.get(link, "")}</link>' for link in links)
+    for name, (kind, parent, child, *elements) in ends.items():
+        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/>{"".join(elements)}</joint>'
+    return text
+
+
+def write_robot(
+    path: Path, joints: Mapping[str, str], bodies: Mapping[str, str] | str = ""
+) -> Path:
+    """Write a URDF of a `tree`, its name that of the file."""
+    path.write_text(f'<robot name="{path.stem}">{tree(joints, bodies)}</robot>', encoding="utf-8")
+    return path

@@ -1,0 +1,297 @@
+"""The exact regressor as sympy, as a function, and as files that stand alone."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from seaid._arrays import Array
+from seaid.errors import SeaidError
+from seaid.regressor import joint_torques, rigid_body_regressor
+from seaid.regressor.base import random_states
+from seaid.robot.robot import Robot, load_robot
+from seaid.symbolic import complete_model, export_c, export_numpy, reduce, rigid_body, separate
+
+ROBOTS = [
+    "ur5_robot.urdf",
+    "xarm7.urdf",
+    "panda.urdf",
+    "tiago_no_hand.urdf",
+    "a1.urdf",
+    "romeo_laas_small.urdf",
+]
+Y_AXIS = '<axis xyz="0 1 0"/>'
+
+
+def assert_close(found: Array, expected: Array) -> None:
+    assert found.shape == expected.shape
+    assert np.max(np.abs(found - expected)) < 1e-9 * max(1.0, np.max(np.abs(expected)))
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("name", ROBOTS)
+def test_regressor_is_that_of_pinocchio(
+    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_path(name))
+    states = random_states(robot, seed=3)
+    expected = rigid_body_regressor(robot, *states)
+    form = rigid_body(robot)
+    assert_close(form.regressor(*states), expected)
+    assert_close(form.base_regressor(*states), form.base.reduce(expected))
+
+
+def test_sliding_joints_skew_axes_and_another_order(write_chain: Callable[..., Path]) -> None:
+    rpy = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
+    slide = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
+    path = write_chain(
+        {
+            "a": f'prismatic <axis xyz="1 2 -2"/>{slide}',
+            "b": f'continuous <axis xyz="0.3 -0.1 0.8"/>{rpy}',
+            "c": f'prismatic <axis xyz="0 1 0"/>{slide}{rpy}',
+            "d": f'continuous <axis xyz="0 0 -1"/>{rpy}',
+        }
+    )
+    robot = load_robot(path, joints=["c", "a", "d", "b"], gravity=(1.0, -2.0, -9.0))
+    states = random_states(robot, seed=0)
+    assert_close(rigid_body(robot).regressor(*states), rigid_body_regressor(robot, *states))
+
+
+@pytest.mark.rounding
+def test_base_form_has_the_whole_torque(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    states = random_states(tulip_leg, seed=1)
+    theta = tulip_leg.parameters
+    whole = form.regressor(*states) @ theta
+    based = form.base_regressor(*states) @ form.base.project(theta)
+    np.testing.assert_allclose(based, whole, atol=1e-10)
+
+
+def test_sympy_regressor_of_a_pendulum(write_chain: Callable[..., Path]) -> None:
+    form = rigid_body(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
+    (q,), (_,), (a,) = form.motion
+    g = sp.Rational(981, 100)
+    R = form.expanded(form.R)
+    torque = [0, -g * sp.cos(q), 0, -g * sp.sin(q), 0, 0, a, 0, 0, 0]
+    assert (R - sp.Matrix([torque])).expand() == sp.zeros(1, 10)
+    assert form.expanded(form.R_0) == R.extract([0], list(form.base.columns))
+
+
+def test_subexpressions_come_in_order_and_give_the_numbers(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    states = tuple(x[:1] for x in random_states(tulip_leg, seed=2))
+    values = {
+        symbol: float(x)
+        for symbols, row in zip(form.motion, states, strict=True)
+        for symbol, x in zip(symbols, row[0], strict=True)
+    }
+    for symbol, expression in form.subexpressions:
+        assert expression.free_symbols <= set(values)
+        values[symbol] = evaluated(expression, values)
+    found = np.array([[evaluated(x, values) for x in row] for row in form.R_0.tolist()])
+    np.testing.assert_allclose(found, form.base_regressor(*states)[0], atol=1e-10)
+
+
+def evaluated(expression: sp.Expr, values: dict[sp.Symbol, float]) -> float:
+    numbers = {x: sp.Float(values[x]) for x in expression.free_symbols}
+    return float(expression.xreplace(numbers))
+
+
+def test_shapes_are_checked(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    q = np.zeros((4, 5))
+    with pytest.raises(SeaidError, match=r"v must have shape \(any, 5\)"):
+        form.regressor(q, q[:, :4], q)
+    with pytest.raises(SeaidError, match="as many rows, found 4, 3, 4"):
+        form.base_regressor(q, q[:3], q)
+
+
+def test_numpy_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
+    form = rigid_body(tulip_leg)
+    export_numpy(form, tmp_path / "leg_regressor.py", tulip_leg.parameters)
+    states = random_states(tulip_leg, seed=4)
+    np.savez(tmp_path / "states.npz", *states)
+    program = (
+        "import sys, numpy as np, leg_regressor as leg\n"
+        "states = np.load('states.npz')\n"
+        "states = [states[f'arr_{i}'] for i in range(3)]\n"
+        "np.savez('found.npz', leg.regressor(*states), leg.base_regressor(*states), leg.GROUPING,"
+        "    leg.inverse_dynamics(*states))\n"
+        "assert len(leg.BASE_PARAMETERS) == len(leg.BASE_COLUMNS) == 29\n"
+        "assert leg.JOINTS[0] == 'hip_yaw' and len(leg.PARAMETERS) == 50\n"
+        "assert not {'pinocchio', 'seaid', 'sympy'} & set(sys.modules)\n"
+        "try:\n"
+        "    leg.regressor(*[x[:, :4] for x in states])\n"
+        "except ValueError as problem:\n"
+        "    assert '(T, 5)' in str(problem)\n"
+        "else:\n"
+        "    raise AssertionError\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)
+    found = np.load(tmp_path / "found.npz")
+    expected = rigid_body_regressor(tulip_leg, *states)
+    assert_close(found["arr_0"], expected)
+    assert_close(found["arr_1"], form.base.reduce(expected))
+    assert np.array_equal(found["arr_2"], form.base.grouping)
+    assert_close(found["arr_3"], joint_torques(tulip_leg, *states))
+
+
+def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler named cc")
+    form = rigid_body(tulip_leg)
+    source, library = tmp_path / "leg.c", tmp_path / "leg.so"
+    export_c(form, source, tulip_leg.parameters)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-shared", "-fPIC"]
+    subprocess.run([compiler, *flags, str(source), "-o", str(library), "-lm"], check=True)
+    functions = ctypes.CDLL(str(library))
+    states = random_states(tulip_leg, seed=5)
+    expected = rigid_body_regressor(tulip_leg, *states)
+    for title, wanted in (
+        ("tulip_leg_regressor", expected),
+        ("tulip_leg_base_regressor", form.base.reduce(expected)),
+        ("tulip_leg_inverse_dynamics", joint_torques(tulip_leg, *states)),
+    ):
+        found = np.empty_like(wanted, order="C")
+        for t in range(len(found)):
+            arrays = [np.ascontiguousarray(x[t]) for x in states] + [found[t]]
+            pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in arrays]
+            getattr(functions, title)(*pointers)
+        assert_close(found, wanted)
+
+
+def test_parameters_of_the_inverse_dynamics_are_checked(tulip_leg: Robot, tmp_path: Path) -> None:
+    form = rigid_body(tulip_leg)
+    with pytest.raises(SeaidError, match=r"parameters must have shape \(50\), found \(49,\)"):
+        export_c(form, tmp_path / "leg.c", np.ones(49))
+    with pytest.raises(SeaidError, match="parameters must be finite"):
+        export_numpy(form, tmp_path / "leg.py", np.full(50, np.nan))
+    assert not list(tmp_path.iterdir())
+
+
+def test_file_that_cannot_be_written_is_not_there(tulip_leg: Robot, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(SeaidError, match="cannot write"):
+        export_numpy(rigid_body(tulip_leg), tmp_path / "file" / "regressor.py")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_names_that_would_break_a_source_file(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    urdf = write_urdf(
+        '<link name="base"/><link name="a*/ b"/><joint name="j" type="continuous">'
+        f'<parent link="base"/><child link="a*/ b"/>{Y_AXIS}</joint>'
+    )
+    text = urdf.read_text().replace('name="test"', 'name="7 &quot;x&quot; */"')
+    urdf.write_text(text)
+    form = rigid_body(load_robot(urdf))
+    export_c(form, tmp_path / "out.c")
+    export_numpy(form, tmp_path / "out.py")
+    compile((tmp_path / "out.py").read_text(), "out.py", "exec")
+    assert re.search(r"void robot_7_\w*_regressor\(", (tmp_path / "out.c").read_text())
+    if shutil.which("cc"):
+        subprocess.run(["cc", "-std=c99", "-fsyntax-only", str(tmp_path / "out.c")], check=True)
+
+
+def elastic_leg(write_chain: Callable[..., Path]) -> Robot:
+    knee = f'{Y_AXIS}<origin xyz="0 0 -0.275"/>'
+    path = write_chain({"hip": f"continuous {Y_AXIS}", "knee": f"continuous {knee}"})
+    drives = {
+        "hip": {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5},
+        "knee": {"type": "series_elastic", "gear_ratio": 100.0, "motor_inertia_kg_m2": 3e-6},
+    }
+    return load_robot(path, drives)
+
+
+def test_complete_model_is_one_system_for_algorithm_1(write_chain: Callable[..., Path]) -> None:
+    model = complete_model(elastic_leg(write_chain))
+    assert len(model.equations) == 3
+    assert [str(x) for x in model.coordinates] == ["q_hip(t)", "q_knee(t)", "theta_M_knee(t)"]
+    assert [str(x) for x in model.inputs] == ["tau_M_hip(t)", "tau_M_knee(t)"]
+    drive = [sp.Symbol(x) for x in ("F_v_hip", "F_C_hip", "F_v_knee", "F_C_knee", "k_knee")]
+    unknowns = [*drive, sp.Symbol("f_0_knee"), *model.parameters]
+    base = reduce(separate(model.equations, [*model.coordinates, *model.inputs], unknowns))
+    # The planar 2R has 6; the spring tells k and f_0 in both equations, the motors friction each.
+    assert len(base.pivots) == 6 + 6
+
+
+def test_complete_model_holds_along_a_motion(write_chain: Callable[..., Path]) -> None:
+    robot = elastic_leg(write_chain)
+    model = complete_model(robot)
+    q, v, a = (np.array([x]) for x in ([0.3, -0.7], [1.5, 0.4], [-2.0, 3.0]))
+    hip, knee = joint_torques(robot, q, v, a)[0]
+    # Of (8) with k = 50: theta_M = N (tau / k + q); of the stiff one: tau_M = tau / N + friction.
+    theta_M = 100.0 * (knee / 50.0 - 0.7)
+    tau_M = hip / 50.0 + 1e-5 * 50.0 * -2.0 + 0.002 * 50.0 * 1.5 + 0.03
+    q_hip, q_knee, motor = model.coordinates
+    t = q_hip.args[0]
+    values = {
+        **{q_hip.diff(t, 2): -2.0, q_knee.diff(t, 2): 3.0, motor.diff(t, 2): 0.0},
+        **{q_hip.diff(t): 1.5, q_knee.diff(t): 0.4, motor.diff(t): 1.0},
+        **{q_hip: 0.3, q_knee: -0.7, motor: theta_M},
+        **dict(zip(model.inputs, (tau_M, knee / 100.0 + 0.004), strict=True)),
+        **dict(zip(model.parameters, map(float, robot.parameters), strict=True)),
+        **{"N_hip": 50.0, "I_M_hip": 1e-5, "F_v_hip": 0.002, "F_C_hip": 0.03, "N_knee": 100.0},
+        **{"r_M_knee": 1.0, "r_L_knee": 1.0, "k_knee": 50.0, "f_0_knee": 0.0},
+        **{"I_M_knee": 3e-6, "F_v_knee": 0.001, "F_C_knee": 0.003},
+    }
+    for equation in model.equations:
+        numbers = {x: values.get(x, values.get(str(x))) for x in equation.free_symbols - {t}}
+        moving = {x: y for x, y in values.items() if isinstance(x, sp.Basic)}
+        assert float(equation.xreplace(moving).xreplace(numbers)) == pytest.approx(0, abs=1e-12)
+
+
+def test_ideal_drive_has_the_joint_torque(write_chain: Callable[..., Path]) -> None:
+    model = complete_model(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
+    assert str(model.inputs[0]) == "tau_a(t)"
+    assert model.equations[0].diff(model.inputs[0]) == -1
+
+
+ODD_NAMES = [
+    "x*\\&#10;/ int evil(void) { return 1; } /*",
+    "x*/ int evil(void) { return 1; } /*",
+    "x*??/&#10;/ int evil(void); /*",
+    "x**//**/&quot;&quot;&quot;&#10;evil = 1&#10;&quot;&quot;&quot;",
+    "x\\",
+    "x&#x202E;*/",
+    "\u00e4\u00df \u4e2d",
+]
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_no_name_of_a_user_leaves_its_comment(
+    name: str, write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    urdf = write_urdf(
+        f'<link name="base"/><link name="{name}"/><joint name="{name}" type="continuous">'
+        f'<parent link="base"/><child link="{name}"/>{Y_AXIS}</joint>'
+    )
+    urdf.write_text(urdf.read_text().replace('robot name="test"', f'robot name="{name}"'))
+    form = rigid_body(load_robot(urdf))
+    export_c(form, tmp_path / "out.c")
+    export_numpy(form, tmp_path / "out.py")
+    text = (tmp_path / "out.c").read_text("utf-8")
+    about, code = text[: text.index("*/")], text[text.index("*/") + 2 :]
+    assert "/*" not in about[2:]
+    assert "\\" not in text
+    assert code.lstrip().startswith("#include <math.h>")
+    assert re.fullmatch(r"[\x20-\x7e\n]*", code)
+    tree = ast.parse((tmp_path / "out.py").read_text("utf-8"))
+    assert {type(one).__name__ for one in tree.body} <= {"Expr", "Import", "Assign", "FunctionDef"}
+    assigned = [one.targets[0] for one in tree.body if isinstance(one, ast.Assign)]
+    assert "evil" not in {one.id for one in assigned if isinstance(one, ast.Name)}
+    if shutil.which("cc"):
+        flags = ["-std=c99", "-Wall", "-Werror", "-fsyntax-only"]
+        subprocess.run(["cc", *flags, str(tmp_path / "out.c")], check=True)

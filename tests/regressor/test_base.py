@@ -1,0 +1,358 @@
+"""Counts and groupings of base parameters."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid.regressor import rigid_body_regressor
+from seaid.regressor.base import (
+    base_parameters,
+    cross_check,
+    grouped_text,
+    left_to_right,
+    negligible,
+    random_states,
+)
+from seaid.robot.robot import Robot, load_robot
+from seaid.symbolic import base_parameters as exact_base_parameters
+from tests.experiments import motion_of
+
+Chain = Callable[..., Path]
+
+ARMS = {
+    "ur3_robot.urdf": 36,
+    "ur5_robot.urdf": 36,
+    "ur10_robot.urdf": 36,
+    "ur3_gripper.urdf": 36,
+    "ur5_gripper.urdf": 36,
+    "ur10_joint_limited_robot.urdf": 36,
+    "kinova.urdf": 36,
+    "so100.urdf": 36,
+    "so101.urdf": 36,
+    "xarm7.urdf": 43,
+    "talos_left_arm.urdf": 45,
+    "double_pendulum.urdf": 6,
+}
+TREES = {"talos_full_v2.urdf": 290, "romeo.urdf": 361, "g1_29dof_with_hand_rev_1_0.urdf": 287}
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize(("name", "count"), (ARMS | TREES).items(), ids=[*ARMS, *TREES])
+def test_count_of_a_known_robot(
+    name: str, count: int, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    base = base_parameters(load_quietly(example_path(name)))
+    assert len(base.columns) == count
+    assert base.gap > 1e12
+
+
+@pytest.mark.slow  # QR of 1010 columns, one after the other
+def test_tiago_dual_has_639(
+    example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_path("tiago_dual.urdf"))
+    base = base_parameters(robot)
+    assert len(base.columns) == 639
+    q, v, a = (states[:4] for states in random_states(robot, seed=5))
+    Y = rigid_body_regressor(robot, q, v, a)
+    assert np.max(np.abs(base.reduce(Y) @ base.grouping - Y)) < 1e-9 * np.max(np.abs(Y))
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize(
+    ("axes", "count"),
+    [
+        (["y"], 3),
+        (["z"], 1),
+        (["y", "y"], 6),
+        (["z", "z"], 4),
+        (["y", "y", "y"], 9),
+        (["z", "z", "z", "prismatic z"], 8),
+    ],
+    ids=["pendulum", "vertical axis", "2R vertical", "2R horizontal", "3R", "SCARA"],
+)
+def test_count_of_a_small_chain(axes: list[str], count: int, write_chain: Chain) -> None:
+    joints = {f"joint_{number}": _joint(axis) for number, axis in enumerate(axes)}
+    assert len(base_parameters(load_robot(write_chain(joints))).columns) == count
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize(("gravity", "count"), [((0, 0, -9.81), 33), ((-9.81, 0, 0), 35)])
+def test_stanford_arm_first_axis_along_gravity_or_not(
+    gravity: tuple[float, float, float], count: int, write_chain: Chain
+) -> None:
+    quarter = '<origin xyz="0 0 0.2" rpy="1.5707963267948966 0 0"/>'
+    joints = {
+        "waist": _joint("z"),
+        "shoulder": _joint("z", quarter),
+        "boom": _joint("prismatic z", quarter.replace("1.57", "-1.57")),
+        "roll": _joint("z", '<origin xyz="0 0 0"/>'),
+        "pitch": _joint("z", quarter.replace("0.2", "0")),
+        "yaw": _joint("z", quarter.replace("0.2", "0").replace("1.57", "-1.57")),
+    }
+    robot = load_robot(write_chain(joints), gravity=gravity)
+    assert len(base_parameters(robot).columns) == count
+
+
+def _joint(axis: str, origin: str = "") -> str:
+    kind, _, letter = axis.rpartition(" ")
+    along = {"y": "0 1 0", "z": "0 0 1"}[letter]
+    limit = '<limit lower="-1" upper="1" effort="9" velocity="9"/>'
+    return f'{kind or "revolute"} {origin}<axis xyz="{along}"/>{limit}'
+
+
+@pytest.mark.rounding
+def test_tulip_leg_has_29_and_21_and_9(tulip_leg: Robot, tulip_urdf: Path) -> None:
+    pitch = tulip_leg.joint_names[2:]
+    assert len(base_parameters(tulip_leg).columns) == 29
+    assert len(base_parameters(tulip_leg, torque_joints=pitch).columns) == 21
+    assert len(base_parameters(load_robot(tulip_urdf, joints=pitch)).columns) == 9
+
+
+def test_every_body_counts_whatever_the_joint_order(tulip_urdf: Path, tulip_leg: Robot) -> None:
+    robot = load_robot(tulip_urdf, joints=tulip_leg.joint_names[::-1])
+    assert len(base_parameters(robot).columns) == 29
+    pitch = tulip_leg.joint_names[2:]
+    assert len(base_parameters(robot, torque_joints=pitch).columns) == 21
+
+
+def test_names_and_grouping_agree(tulip_leg: Robot) -> None:
+    base = base_parameters(tulip_leg)
+    names = tulip_leg.parameter_names
+    assert base.names == tuple(names[column] for column in base.columns)
+    assert np.array_equal(base.grouping[:, base.columns], np.eye(29))
+    assert all(name in text for name, text in zip(base.names, base.expressions, strict=True))
+    for row, column in enumerate(base.columns):
+        assert not np.any(base.grouping[row, :column])
+
+
+@pytest.mark.rounding
+def test_base_columns_are_the_leftmost_independent_ones(tulip_leg: Robot) -> None:
+    base = base_parameters(tulip_leg)
+    H = rigid_body_regressor(tulip_leg, *random_states(tulip_leg, 2)).reshape(-1, 50)
+    norms = np.linalg.norm(H, axis=0)
+    H = H / np.maximum(norms, 1e-9 * norms.max())
+    ranks = [0, *(np.linalg.matrix_rank(H[:, : m + 1], tol=1e-5) for m in range(50))]
+    assert base.columns == tuple(np.flatnonzero(np.diff(ranks)).tolist())
+
+
+@pytest.mark.rounding
+def test_seed_of_the_random_states_does_not_matter(tulip_leg: Robot) -> None:
+    one, other = base_parameters(tulip_leg, seed=1), base_parameters(tulip_leg, seed=2)
+    assert one.columns == other.columns
+    assert np.allclose(one.grouping, other.grouping, rtol=0, atol=1e-9)
+    assert one.expressions == other.expressions
+
+
+def test_project_gives_the_same_torque_as_the_standard_parameters(tulip_leg: Robot) -> None:
+    base = base_parameters(tulip_leg)
+    theta = np.random.default_rng(0).normal(size=50)
+    standard = np.zeros(50)
+    standard[list(base.columns)] = base.project(theta)
+    Y = rigid_body_regressor(tulip_leg, *random_states(tulip_leg, 3))
+    assert np.allclose(Y @ standard, Y @ theta, rtol=0, atol=1e-9 * np.max(np.abs(Y @ theta)))
+
+
+@pytest.mark.rounding
+def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> None:
+    robot = load_robot(write_chain({"one": _joint("y"), "two": _joint("y")}))
+    time = np.linspace(0, 5, 300)
+    q, v, a = (np.column_stack([f(time), 0 * time]) for f in (np.sin, np.cos, lambda t: -np.sin(t)))
+    motion = motion_of(robot, time, (q, v, a), (q, v, a))
+    alone = base_parameters(robot, motion, torque_joints=("one",))
+    assert alone.names == ("mx_one_link", "mz_one_link", "Iyy_one_link")
+    assert len(base_parameters(robot, motion).columns) == 6
+    assert len(base_parameters(robot, torque_joints=("one",)).columns) == 6
+
+
+def test_unknown_row_names_the_nearest(tulip_leg: Robot) -> None:
+    with pytest.raises(RobotError, match="did you mean 'knee_pitch'"):
+        base_parameters(tulip_leg, torque_joints=("knee_pich",))
+
+
+def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:
+    robot = load_robot(write_chain({"turn": _joint("y")}), gravity=(0, 0, 0))
+    still = np.zeros((60, 1))
+    with pytest.raises(ExcitationError, match=r"no parameter of 'test' is identifiable .* turn"):
+        base_parameters(robot, motion_of(robot, np.arange(60) / 10, (still,) * 3, (still,) * 3))
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rank_decision_does_not_depend_on_units(scale: float) -> None:
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(40, 4))
+    H = np.column_stack([A[:, 0], A[:, 1], A[:, 0] - 2 * A[:, 1], A[:, 2], A[:, 3]])
+    H[:, 3] *= scale
+    columns, grouping, gap = left_to_right(H)
+    assert columns == [0, 1, 3, 4]
+    assert np.allclose(grouping[:, 2], [1, -2, 0, 0], rtol=0, atol=1e-10 * max(1, scale))
+    assert gap > 1e12
+
+
+@pytest.mark.rounding
+def test_trace_of_a_rounded_angle_is_no_column() -> None:
+    rng = np.random.default_rng(0)
+    H = rng.normal(size=(40, 3)) * [1.0, 1e-12, 3.0]
+    assert list(negligible(H)) == [False, True, False]
+    assert left_to_right(H, negligible(H))[0] == [0, 2]
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "text"),
+    [
+        ([1, 0, 0.07563], "a + 0.07563 c"),
+        ([0, -1, 2], "-b + 2 c"),
+        ([0, 0, -0.5], "-0.5 c"),
+        ([1, -1, 0], "a - b"),
+        ([0, 0, 0], ""),
+    ],
+)
+def test_grouping_as_text(coefficients: list[float], text: str) -> None:
+    assert grouped_text(np.array(coefficients, dtype=float), ("a", "b", "c")) == text
+
+
+def test_grouping_of_a_planar_arm_reads_as_in_the_textbooks(write_chain: Chain) -> None:
+    link = '<origin xyz="0.5 0 0"/>'
+    robot = load_robot(write_chain({"one": _joint("y"), "two": _joint("y", link)}))
+    assert base_parameters(robot).expressions == (
+        "mx_one_link + 0.5 m_two_link",
+        "mz_one_link",
+        "Iyy_one_link + 0.25 m_two_link",
+        "mx_two_link",
+        "mz_two_link",
+        "Iyy_two_link",
+    )
+
+
+def test_a_regressor_larger_than_memory_is_refused_before_it_is_made(
+    tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 39e3)
+    words = "has 5 joints that move: the regressor over 20 samples takes 4e-05 GB, allowed"
+    with pytest.raises(ExcitationError, match=words):
+        base_parameters(tulip_leg)
+
+
+# Numeric and exact base parameters are the same, on every robot there is
+
+LARGEST = 60
+"""Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
+
+ROUNDED = {"kinova": (36, 38), "anymal-kinova": (104, 106), "so100": (36, 38), "so101": (36, 38)}
+
+
+@pytest.mark.rounding
+def test_numeric_and_exact_agree(example_urdf: Path, load_quietly: Callable[..., Robot]) -> None:
+    robot = load_quietly(example_urdf)
+    if robot.n > LARGEST:
+        pytest.skip(f"{robot.n} joints: scripts/cross_check.py")
+    check = cross_check(base_parameters(robot), exact_base_parameters(robot))
+    assert check.agree, check
+    assert check.same_columns
+    assert check.counts[0] == check.counts[1]
+    assert check.max_difference < 1e-9
+    # The left-to-right choice is ill-conditioned where axes are tilted by 2.6 degrees.
+    assert check.gap > (1e9 if example_urdf.stem == "romeo_laas_small" else 1e12)
+
+
+@pytest.mark.rounding
+def test_leg_agrees(tulip_leg: Robot) -> None:
+    check = cross_check(base_parameters(tulip_leg), exact_base_parameters(tulip_leg))
+    assert check.agree
+    assert check.counts == (29, 29)
+    assert check.max_difference < 1e-13
+
+
+@pytest.mark.parametrize(("name", "counts"), ROUNDED.items(), ids=ROUNDED)
+def test_rounded_angles_split_the_count_and_snapping_heals_it(
+    name: str,
+    counts: tuple[int, int],
+    example_path: Callable[[str], Path],
+    load_quietly: Callable[..., Robot],
+) -> None:
+    path = example_path(f"{name}.urdf")
+    for tolerance, count in zip((2e-3, 0.0), counts, strict=True):
+        robot = load_quietly(path, snap_tolerance_rad=tolerance)
+        assert exact_base_parameters(robot).rank == count
+
+
+@pytest.mark.rounding
+def test_another_choice_of_columns_does_not_agree(tulip_leg: Robot) -> None:
+    numeric = base_parameters(tulip_leg)
+    fewer = replace(numeric, columns=numeric.columns[1:], grouping=numeric.grouping[1:])
+    check = cross_check(fewer, exact_base_parameters(tulip_leg))
+    assert not check.agree
+    assert not check.same_columns
+    assert check.max_difference == float("inf")
+    assert check.counts == (28, 29)
+
+
+def test_another_grouping_does_not_agree(tulip_leg: Robot) -> None:
+    numeric = base_parameters(tulip_leg)
+    grouping = np.array(numeric.grouping)
+    grouping[0, -1] += 1e-6
+    check = cross_check(replace(numeric, grouping=grouping), exact_base_parameters(tulip_leg))
+    assert check.same_columns
+    assert not check.agree
+    # the coefficient's own rounding, 1e-16 of numbers up to 1, is 1e-10 of what was added
+    assert check.max_difference == pytest.approx(1e-6, rel=1e-8)
+
+
+@pytest.mark.rounding
+def test_rounding_of_an_ill_conditioned_choice_is_no_disagreement(tulip_leg: Robot) -> None:
+    """2.6e-9 of the largest coefficient, at a gap of 4e9: rounding, amplified by the choice."""
+    numeric, exact = base_parameters(tulip_leg), exact_base_parameters(tulip_leg)
+    grouping = np.array(numeric.grouping)
+    grouping[0, -1] += 2.4e-9 * max(1.0, np.abs(grouping).max())
+    for gap, agree in ((4e9, True), (1e14, False)):
+        found = cross_check(replace(numeric, grouping=grouping, gap=gap), exact)
+        assert found.agree is agree
+    grouping[0, -1] += 2e-6
+    assert not cross_check(replace(numeric, grouping=grouping, gap=10.0), exact).agree
+
+
+def test_two_robots_are_not_compared(
+    tulip_leg: Robot, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    other = load_quietly(example_path("xarm7.urdf"))
+    with pytest.raises(SeaidError, match="found 50 and 70"):
+        cross_check(base_parameters(tulip_leg), exact_base_parameters(other))
+
+
+@pytest.mark.slow  # a script with exact base parameters of several robots
+def test_table_of_the_script(tmp_path: Path) -> None:
+    done = run_script("--only", "kinova", "--output", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("3 of 3 agree")
+    assert done.stdout.rstrip().endswith(f"Table: {tmp_path / 'cross_check.md'}")
+    text = (tmp_path / "cross_check.md").read_text()
+    assert "| kinova | 6 | 36 | 36 | yes |" in text
+    assert "| anymal-kinova: leg to LF_KFE | 3 | 17 | 17 | yes |" in text
+    assert "| kinova, as written | 6 | 36 | 38 | no |" in text
+
+
+def test_no_such_robot_is_one_line(tmp_path: Path) -> None:
+    done = run_script("--only", "nothing", "--output", str(tmp_path))
+    assert done.returncode != 0
+    assert done.stderr.strip() == "error: no robot has 'nothing' in the name of its file"
+
+
+def run_script(*arguments: str) -> subprocess.CompletedProcess[str]:
+    script = Path(__file__).parents[2] / "scripts" / "cross_check.py"
+    return subprocess.run(
+        [sys.executable, str(script), *arguments],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )

@@ -1,0 +1,672 @@
+"""Mimic joints move with their leaders: independent routes, recovery of known truth, refusals."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import sympy as sp
+from typer.testing import CliRunner
+
+import seaid
+from scripts.example_robots import example_urdfs
+from seaid._arrays import Array
+from seaid.cli.commands import app
+from seaid.errors import LogError, RobotError, SeaidWarning
+from seaid.excitation.collision import collision_geometry
+from seaid.excitation.criteria import regressor_gradient
+from seaid.project import load_project, write_first_project
+from seaid.project.saved import _plain, _restored
+from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
+from seaid.robot import Robot
+from seaid.simulation.plant import inertia, plant_of
+from seaid.view.picture import link_places
+from tests.experiments import drive_errors, drive_scores, wiggle
+from tests.one_joint import BODY
+from tests.plants import tree, write_columns, write_robot
+
+Write = Callable[[str], Path]
+
+
+def _body(mass: float, com: str) -> str:
+    return (
+        f'<inertial><origin xyz="{com}"/><mass value="{mass}"/><inertia ixx="{0.004 * mass}" '
+        f'iyy="{0.006 * mass}" izz="{0.005 * mass}" ixy="0.0002" ixz="0" iyz="0.0001"/></inertial>'
+    )
+
+
+_LINKS = {
+    "upper": _body(2.0, "0.15 0.01 0"),
+    "table": _body(1.2, "0.05 0 0.02"),
+    "wrist": _body(0.8, "0.03 0.02 0.01"),
+    "left": _body(0.3, "0.02 0.01 0"),
+    "right": _body(0.25, "0.02 -0.01 0"),
+    "cam": _body(0.4, "0.01 0.03 0.01"),
+}
+_LIMIT = '<limit lower="-2" upper="2" velocity="3" effort="50"/>'
+
+
+def _at(place: str, axis: str, *mimic: object) -> str:
+    text = f'<origin xyz="{place}"/><axis xyz="{axis}"/>{_LIMIT}'
+    if mimic:
+        text += '<mimic joint="{}" multiplier="{}" offset="{}"/>'.format(*mimic)
+    return text
+
+
+_JOINTS = {
+    "shoulder": "revolute base upper " + _at("0 0 0.5", "0 1 0"),
+    # a parallelogram keeps the table level but for a constant angle
+    "level": "revolute upper table " + _at("0.3 0 0", "0 1 0", "shoulder", -1, 0.2),
+    "turn": "revolute table wrist " + _at("0.1 0 0", "1 0 0"),
+    "squeeze": "prismatic wrist left " + _at("0.1 0.02 0", "0 1 0"),
+    "mirror": "prismatic wrist right " + _at("0.1 -0.02 0", "0 -1 0", "squeeze", 1, 0),
+    # in depth-first order the follower comes before its leader; it follows through another one
+    "cam_turn": "revolute wrist cam " + _at("0.05 0 0.05", "0 1 0", "mirror", -12, 0.3),
+}
+LEADERS = ("shoulder", "turn", "squeeze")
+
+
+def gripper_text() -> str:
+    return tree(_JOINTS, _LINKS)
+
+
+DRIVES: dict[str, Any] = {
+    "shoulder": {
+        "type": "series_elastic",
+        "gear_ratio": 50.0,
+        "motor_inertia_kg_m2": 2e-5,
+        "stiffness_Nm_per_rad": 300.0,
+        "viscous_friction_Nms_per_rad": 2e-4,
+        "coulomb_friction_Nm": 0.01,
+    },
+    "turn": {
+        "type": "stiff",
+        "gear_ratio": 30.0,
+        "motor_inertia_kg_m2": 1e-5,
+        "viscous_friction_Nms_per_rad": 1e-4,
+        "coulomb_friction_Nm": 0.004,
+    },
+    "squeeze": {
+        "type": "stiff",
+        "gear_ratio_rad_per_m": 400.0,
+        "motor_inertia_kg_m2": 5e-6,
+        "viscous_friction_Nms_per_rad": 5e-5,
+        "coulomb_friction_Nm": 0.003,
+    },
+}
+
+
+@pytest.fixture
+def gripper(write_urdf: Write) -> Robot:
+    return seaid.load_robot(write_urdf(gripper_text()), DRIVES)
+
+
+def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    q, v, a = rng.uniform(-1, 1, (3, count, n)) * np.array([1, 2, 5])[:, None, None]
+    return q, v, a
+
+
+# What is loaded
+
+
+def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -> None:
+    assert gripper.joint_names == LEADERS
+    followers = {
+        one.name: (one.leader, one.multiplier, one.offset) for one in gripper.dependent_joints
+    }
+    assert followers == {
+        "level": ("shoulder", -1.0, 0.2),
+        "mirror": ("squeeze", 1.0, 0.0),
+        "cam_turn": ("squeeze", -12.0, 0.3),
+    }
+    assert gripper.body_names[:3] == ("upper", "wrist", "left")
+    assert set(gripper.body_names[3:]) == {"table", "right", "cam"}
+    assert gripper.parameters.shape == (60,)
+    assert list(gripper.drives) == list(LEADERS)
+
+
+def test_limits_of_a_leader_keep_those_of_its_followers(gripper: Robot) -> None:
+    """-2 <= -12 q + 0.3 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level."""
+    np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.7 / 12])
+    np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.3 / 12])
+    np.testing.assert_allclose(gripper.velocity_limits, [3, 3, 0.25])
+
+
+# Torques by independent routes
+
+
+def test_torques_are_those_of_the_lagrangian_with_the_follower_substituted(
+    write_urdf: Write,
+) -> None:
+    """Shoulder and level alone, as a planar Lagrangian in one angle, by sympy."""
+    text = gripper_text().replace('offset="0.3"', 'offset="0"')
+    robot = seaid.load_robot(write_urdf(text), joints=["shoulder"])
+    assert robot.body_names == ("upper", "table")
+    q, v, a, g = sp.symbols("q v a g")
+    angle = {"upper": q, "table": q + (sp.Rational(1, 5) - q)}
+    rate = {"upper": v, "table": sp.Integer(0)}
+    corner = sp.Rational(3, 10) * sp.Matrix([sp.cos(q), -sp.sin(q)])  # x and z; y turns x to -z
+    origin = {"upper": sp.Matrix([0, 0]), "table": corner}
+    energy = sp.Integer(0)
+    for link, ten in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
+        m, mx, mz, Iyy = (sp.Float(ten[k], 17) for k in (0, 1, 3, 6))
+        c, s = sp.cos(angle[link]), sp.sin(angle[link])
+        first = sp.Matrix([c * mx + s * mz, -s * mx + c * mz])  # of mass, about the link's origin
+        turned = sp.Matrix([-s * mx + c * mz, -c * mx - s * mz]) * rate[link]
+        speed = origin[link].diff(q) * v
+        energy += m * speed.dot(speed) / 2 + speed.dot(turned) + Iyy * rate[link] ** 2 / 2
+        energy -= g * (m * origin[link][1] + first[1])
+    momentum = energy.diff(v)
+    law = momentum.diff(v) * a + momentum.diff(q) * v - energy.diff(q)
+    by_hand = sp.lambdify((q, v, a), law.subs(g, 9.81))
+    for one in zip(*states(1), strict=True):
+        found = joint_torques(robot, *(x[None] for x in one))[0, 0]
+        assert found == pytest.approx(float(by_hand(*(x[0] for x in one))), rel=1e-10)
+
+
+QUICK = ("panda", "ur5_gripper", "xarm7")
+MIMICS = [path for path in example_urdfs() if b"<mimic" in path.read_bytes()]
+
+
+@pytest.mark.parametrize("path", MIMICS, ids=lambda path: path.stem)
+def test_torques_are_those_of_pinocchios_own_mimic_joints(path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        robot = seaid.load_robot(path, snap_tolerance_rad=0)
+    try:
+        theirs = pin.buildModelFromUrdf(str(path), mimic=True)
+    except (ValueError, RuntimeError) as problem:
+        pytest.skip(f"pinocchio refuses it: {problem}"[:80])
+    if theirs.nv != robot.n or theirs.nq != robot.n:
+        pytest.skip("with continuous joints, or mimics of joints that are not there")
+    data, names = theirs.createData(), list(theirs.names)
+    order = [theirs.joints[names.index(joint)].idx_v for joint in robot.joint_names]
+    ours, expected = [], []
+    for q, v, a in zip(*states(robot.n), strict=True):
+        full = np.empty((3, robot.n))
+        full[:, order] = q, v, a
+        expected.append(pin.rnea(theirs, data, *full)[order])
+        ours.append(joint_torques(robot, q[None], v[None], a[None])[0])
+    np.testing.assert_allclose(ours, expected, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_regressor_and_slopes_are_those_of_the_torques(gripper: Robot) -> None:
+    q, v, a = states(3)
+    torque = joint_torques(gripper, q, v, a)
+    Y = rigid_body_regressor(gripper, q, v, a)
+    np.testing.assert_allclose(Y @ gripper.parameters, torque, atol=1e-11)
+    slopes = torque_slopes(gripper, q, v, a)
+    weights = np.random.default_rng(1).normal(size=(len(q), 2, 60))
+    gradient = regressor_gradient(gripper, (q, v, a), (0, 2), weights)
+
+    def cost(*state: Array) -> float:
+        return float(np.sum(rigid_body_regressor(gripper, *state)[:, [0, 2]] * weights))
+
+    for kind in range(3):
+        for joint in range(3):
+            step = np.zeros((3, len(q), 3))
+            step[kind, :, joint] = 1e-6
+            plus, minus = (
+                [x + sign * one for x, one in zip((q, v, a), step, strict=True)] for sign in (1, -1)
+            )
+            by_steps = (joint_torques(gripper, *plus) - joint_torques(gripper, *minus)) / 2e-6
+            np.testing.assert_allclose(slopes[kind, :, :, joint], by_steps, atol=2e-6)
+            expected = (cost(*plus) - cost(*minus)) / 2e-6
+            assert np.sum(gradient[kind][:, joint]) == pytest.approx(expected, rel=1e-5, abs=1e-4)
+
+
+def test_base_parameters_are_as_many_as_the_rank_of_the_regressor(gripper: Robot) -> None:
+    base = seaid.base_parameters(gripper)
+    Y = rigid_body_regressor(gripper, *states(3, 400)).reshape(-1, 60)
+    sizes = np.linalg.svd(Y, compute_uv=False)
+    assert np.count_nonzero(sizes > 1e-9 * sizes[0]) == len(base.columns)
+    theta = np.random.default_rng(0).normal(size=60)
+    np.testing.assert_allclose(base.reduce(Y) @ base.project(theta), Y @ theta, atol=1e-8)
+
+
+# MuJoCo
+
+
+def test_mujoco_has_the_same_inertia_and_motion(gripper: Robot, tmp_path: Path) -> None:
+    mujoco: Any = pytest.importorskip("mujoco")
+    stiff = {joint: table for joint, table in DRIVES.items() if joint != "shoulder"}
+    assert gripper.urdf is not None
+    robot = seaid.load_robot(gripper.urdf, stiff)
+    seaid.write_mjcf(robot, tmp_path / "gripper.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "gripper.xml"))
+    data, n = mujoco.MjData(model), robot.n
+    place = [model.joint(name).dofadr[0] for name in robot.all_joint_names]
+    E = robot.expand(np.eye(n), 1).T
+    plant = plant_of(robot)
+    q, v, _ = (state[0] for state in states(n))
+    data.qpos[place], data.qvel[place] = robot.expand(q), robot.expand(v, 1)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    order = robot.joint_order
+    expected = np.empty((n, n))
+    expected[np.ix_(order, order)] = inertia(plant, plant.model.createData(), q[order])
+    np.testing.assert_allclose(
+        E.T @ full[np.ix_(place, place)] @ E, expected, rtol=1e-9, atol=1e-12
+    )
+    again = seaid.load_robot(tmp_path / "gripper.xml")  # the equality is read as mimic
+    assert again.joint_names == robot.joint_names
+    np.testing.assert_allclose(
+        joint_torques(again, *states(n)), joint_torques(robot, *states(n)), atol=1e-9
+    )
+    # a fall from rest with its own dynamics, against the soft equality of MuJoCo
+    data.qpos[place], data.qvel[place] = robot.expand(np.array([0.3, -0.2, 0.0])), 0.0
+    time = np.arange(0, 0.4, 0.002)
+    log = seaid.Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=np.tile([0.3, -0.2, 0.0], (len(time), 1)),
+        motor_position=np.full((len(time), n), np.nan),
+        motor_torque=np.zeros((len(time), n)),
+    )
+    ours = seaid.replay(robot, log).joint_position
+    assert ours is not None
+    theirs = np.empty_like(ours)
+    for tick, at in enumerate(time):
+        while data.time < at - 1e-9:
+            mujoco.mj_step(model, data)
+        theirs[tick] = data.qpos[place[:n]]
+    assert np.ptp(ours[:, 0]) > 0.3
+    assert np.max(np.abs(theirs - ours)) < 5e-3 * np.ptp(ours[:, 0])
+
+
+# Identification
+
+
+def _experiment(path: Path, seed: int, duration_s: float) -> tuple[Robot, Any]:
+    robot = seaid.load_robot(path, DRIVES)
+    motion = wiggle(robot, duration_s, (0.0, 0.0, 0.02), (0.9, 1.0, 0.06), seed=seed)
+    return robot, seaid.simulate(
+        robot,
+        motion,
+        noise=seaid.Noise(
+            motor_resolution_rad=2 * np.pi / 8192,
+            joint_resolution_rad=(2 * np.pi / 2**17, 2 * np.pi / 2**17, 1e-6),
+            torque_std_Nm=0.002,
+        ),
+        seed=seed,
+    )
+
+
+@pytest.mark.slow  # it simulates 8 s at 1 kHz and identifies them
+def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Path) -> None:
+    assert gripper.urdf is not None
+    truth, log = _experiment(gripper.urdf, 0, 6.0)
+    assert log.joint_names == LEADERS
+    seaid.write_log(log, tmp_path / "run.csv")
+    found = seaid.identify(
+        gripper.without_nominal(), seaid.read_log(tmp_path / "run.csv", gripper), feasible=True
+    )
+    errors = drive_errors(found, truth, "stiffness", "viscous_friction", "coulomb_friction")
+    assert max(map(abs, errors.values())) < 0.1
+    assert np.max(np.abs(drive_scores(found, truth, "stiffness", "coulomb_friction"))) < 4
+    q, v, a = (state * [1, 1, 0.05] for state in states(3, 40))
+    torque = joint_torques(truth, q, v, a)
+    error = joint_torques(found.robot, q, v, a) - torque
+    assert np.all(np.std(error, axis=0) < 0.05 * np.std(torque, axis=0))
+    other = _experiment(gripper.urdf, 1, 2.0)[1]
+    checked = seaid.validate(found, other)
+    assert "shoulder" in str(checked.summary())
+    assert {finding.severity for finding in found.warnings} <= {"note"}
+    # what was found goes into the file, bodies of the followers too, and comes back
+    written = seaid.write_urdf(found, tmp_path / "found.urdf")
+    again = seaid.load_robot(written.urdf, written.drives)
+    np.testing.assert_allclose(
+        joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
+    )
+    seaid.write_report(found, tmp_path / "report.html", [checked])
+    assert "cam_turn" in (tmp_path / "report.html").read_text("utf-8")
+    seaid.save_run(found, tmp_path / "run.npz")
+    saved = seaid.load_run(tmp_path / "run.npz").identification.robot
+    assert saved.dependent_joints == found.robot.dependent_joints
+    np.testing.assert_allclose(joint_torques(saved, q, v, a), joint_torques(found.robot, q, v, a))
+    found.save(tmp_path / "parameters.json")
+    back = seaid.read_parameters(tmp_path / "parameters.json", gripper)
+    np.testing.assert_allclose(back.parameters, found.robot.parameters)
+
+
+@pytest.mark.slow  # it simulates 4 s, identifies and refines
+def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(gripper: Robot) -> None:
+    """The fingers hardly accelerate: their masses are found negative, and those of bodies too."""
+    assert gripper.urdf is not None
+    truth, log = _experiment(gripper.urdf, 0, 4.0)
+    found = seaid.identify(gripper.without_nominal(), log)
+    assert np.min(found.robot.parameters[::10]) < -1
+    refined = seaid.refine(found, log)
+    assert "worse-than-start" not in [one.code for one in refined.warnings]
+    assert abs(drive_errors(refined, truth, "stiffness")["stiffness of shoulder"]) < 2e-3
+
+
+@pytest.mark.slow  # a search for a motion
+def test_plan_moves_the_leaders_within_the_limits_of_the_followers(gripper: Robot) -> None:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the search for an excitation ended early")
+        plan = seaid.design_excitation(
+            gripper, 4.0, starts=1, iterations=5, coefficients=9, seed=0,
+            limits=seaid.Limits(acceleration=20.0),
+        )  # fmt: skip
+    q, v, _ = plan.trajectory.sample(np.linspace(0, 4.0, 200))
+    turned = gripper.expand(q)[:, 3:]
+    assert np.all(np.abs(turned) <= 2.0 + 1e-6)
+    assert np.all(np.abs(gripper.expand(v, 1)[:, 3:]) <= 3.0 + 1e-6)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"joints": ["shoulder", "level"]}, "'level' mimics 'shoulder' and moves with it: name"),
+        ({"joints": ["turn"]}, "joint 'level' mimics 'shoulder', which does not move it here, and"),
+        ({"drives": {"mirror": DRIVES["squeeze"]}}, "has no drive of its own: remove its table"),
+    ],
+)
+def test_what_a_follower_cannot_be_is_said(
+    write_urdf: Write, options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(RobotError, match=words) as caught:
+        seaid.load_robot(write_urdf(gripper_text()), **options)
+    assert "independent_mimics=True" in str(caught.value)
+
+
+def test_mimics_in_a_circle_are_refused_and_lost_ones_named(write_urdf: Write) -> None:
+    text = gripper_text()
+    circle = text.replace('joint="squeeze"', 'joint="cam_turn"')
+    with pytest.raises(RobotError, match="mimic joints follow each other: mirror, cam_turn"):
+        seaid.load_robot(write_urdf(circle))
+    lost = write_urdf(text.replace('joint="squeeze"', 'joint="sqeeze"'))
+    with pytest.warns(SeaidWarning, match=r"<mimic> of mirror names joints that are not there"):
+        robot = seaid.load_robot(lost)
+    assert "mirror" in robot.joint_names
+    wrong = write_urdf(text.replace('multiplier="-12"', 'multiplier="fast"'))
+    with pytest.raises(RobotError, match="multiplier of <mimic> must be 1 finite number"):
+        seaid.load_robot(wrong)
+
+
+def test_picture_places_the_bodies_of_followers(gripper: Robot) -> None:
+    """The level keeps its direction; both fingers are as far from the middle."""
+    from seaid.robot import reread_urdf
+    from seaid.view.picture import placements
+
+    assert gripper.urdf is not None
+    joints = placements(gripper, np.array([0.7, 0.0, 0.05]))
+    links = link_places(reread_urdf(gripper.urdf), gripper)
+    table, left, right = (
+        joints[links[name][0]] * links[name][1] for name in ("table", "left", "right")
+    )
+    np.testing.assert_allclose(table.rotation, pin.exp3(np.array([0, 0.2, 0])), atol=1e-12)
+    distance = np.linalg.norm(left.translation - right.translation)
+    assert distance == pytest.approx(0.04 + 2 * 0.05)
+
+
+def test_inspect_shows_what_follows(gripper: Robot) -> None:
+    assert gripper.urdf is not None
+    found = CliRunner().invoke(app, ["inspect", str(gripper.urdf)])
+    assert found.exit_code == 0, found.output
+    assert "cam_turn: mimics squeeze, times -12 plus 0.3" in found.output
+    assert "Identifiability by sensors" in found.output
+    free = CliRunner().invoke(app, ["inspect", str(gripper.urdf), "--independent-mimics"])
+    assert "mimics" not in free.output
+    assert "Identifiability by sensors" in free.output
+
+
+def test_symbolic_equations_name_the_ways_out(gripper: Robot) -> None:
+    for through in ("energy", "torque"):
+        with pytest.raises(RobotError, match=r"has mimic joints \(.*\), which symbolic equations"):
+            seaid.symbolic.base_parameters(gripper, through=through)
+
+
+# Base parameters, exact against numeric
+
+
+def check_same_base(robot: Robot) -> None:
+    exact, numeric = seaid.symbolic.base_parameters(robot), seaid.base_parameters(robot)
+    assert exact.columns == numeric.columns
+    np.testing.assert_allclose(exact.grouping, numeric.grouping, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(  # up to seconds each
+            path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.slow
+        )
+        for path in MIMICS
+    ],
+)
+def test_exact_base_parameters_are_the_numeric_ones(path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        check_same_base(seaid.load_robot(path))
+
+
+@pytest.mark.parametrize("multiplier", [-1, 2, 0.5, -1.5, 0.37, 1.13446, -12])
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_any_multiplier_and_offset_has_exact_base_parameters(
+    write_urdf: Write, multiplier: float, offset: float
+) -> None:
+    """A parallelogram and a finger in series: between them a joint that moves by itself."""
+    text = gripper_text().replace(
+        '<mimic joint="shoulder" multiplier="-1" offset="0.2"/>',
+        f'<mimic joint="shoulder" multiplier="{multiplier}" offset="{offset}"/>',
+    )
+    text = text.replace(
+        'joint="mirror" multiplier="-12"', f'joint="turn" multiplier="{multiplier}"'
+    )
+    robot = seaid.load_robot(write_urdf(text))
+    check_same_base(robot)
+    found = seaid.identifiability(robot, ["joint_position", "motor_torque"])
+    assert found.agree
+    assert found.body_count == len(seaid.base_parameters(robot).columns)
+
+
+def test_a_floating_base_has_the_rank_of_one_on_six_joints(write_urdf: Write) -> None:
+    text = gripper_text().replace(
+        '<link name="base"/>', f'<link name="base">{_body(3, "0 0 0")}</link>'
+    )
+    free = seaid.symbolic.base_parameters(seaid.load_robot(write_urdf(text)), floating_base=True)
+    links = ["world", "x", "y", "z", "roll", "pitch", "base"]
+    text += "".join(f'<link name="{name}"/>' for name in links[:-1])
+    axes = ["1 0 0", "0 1 0", "0 0 1"] * 2
+    for place, (parent, child, axis) in enumerate(zip(links, links[1:], axes, strict=False)):
+        kind = "prismatic" if place < 3 else "revolute"
+        text += f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><axis xyz="{axis}"/>'
+        text += '<limit lower="-2" upper="2" velocity="3" effort="50"/></joint>'
+    robot = seaid.load_robot(write_urdf(text))
+    Y = rigid_body_regressor(robot, *states(9, 60)).reshape(-1, len(robot.parameters))
+    own = [name not in links[:-1] for name in robot.body_names]
+    sizes = np.linalg.svd(Y[:, np.repeat(own, 10)], compute_uv=False)
+    assert np.count_nonzero(sizes > 1e-9 * sizes[0]) == free.rank
+
+
+def test_sensors_of_a_gripper_determine_what_the_regressor_does(gripper: Robot) -> None:
+    found = seaid.identifiability(gripper)
+    assert found.agree
+    assert found.body_count == len(seaid.base_parameters(gripper).columns)
+    assert found.rank > seaid.identifiability(gripper, ["joint_position", "joint_torque"]).rank
+
+
+# Joints that stand still elsewhere than at zero: the robot is that of the whole model there
+
+LOCKED = {"lift": 0.4, "elbow": -0.9}
+MOVING = ("shoulder", "wrist")
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    """A lift, a shoulder, an elbow with a finger that follows it, and a wrist."""
+    joints = {
+        "lift": 'prismatic base column <axis xyz="0 0 1"/>',
+        "shoulder": 'revolute column upper <axis xyz="0 1 0"/>',
+        "elbow": 'revolute upper lower <axis xyz="1 0 0"/>',
+        "follower": 'revolute lower flap <axis xyz="0 1 0"/>'
+        '<mimic joint="elbow" multiplier="0.5" offset="0.1"/>',
+        "wrist": 'continuous lower hand <axis xyz="0 0.6 0.8"/>',
+    }
+    place = '<origin xyz="0.1 0 0.3" rpy="0 0.2 0"/>'
+    limit = '<limit lower="-2" upper="2" effort="50" velocity="5"/>'
+    whole = {name: text + place + limit for name, text in joints.items()}
+    body = f'{BODY}<collision><geometry><sphere radius="0.02"/></geometry></collision>'
+    links = ("base", "column", "upper", "lower", "flap", "hand")
+    return write_robot(tmp_path / "crane.urdf", whole, dict.fromkeys(links, body))
+
+
+def whole(urdf: Path) -> tuple[pin.Model, dict[str, float]]:
+    """Return the model with all joints, and the positions of those that stand still."""
+    model = pin.buildModelFromUrdf(str(urdf), False)
+    return model, {**LOCKED, "follower": 0.5 * LOCKED["elbow"] + 0.1}
+
+
+def configuration(model: pin.Model, positions: dict[str, float]) -> Array:
+    q = pin.neutral(model)
+    for name, at in positions.items():
+        joint = model.joints[model.getJointId(name)]
+        values = [at] if joint.nq == 1 else [np.cos(at), np.sin(at)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = values
+    return np.asarray(q)
+
+
+def test_torques_are_those_of_the_whole_model(urdf: Path) -> None:
+    robot = seaid.load_robot(urdf, locked=LOCKED)
+    assert set(robot.joint_names) == set(MOVING)
+    model, still = whole(urdf)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q, v, a = rng.uniform(-1, 1, (3, 2))
+        places = still | dict(zip(robot.joint_names, q.tolist(), strict=True))
+        rows = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+        speed, rate = np.zeros((2, model.nv))
+        speed[rows], rate[rows] = v, a
+        torque = pin.rnea(model, model.createData(), configuration(model, places), speed, rate)
+        regressor = seaid.regressor.rigid_body_regressor(robot, q[None], v[None], a[None])
+        own = regressor[0] @ robot.parameters
+        np.testing.assert_allclose(own, torque[rows], atol=1e-12)
+
+
+def test_links_stand_where_those_of_the_whole_model_do(urdf: Path) -> None:
+    robot = seaid.load_robot(urdf, locked=LOCKED)
+    model, still = whole(urdf)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, configuration(model, still))
+    own = robot.model.createData()
+    pin.forwardKinematics(robot.model, own, np.zeros(2))
+    tree = seaid.robot.reread_urdf(urdf).locked_at(robot.locked)
+    for link, (joint, place) in link_places(tree, robot).items():
+        at = own.oMi[joint] * place
+        there = data.oMf[model.getFrameId(link)]
+        np.testing.assert_allclose(at.homogeneous, there.homogeneous, atol=1e-12)
+
+
+def test_the_written_file_has_the_same_robot(urdf: Path, tmp_path: Path) -> None:
+    robot = seaid.load_robot(urdf, locked=LOCKED)
+    changed = robot.with_values(1.1 * robot.parameters, robot.drives)
+    written = seaid.write_urdf(changed, tmp_path / "heavy.urdf").urdf
+    again = seaid.load_robot(written, locked=LOCKED)
+    base = seaid.regressor.base_parameters(robot)
+    np.testing.assert_allclose(
+        base.project(again.parameters), base.project(changed.parameters), rtol=1e-9, atol=1e-12
+    )
+
+
+def test_shapes_of_locked_links_are_where_they_stand(urdf: Path) -> None:
+    """The scene checks its placements against the robot."""
+    geometry, links = collision_geometry(urdf, seaid.load_robot(urdf, locked=LOCKED), ())
+    assert len(geometry.geometryObjects) == len(links) == 6
+
+
+@pytest.mark.parametrize(
+    ("locked", "message"),
+    [
+        ({"torso": 0.1}, "locked=: 'crane': no joint is named 'torso'"),
+        ({"follower": 0.1}, "joint 'follower' is moved by 'elbow'; name revolute, continuous or"),
+        ({"lift": float("nan")}, "locked=: position of 'lift'"),
+        ({"shoulder": 0.1}, "joint 'shoulder' is locked; leave it out of joints="),
+    ],
+)
+def test_what_cannot_be_locked(urdf: Path, locked: dict[str, float], message: str) -> None:
+    with pytest.raises(RobotError, match=message):
+        seaid.load_robot(urdf, joints=["shoulder", "wrist"], locked=locked)
+
+
+def test_the_command_line_wants_positions_by_joint(urdf: Path) -> None:
+    said = CliRunner().invoke(app, ["inspect", str(urdf), "--locked", "0.3"])
+    assert "'0.3' names no joint: write it as torso=0.3,head=0.1" in said.stderr
+    assert CliRunner().invoke(app, ["inspect", str(urdf), "--locked", "lift=0.3"]).exit_code == 0
+
+
+def test_a_project_and_a_saved_run_keep_what_is_locked(urdf: Path, tmp_path: Path) -> None:
+    (tmp_path / "seaid.toml").write_text(
+        'urdf = "crane.urdf"\nlocked = { lift = 0.4, elbow = -0.9 }\n[[log]]\nfile = "run.csv"\n'
+    )
+    robot = load_project(tmp_path).robot()
+    assert dict(robot.locked) == LOCKED
+    arrays = dict[str, Array]()
+    assert dict(_restored(_plain(robot, arrays), arrays).locked) == LOCKED
+
+
+def test_init_says_how_to_lock_what_stands_still(urdf: Path, tmp_path: Path) -> None:
+    time = np.arange(2000) / 200
+    columns = {"time_s": time}
+    for number, name in enumerate(("lift", "shoulder", "elbow", "wrist")):
+        moves = name in MOVING
+        still = 0.4 + 1e-5 * np.sin(70 * time)
+        columns[f"{name}.position"] = np.sin((1 + number) * time) if moves else still
+        columns[f"{name}.effort"] = np.cos((1 + number) * time)
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    made = write_first_project(urdf, [tmp_path / "run.npz"], folder=tmp_path / "p")
+    said = "lift, elbow: no motion in any log; lock what stands still: --locked lift=0.4,elbow=0.4"
+    assert said in made.doubts
+    made = write_first_project(
+        urdf, [tmp_path / "run.npz"], locked={"lift": 0.4, "elbow": 0.4}, folder=tmp_path / "q"
+    )
+    assert "locked = { lift = 0.4, elbow = 0.4 }" in made.files[0].read_text()
+    assert load_project(tmp_path / "q").robot().joint_names == MOVING
+    (tmp_path / "seaid.toml").unlink(missing_ok=True)
+    columns["lift.position"] = np.full_like(time, 0.4)
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    with pytest.raises(LogError, match="joints that stand still, or that no column has, are lock"):
+        write_first_project(urdf, [tmp_path / "run.npz"], folder=tmp_path / "r")
+
+
+def test_what_belongs_to_a_locked_joint_is_ignored(urdf: Path, tmp_path: Path) -> None:
+    drive = {"type": "stiff", "gear_ratio": 10.0}
+    joints = ("lift", "shoulder", "elbow", "wrist")
+    drives = {joint: drive for joint in joints if joint != "lift"}
+    robot = seaid.load_robot(urdf, drives, locked=LOCKED, known_bodies=["lower", "hand"])
+    assert robot.known_bodies == ("hand",)
+    assert robot.standing_joints == ("lift", "elbow")
+    assert robot.selected(joints) == MOVING
+    t = np.arange(0, 3, 0.01)
+    table = {"t": t}
+    for place, joint in enumerate(joints):
+        table |= {f"{joint}_pos": np.sin(t + place), f"{joint}_torque": np.cos(t + place)}
+    path = write_columns(tmp_path / "run.csv", table, "%.18e")
+    described = {
+        joint: {"joint_position": f"{joint}_pos", "motor_torque": f"{joint}_torque"}
+        for joint in joints
+    }
+    log = seaid.read_log(path, robot, description={"time": "t", "joints": described})
+    np.testing.assert_allclose(log.joint_position[:, 1], table["wrist_pos"])
+    columns = {"time_s": "t"}
+    for joint in joints:
+        columns[f"{joint}.joint_position_rad"] = f"{joint}_pos"
+        columns[f"{joint}.motor_torque_Nm"] = f"{joint}_torque"
+    again = seaid.read_log(path, robot, columns=columns)
+    np.testing.assert_array_equal(again.joint_position, log.joint_position)
+    assert {*seaid.describe_log(path, robot).description.joints} == {*MOVING}
+    made = write_first_project(urdf, [path], folder=tmp_path, locked=LOCKED)
+    assert load_project(tmp_path).robot().joint_names == MOVING
+    assert not any("elbow" in one for one in made.doubts)
