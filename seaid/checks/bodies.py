@@ -13,7 +13,7 @@ import scipy
 from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import only_joint, zeros_in_description
+from seaid.checks.codes import only_joint, zeros_in_description
 from seaid.checks.experiment import Experiment, Transform, moved, near
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle

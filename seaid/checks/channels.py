@@ -15,7 +15,7 @@ from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import (
+from seaid.checks.codes import (
     Channel,
     Observation,
     channels_of,

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray, white_noise
-from seaid.checks.check import in_drives
-from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING
+from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING, in_drives
 from seaid.checks.engine import (
     Accepted,
     Candidate,

@@ -19,7 +19,8 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import (
+from seaid.checks.codes import (
+    AS_GIVEN,
     Channel,
     channels_of,
     excluding_torque,
@@ -27,7 +28,6 @@ from seaid.checks.check import (
     in_drives,
     only_joint,
 )
-from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import Experiment, fitted, scaled
 from seaid.drives import (
     DELAY_PARAMETER,

@@ -31,7 +31,7 @@ from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 from seaid.log import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
-    from seaid.checks.check import Code
+    from seaid.checks.codes import Code
     from seaid.errors import Finding
     from seaid.estimation import FittedRows
     from seaid.regressor import Regression

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Code, in_description, only_joint
+from seaid.checks.codes import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Severity
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle

@@ -20,8 +20,7 @@ from seaid._arrays import Array
 from seaid._files import toml_key
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import in_drives
-from seaid.checks.codes import OF_MOTOR
+from seaid.checks.codes import OF_MOTOR, in_drives
 from seaid.checks.engine import Accepted, Candidate, ColumnCheck, linear_candidate
 from seaid.checks.experiment import Experiment, Transform, fitted, multiplied, near, with_constant
 from seaid.checks.terms import DriveRows

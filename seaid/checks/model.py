@@ -14,8 +14,15 @@ from itertools import product
 
 import numpy as np
 
-from seaid.checks.check import as_note, guarded, joints_of
-from seaid.checks.codes import CODES, DELAY, ENCODER_OFFSET, MISSING_TERM
+from seaid.checks.codes import (
+    CODES,
+    DELAY,
+    ENCODER_OFFSET,
+    MISSING_TERM,
+    as_note,
+    guarded,
+    joints_of,
+)
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import (
     Accepted,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid.checks import codes
-from seaid.checks.check import in_drives, only_joint
+from seaid.checks.codes import in_drives, only_joint
 from seaid.checks.tolerances import FAR, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate

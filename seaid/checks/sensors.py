@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks.check import in_description, only_joint, zeros_in_description
-from seaid.checks.codes import DELAY, ENCODER_OFFSET
+from seaid.checks.codes import (
+    DELAY,
+    ENCODER_OFFSET,
+    in_description,
+    only_joint,
+    zeros_in_description,
+)
 from seaid.checks.engine import (
     Accepted,
     Alternative,

@@ -25,7 +25,8 @@ from scipy.special import chdtri
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, codes, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.check import (
+from seaid.checks.codes import (
+    AS_GIVEN,
     Code,
     Observation,
     excluding_torque,
@@ -34,7 +35,6 @@ from seaid.checks.check import (
     in_drives,
     observed,
 )
-from seaid.checks.codes import AS_GIVEN
 from seaid.checks.experiment import (
     Experiment,
     Transform,

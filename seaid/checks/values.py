@@ -16,8 +16,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Code, in_drives, only_joint
-from seaid.checks.codes import consequences
+from seaid.checks.codes import Code, consequences, in_drives, only_joint
 from seaid.drives import (
     COMMANDS,
     DEAD_ZONES,

@@ -19,8 +19,16 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
-from seaid.checks.check import Observation, as_note, excluding_torque, observed
-from seaid.checks.codes import CONTACT, FEW_ROWS, NO_FIT, POORLY_IDENTIFIED
+from seaid.checks.codes import (
+    CONTACT,
+    FEW_ROWS,
+    NO_FIT,
+    POORLY_IDENTIFIED,
+    Observation,
+    as_note,
+    excluding_torque,
+    observed,
+)
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
