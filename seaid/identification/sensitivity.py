@@ -488,32 +488,10 @@ def with_known_std(
     """
     constants = {name: list(constants_of(x.robot, known_std)) for name, x in conditions.items()}
     _check_same(constants)
-    first, sides = next(iter(estimates.items()))
-    robot, common = conditions[first].robot, constants[first]
+    common = next(iter(constants.values()))
     if not common:
         return estimates
-    of_springs = propagated_names(robot, [*sides.springs])
-    equations = {
-        name: _equations(name, x, estimates[name], constants[name])
-        for name, x in conditions.items()
-    }
-    read = rows_of_conditions(
-        conditions,
-        specific,
-        equations,
-        of_springs,
-        stored=sides.fit.rows is None,
-        constants=[ParameterName(constant.name, constant.joint) for constant in common],
-        executor=executor,
-        progress=False,
-    )
-    with read as (rows, _):
-        if sides.regress is None:
-            springs = names_of_all(of_springs, [*conditions], specific.of_load)
-            slopes = _two_step_slopes(robot, sides, common, rows, springs)
-        else:
-            names = sides.fit.estimate.names
-            slopes = dict(zip(names, sides.fit.slopes(rows[LOAD]), strict=True))
+    slopes = _slopes(conditions, estimates, constants, specific, executor)
     # Steps are relative, as the standard deviations are; for a delay both are parts of its std.
     stds = np.array([constant.std for constant in common])
     scales = [shared_scale(constant.std) for constant in common if constant.name == "torque"]
@@ -530,6 +508,31 @@ def with_known_std(
         )
 
     return {name: of_condition(name, sides) for name, sides in estimates.items()}
+
+
+def _slopes(
+    conditions: Mapping[str, Condition],
+    estimates: Mapping[str, RobotEstimate],
+    constants: Mapping[str, Sequence[Constant]],
+    specific: SpecificParameters,
+    executor: Executor | None,
+) -> Mapping[str, Array]:
+    """Return {parameter: its derivatives (k,) by the constants} of the estimates together."""
+    first, sides = next(iter(estimates.items()))
+    robot, common = conditions[first].robot, constants[first]
+    of_springs = propagated_names(robot, [*sides.springs])
+    equations = {
+        name: _equations(name, x, estimates[name], constants[name])
+        for name, x in conditions.items()
+    }
+    names = [ParameterName(constant.name, constant.joint) for constant in common]
+    stored, of_read = sides.fit.rows is None, (conditions, specific, equations, of_springs)
+    with rows_of_conditions(*of_read, stored, executor, False, names) as (rows, _):
+        if sides.regress is None:
+            springs = names_of_all(of_springs, [*conditions], specific.of_load)
+            return _two_step_slopes(robot, sides, common, rows, springs)
+        of_fit = sides.fit.slopes(rows[LOAD])
+        return dict(zip(sides.fit.estimate.names, of_fit, strict=True))
 
 
 def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:

@@ -360,7 +360,7 @@ def base_motion(
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
     log, jumped = _without_jumps(log)
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
-    states = [robot.to_model(state, order) for order, state in enumerate(joints)]
+    states = list(map(robot.to_model, joints, range(len(joints))))
     imu = imu_motion(base, robot.model, robot.model_order, states)
     gravity = robot.model.gravity.linear
     R, w = _turning(smooth, time, imu)
