@@ -157,7 +157,7 @@ def run(case: Case, setup: Setup, truth: str = "plain") -> Run:
         return Run(tuple(said))
     said += [
         Said(one.code, one.severity, one.joint, one.message, one.remedy, _rivals(one))
-        for one in found.warnings
+        for one in found.weighed_findings
     ]
     return Run(tuple(said), _errors(case, truth, found))
 

@@ -109,7 +109,7 @@ def of_identification(found: seaid.Identification, has_load: bool = True) -> Rec
         "verdict": text(found.verdict.level),
         "cutoff_hz": number(found.cutoff_hz),
         "base parameters": number(len(found.load.names)),
-        **of_findings(found.warnings),
+        **of_findings(found.weighed_findings),
     }
     for joint, estimate in found.drives.items():
         records |= of_estimate(f"{joint}", estimate)

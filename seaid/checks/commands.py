@@ -1,8 +1,10 @@
-"""Commands of a log before a fit: signs, units, repeats, limits, tracking errors and delays.
+"""Checks of commands, and of torques that are none: without sign, or repeats of tracking errors.
 
 A controller takes the place of a torque sensor: what its commands, gains and limits contradict is
-seen in the log alone. Torques that are none, without sign or computed from the tracking error,
-are seen by the same signals.
+seen in a log alone. Before a fit `setup` asks for `command_findings` and `no_measurements` of a
+log, for `hidden_limits` of an experiment, and if there are none for `gain_findings`, then for
+`pose_findings` with the gains that these return; `separation_findings` are those of all logs. After
+a fit there are `delay_estimate_findings`.
 """
 
 from __future__ import annotations
@@ -75,6 +77,11 @@ class Commanded:
     def unit(self) -> str:
         """The unit of the position."""
         return "m" if self.log.is_prismatic[self.place] else "rad"
+
+    @property
+    def torque_unit(self) -> str:
+        """The unit of the torque, or of the force of a sliding joint."""
+        return "N" if self.log.is_prismatic[self.place] else "N m"
 
 
 def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -170,12 +177,12 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint that is commanded beyond its limits and does not follow there."""
     robot, joint, unit = commanded.robot, commanded.joint, commanded.unit
     lower, upper = robot.position_range(joint)
-    command, position = (
+    command_beyond, position_beyond = (
         np.abs(angle - np.clip(angle, lower, upper))
         for angle in (commanded.command, commanded.position)
     )
-    share, farthest = float(np.mean(command > 0)), float(np.max(command))
-    if share < tol.FEW or np.sum(position) > tol.MOST * np.sum(command):
+    share, farthest = float(np.mean(command_beyond > 0)), float(np.max(command_beyond))
+    if share < tol.FEW or np.sum(position_beyond) > tol.MOST * np.sum(command_beyond):
         return
     others = [name for name in robot.joint_names if name != joint]
     yield codes.CONTACT.finding(
@@ -193,8 +200,8 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
 def _limited(commanded: Commanded) -> Iterator[Finding]:
     """Yield a controller that is at its limit, or asks more than the limit of the robot file."""
     robot, joint, limit = commanded.robot, commanded.joint, commanded.law.torque_limit_Nm
-    is_stated = bool(np.isfinite(limit))
-    if not is_stated:
+    has_limit = bool(np.isfinite(limit))
+    if not has_limit:
         if robot.drives[joint].is_up_to_scale:
             return  # its gains are in other units than the limit
         limit = float(robot.effort_limits[robot.index(joint)])
@@ -204,11 +211,12 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         return
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
     asks = (
-        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} N m, in "
+        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} "
+        f"{commanded.torque_unit}, in "
         f"{share:.1%} of the samples"
     )
     # bodies of the robot file show another unit better than its limits
-    if times > tol.MANY_TIMES and (is_stated or not np.any(robot.parameters)):
+    if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
         yield codes.GAIN_SCALE.finding(
             f"{asks}, and for {times:.3g} times as much on average: its gains are in another unit "
             "than the limit, such as units of the drive (counts, 1/256, per degree)",
@@ -216,14 +224,14 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
             evidence={**evidence, "median torque over its limit": times},
             remedy=_declared_scale(robot, [joint]),
         )
-    elif is_stated:
+    elif has_limit:
         message = f"{asks}: the limit counts as its torque there"
         yield codes.SATURATION.note(message, joint, evidence=evidence)
     else:
         yield codes.SATURATION.finding(
-            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} N m, in "
-            f"{share:.1%} of the samples more than the effort limit of the robot file "
-            f"({limit:.4g} N m), and has no torque limit",
+            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} "
+            f"{commanded.torque_unit}, in {share:.1%} of the samples more than the effort limit of "
+            f"the robot file ({limit:.4g} {commanded.torque_unit}), and has no torque limit",
             joint,
             evidence=evidence,
             remedy=in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
@@ -275,10 +283,10 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
     yield codes.UNIDENTIFIABLE.finding(
-        f"the position of {joint} follows its command within {1e3 * size:.3g} mrad (rms), "
-        f"{size / noise if noise else 1.0:.2g} times the noise and resolution of its encoder "
-        f"({1e3 * noise:.2g} mrad): what its controller gives is mostly noise, and no parameter is "
-        "identifiable from it",
+        f"the position of {joint} follows its command within {1e3 * size:.3g} "
+        f"m{commanded.unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and "
+        f"resolution of its encoder ({1e3 * noise:.2g} m{commanded.unit}): what its controller "
+        "gives is mostly noise, and no parameter is identifiable from it",
         joint,
         evidence={"tracking error over noise": size / noise if noise else 0.0},
         remedy="record a faster motion, lower gains, or a payload; or log the torque",
@@ -511,7 +519,10 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
 
 
 def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, float]:
-    """Return K_d + F_v, the rotor inertia plus that times the delay, and its standard error."""
+    """Return the best determined sum of rotor inertia I and s T, with T the delay of commands.
+
+    That is s = K_d + F_v at the motor, the value of the sum, and its standard error.
+    """
     names = (ParameterName(name, joint) for name in ("motor_inertia", DELAY_PARAMETER))
     places = [load_side.names.index(name) for name in names]
     (variance, shared), (_, of_delay) = load_side.covariance[np.ix_(places, places)]
@@ -604,9 +615,10 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
 
 
 def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
-    """Return gains in another unit than N m by the bodies of the robot file, and it with N m.
+    """Return the finding of gains in another unit than N m, if any, and its experiment in N m.
 
-    What is so on each joint that shows it counts as so on the others.
+    The bodies of the robot file show a factor on some joints. Where it is off on all of these, all
+    commanded joints count as off, those that show none by the median factor.
     """
     factors = _gain_factors(experiment)
     off = {j: pair for j, pair in factors.items() if not 1 / tol.TWICE < pair[0] < tol.TWICE}
@@ -614,8 +626,8 @@ def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         return [], experiment
     joints = _commanded_joints(experiment) if len(off) == len(factors) else [*off]
     finding = _gain_finding(experiment, off, joints)
-    usual = float(np.median([factor for factor, _ in off.values()])), 0.0
-    inverse = {j: 1 / off.get(j, usual)[0] for j in joints}
+    usual = float(np.median([factor for factor, _ in off.values()]))
+    inverse = {j: 1 / (off[j][0] if j in off else usual) for j in joints}
     return [finding], scaled(experiment, inverse, "t")
 
 
