@@ -39,6 +39,9 @@ few count where a motor with dry friction rests."""
 
 _REWEIGHTINGS = 20
 
+_MATRICES = "the search by Gauss-Newton steps"
+"""What the matrices are of, in errors."""
+
 LEAST_STD = 1e-9
 """Least standard deviation of a channel: the rounding of logs without noise."""
 
@@ -77,16 +80,16 @@ class Step:
     """A step towards the maximum of the likelihood.
 
     `change` (p,) of the parameters, and with it `nuisance` (W, s), the change of the nuisance
-    parameters of each log; `own` is their change if the parameters stay. `stds` (C,) of the
-    channels; `covariance` (p, p) with autocorrelation, `white_covariance` without, the inverse of
-    the Fisher information. `merit` before the step is the sum of log standard deviations: the
-    negative log-likelihood up to a constant. Fixed parameters, and those held at a bound, have a
+    parameters of each log; `nuisance_alone` is their change if the parameters stay. `stds` (C,) are
+    those of the channels; `covariance` (p, p) with autocorrelation, `white_covariance` without, the
+    inverse of the Fisher information. `merit` before the step is minus the logarithm of likelihood
+    times prior, up to a constant. Fixed parameters, and those held at a bound, have a
     change of zero.
     """
 
     change: Array
     nuisance: tuple[Array, ...]
-    own: tuple[Array, ...]
+    nuisance_alone: tuple[Array, ...]
     stds: Array
     covariance: Array
     white_covariance: Array
@@ -123,21 +126,21 @@ def _step_of(
     """Return the step of the `free` (p,) parameters, with the errors of constants in theirs."""
     expected, prior_stds = priors_of(parameters)
     distance, precision = (x - expected)[free], 1 / prior_stds[free]
-    own = [replace(log, jacobian=log.jacobian[..., free]) for log in logs]
+    free_logs = [replace(log, jacobian=log.jacobian[..., free]) for log in logs]
     p = int(np.sum(free))
-    unmoved = _settled(own, distance, precision, frozen=True)
-    merit = _merit(own, unmoved)
+    unmoved = _converged_stds(free_logs, distance, precision, frozen=True)
+    merit = _merit(free_logs, unmoved)
     merit += float(np.sum((precision * distance) ** 2)) / 2
-    stds = _settled(own, distance, precision, frozen=False)
+    stds = _converged_stds(free_logs, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
     constants = ~free & np.isfinite(prior_stds)
     by_constants, J = J[:, constants], J[:, free]
     # The prior is p more residuals: precision times (distance + change).
-    names = [x.name for x, is_free in zip(parameters, free, strict=True) if is_free]
+    names = [parameter.name for parameter, is_free in zip(parameters, free, strict=True) if is_free]
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    covariance = _autocorrelated_covariance(own, J @ inverse, r + J @ solution)
+    covariance = _autocorrelated_covariance(free_logs, J @ inverse, r + J @ solution)
     kept = sum(int(np.sum(log.kept)) for log in logs)
     # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
     bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
@@ -151,8 +154,8 @@ def _step_of(
     spread = moves * prior_stds[constants]
     return Step(
         change=_placed(solution, free),
-        nuisance=tuple(_nuisance(log, stds, solution) for log in own),
-        own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in own),
+        nuisance=tuple(_nuisance(log, stds, solution) for log in free_logs),
+        nuisance_alone=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in free_logs),
         stds=stds,
         covariance=_placed(covariance, free) + spread @ spread.T,
         white_covariance=_placed(freedom * inverse, free),
@@ -223,8 +226,10 @@ class Point(Generic[BlockType]):
     def settled(self) -> Self:
         """Return the point with the best nuisance parameters at its values, by Newton's method."""
         point = self
-        for _ in range(_MOST_SWEEPS if any(own.size for own in self.step.own) else 0):
-            new = point.moved(np.zeros_like(point.x), 1.0, point.step.own)
+        for _ in range(
+            _MOST_SWEEPS if any(change.size for change in self.step.nuisance_alone) else 0
+        ):
+            new = point.moved(np.zeros_like(point.x), 1.0, point.step.nuisance_alone)
             is_settled = abs(new.step.merit - point.step.merit) < _EQUAL_MERIT
             point = new
             if is_settled:
@@ -233,12 +238,14 @@ class Point(Generic[BlockType]):
 
 
 def search(
-    start: Point[BlockType], iterations: int, settled: float, progress: bool = False
+    start: Point[BlockType], iterations: int, end_size: float, progress: bool = False
 ) -> tuple[Point[BlockType], bool]:
-    """Return the last point of a search by Gauss-Newton steps, and whether it could not go on.
+    """Return the last point of a search by Gauss-Newton steps, and whether no step improved it.
 
-    It ends where the next step is less than `settled` standard errors. A step is halved until the
-    likelihood improves, or a whole one leaves it equal, as steps near the end do.
+    The latter is false both at the end of a search and after its last iteration, which the size of
+    the point distinguishes. It ends where the next step is less than `end_size` standard errors. A
+    step is halved until the likelihood improves, or a whole one leaves it equal, as steps near the
+    end do.
     """
     point = start
     for _ in track(range(iterations), "refining", progress):
@@ -246,7 +253,7 @@ def search(
         if improved is None:
             return point, True
         point = improved
-        if point.size < settled:
+        if point.size < end_size:
             break
     return point, False
 
@@ -297,13 +304,11 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
     """
     scale = np.sqrt(np.diag(white))
     scale[scale == 0] = 1.0  # known by the prior alone
-    sizes, axes = safely(np.linalg.eigh, white / np.outer(scale, scale), what="the output error")
+    sizes, axes = safely(np.linalg.eigh, white / np.outer(scale, scale), what=_MATRICES)
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     # white = root root^T is the identity in these coordinates; `ratios` are covariance over white.
     root, inverse = scale[:, None] * axes * sizes, axes.T / sizes[:, None] / scale
-    ratios, turned = safely(
-        np.linalg.eigh, inverse @ covariance @ inverse.T, what="the output error"
-    )
+    ratios, turned = safely(np.linalg.eigh, inverse @ covariance @ inverse.T, what=_MATRICES)
     half = root @ turned * np.sqrt(np.maximum(ratios, part))
     return np.asarray(half @ half.T)
 
@@ -349,20 +354,22 @@ def information(logs: Sequence[Residuals], stds: Array) -> Array:
 
 
 def without_information(step: Step, noise: Array) -> Step:
-    """Return the step whose derivatives have a random part, which adds `noise` to J^T J.
+    """Return the step with the covariance that holds if `noise` (p, p) of J^T J is no information.
 
-    The derivatives of a residual f - N(x) a by x contain the estimated nuisance parameters a, with
+    It is that where nuisance parameters are estimated, as the derivatives have their errors. The
+    derivatives of a residual f - N(x) a by x contain the estimated nuisance parameters a, with
     their errors, which do not depend on the residual. The mean of the squares of the residual, in
     which x is free and N projected out, has no such part: its curvature is J^T J - noise, and its
-    slope has the covariance J^T J. So the covariance is C = (J^T J - noise)^-1 J^T J (...)^-1.
+    slope has the covariance J^T J. So the covariance is
+    (J^T J - noise)^-1 J^T J (J^T J - noise)^-1.
     """
     scale = np.sqrt(np.diag(step.white_covariance))
     both = np.outer(scale, scale)
     # Scaled to a unit diagonal, since parameters differ in size by many powers of ten.
-    sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what="the output error")
+    sizes, axes = safely(np.linalg.eigh, step.white_covariance / both, what=_MATRICES)
     sizes = np.sqrt(np.maximum(sizes, ROUNDING))
     root = axes * sizes
-    parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what="the output error")
+    parts, turned = safely(np.linalg.eigh, root.T @ (noise * both) @ root, what=_MATRICES)
     # In the coordinates of `root` the information is the identity, and without noise 1 - parts. The
     # factor n / (n - p) in `white_covariance` is needed here: the random states of `noise` have the
     # standard deviations of the maximum likelihood, whose squares are too small by this factor.
@@ -376,23 +383,26 @@ def without_information(step: Step, noise: Array) -> Step:
     )
 
 
-def _settled(logs: Sequence[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:
+def _converged_stds(
+    logs: Sequence[Residuals], distance: Array, precision: Array, frozen: bool
+) -> Array:
     """Return the converged standard deviations (C,), with the parameters `frozen` or free."""
     p = len(distance)
     change = np.zeros(p)
-    stds = _stds(logs, change, tuple(np.zeros(log.nuisance.shape[::3]) for log in logs))
+    shapes = [(len(log.nuisance), log.nuisance.shape[3]) for log in logs]  # (W, s)
+    stds = _stds(logs, change, tuple(map(np.zeros, shapes)))
     for _ in range(_REWEIGHTINGS):
         if not frozen:
             J, r = _projected(logs, stds)
             J, r = np.vstack([J, np.diag(precision)]), np.append(r, precision * distance)
             # its triangle has the same solution, and p + 1 rows
-            R = safely(np.linalg.qr, np.column_stack([J, r]), what="the output error", mode="r")
-            change = -scaled_svd(R[:, :-1], "the output error").solve(R[:, -1], 0.0)
+            R = safely(np.linalg.qr, np.column_stack([J, r]), what=_MATRICES, mode="r")
+            change = -scaled_svd(R[:, :-1], _MATRICES).solve(R[:, -1], 0.0)
         nuisance = tuple(_nuisance(log, stds, change) for log in logs)
         new = _stds(logs, change, nuisance)
-        settled = np.allclose(new, stds, rtol=1e-4)
+        is_converged = np.allclose(new, stds, rtol=1e-4)
         stds = new
-        if settled:
+        if is_converged:
             break
     return stds
 
@@ -443,7 +453,7 @@ def _basis(log: Residuals, weights: Array) -> Array:
     Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
     # Of dependent columns Q has a direction that is not in their span, and is information on the
     # others: the span is that of the left singular vectors, with the tolerance of `_nuisance`.
-    left, sizes, _ = safely(np.linalg.svd, R, what="the output error")
+    left, sizes, _ = safely(np.linalg.svd, R, what=_MATRICES)
     in_span = sizes > _LEAST_STATE * sizes[:, :1]
     return np.asarray(Q @ (left[:, :, : sizes.shape[1]] * in_span[:, None]))
 
@@ -457,7 +467,7 @@ def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
     norms[norms == 0] = 1.0
     # A pseudo-inverse: a state that does not move the rows of its window stays as it is.
-    inverse = safely(np.linalg.pinv, columns / norms, what="the output error", rcond=_LEAST_STATE)
+    inverse = safely(np.linalg.pinv, columns / norms, what=_MATRICES, rcond=_LEAST_STATE)
     return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
 
 
@@ -467,7 +477,7 @@ def _solve(J: Array, r: Array, names: Sequence[str]) -> tuple[Array, Array, floa
     dead = [name for name, norm in zip(names, norms, strict=True) if norm == 0]
     if dead:
         raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
-    svd = scaled_svd(J, "the output error")
+    svd = scaled_svd(J, _MATRICES)
     s = svd.sizes
     if s[-1] < ROUNDING * s[0]:
         share = np.abs(svd.vectors[-1])

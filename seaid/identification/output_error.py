@@ -1242,7 +1242,9 @@ def _without_noise_of_rotors(layout: Layout, point: LogPoint, logs: Sequence[Log
     for _ in range(_STATE_DRAWS):
         noisy = [_with_motor_noise(log, places, rng) for log in logs]
         bias += point_at(layout, noisy, point.x).step.change / _STATE_DRAWS
-    return point.moved(-bias, 1.0, [np.zeros_like(own) for own in point.step.own]).settled()
+    return point.moved(
+        -bias, 1.0, [np.zeros_like(change) for change in point.step.nuisance_alone]
+    ).settled()
 
 
 def _with_motor_noise(log: Log, places: Sequence[int], rng: np.random.Generator) -> Log:
