@@ -19,19 +19,21 @@ def replay(
 ) -> None:
     """Replay a log by the nominal and by the identified model, and compare their errors.
 
-    From the first state of the log on only its motor inputs enter: torques, or position commands
-    through the controllers of the drives. Without values in the files the nominal model has no
-    friction, rotor inertia and delay. A MuJoCo model brings its bodies, armature, damping and
-    friction loss. An identified model that replays the log worse is a warning.
+    The simulation starts in the first state of the log; after it only the motor inputs of the log
+    enter: torques, or position commands through the controllers of the drives. Without values in
+    the files the nominal model has no friction, rotor inertia and delay. A MuJoCo model brings its
+    bodies, armature, damping and friction loss. An identified model that replays the log worse is a
+    warning.
 
     Parameters
     ----------
     log
         The log to replay; best an unseen one.
     nominal
-        Nominal model: drives (.toml) or robot (.urdf, MuJoCo .xml); default: that given.
+        Nominal model: drives (.toml) or robot (.urdf, MuJoCo .xml); default: the robot as it was
+        before the identification.
     output
-        A report with the replay.
+        HTML report with the replay.
 
     Examples
     --------
@@ -43,13 +45,15 @@ def replay(
     run = options.result()
     fit = run.identification
     before = fit.known if nominal is None else seaid.robot.nominal_model(nominal, fit.known)
-    (unseen,) = options.logs([log], fit.known)
-    moved = seaid.compare_replays(before, fit.robot, unseen, fit.unusable_joints)
+    (measured,) = options.logs([log], fit.known)
+    comparison = seaid.compare_replays(before, fit.robot, measured, fit.unusable_joints)
     written(
         output,
         ".html",
-        lambda file: seaid.write_report(fit, file, list(run.validations.values()), replays=moved),
+        lambda file: seaid.write_report(
+            fit, file, list(run.validations.values()), replays=comparison
+        ),
     )
-    facts = facts_of(fit, *run.validations.values(), moved)
-    result.show(moved.summary(), {"log": str(log), **moved.to_dict()}, output, **facts)
-    fail.check(moved.warnings)
+    facts = facts_of(fit, *run.validations.values(), comparison)
+    result.show(comparison.summary(), {"log": str(log), **comparison.to_dict()}, output, **facts)
+    fail.check(comparison.warnings)

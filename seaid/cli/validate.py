@@ -1,4 +1,4 @@
-"""Command validate: prediction of the torques of logs that were not identified from."""
+"""Command validate: the torques of logs that the identification has not seen are predicted."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def validate(
     Parameters
     ----------
     logs
-        A log not identified from; with --cross the logs.
+        The log to predict, none of --from; with --cross all logs.
     cross
         Validate each log on the model identified from all the others.
     parts
         Parts into which --cross cuts a single log.
     output
-        File for parameters with their validation.
+        JSON file of the parameters and their validation.
 
     Examples
     --------
@@ -53,7 +53,9 @@ def validate(
     seaid validate leg.urdf run.csv --drives leg.toml --cross --parts 5
     """
     if cross:
-        refuse("--cross identifies from the logs to validate", "from_logs", "run", "output")
+        # Only options that were typed are refused.
+        refuse("--cross identifies from the logs to validate", "from_logs", "run")
+        refuse("--cross has a model for each log, and writes none", "output")
         _cross_validate(options, logs, parts, result)
         return
     refuse("it needs --cross", "parts")
@@ -72,14 +74,14 @@ def validate(
 def _cross_validate(
     options: IdentifiedOptions, logs: list[Path], parts: int, result: ResultOptions
 ) -> None:
-    """Print the validation of each log on the model of all the others."""
+    """Print the prediction of each log, or part, by the model identified from all the others."""
     robot = options.robot()
     read = options.logs(logs, robot)
     folds = seaid.cross_validate(
         robot, read, parts=parts, progress=is_terminal(), **options.keywords()
     )
-    alone = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]
-    names = [str(log) for log in logs] if len(logs) > 1 else alone
+    parts_of_log = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]
+    names = [*map(str, logs)] if len(logs) > 1 else parts_of_log
     text = [f"{name}\n{fold.summary()}" for name, fold in zip(names, folds, strict=True)]
     content = [{"log": name, **fold.to_dict()} for name, fold in zip(names, folds, strict=True)]
     result.show("\n".join(text), {"validations": content}, robot=robot.name)

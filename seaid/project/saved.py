@@ -40,7 +40,9 @@ FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
 _FORMAT = "seaid run 4"
-"""The format of this version; the first one had no checksum, the second findings in estimates."""
+"""The format of this version, the only one that loads. It rises when a file of before would load
+wrongly or not at all: 1 had no checksum, 2 had findings in estimates, and 3 is from before robots
+with a floating base had a type of their own."""
 
 _MOST_GROWTH = 20
 """Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
@@ -259,9 +261,10 @@ def _as_annotated(value: Any) -> Any:
         if len(shape) != len(symbols):
             raise ValueError(f"{place} has the shape {shape}")
         for symbol, length in zip(symbols, shape, strict=True):
-            times, letter = _LENGTH.fullmatch(symbol.strip()).groups()  # type: ignore[union-attr]
-            unit = length / float(times or 1)
-            if unit != (lengths.setdefault(letter, unit) if letter else 1.0):
+            factor, letter = _LENGTH.fullmatch(symbol.strip()).groups()  # type: ignore[union-attr]
+            size = length / float(factor or 1)  # "10n" of the length 30: n is 3
+            expected = lengths.setdefault(letter, size) if letter else 1.0  # "3" is exactly 3
+            if size != expected:
                 raise ValueError(f"{place} has the shape {shape}, which others contradict")
     return value
 
@@ -272,10 +275,14 @@ def _fields_of(value: Any) -> dict[str, Any]:
 
 
 _LENGTH = re.compile(r"(\d*)([A-Za-z]?)")
+"""A length in a documented shape: "T", "10n" or "3"."""
+
 _DOCUMENTED = re.compile(
     r"^ *([\w, ]+) : (?:(?:bool |nd)?arrays? \(([^)+]*)\)|tuple of (?:str \((\w+),\)|(\w) \w+))",
     re.MULTILINE,
 )
+"""A line of the docstring of a class: "a, b : array (T, n)" or "names : tuple of n str". To change
+it is to change which files load; a length with a plus is not checked."""
 
 
 _hints_of = cache(hints_of)
@@ -423,7 +430,7 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
 
 
 def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
-    """Return the value of `_plain`."""
+    """Return the value of which `_plain` made this JSON data; sequences come back as tuples."""
     restored = partial(_restored, arrays=arrays)
     if isinstance(value, list):
         return tuple(map(restored, value))

@@ -1,4 +1,7 @@
-"""NPZ: an archive of NumPy arrays, one per column or of two dimensions with columns."""
+"""NumPy files: archives (.npz), and single arrays (.npy), with one column or several each.
+
+A column is an array (T,), or "name[i]" of an array (T, k).
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 @dataclass(frozen=True)
 class _Header:
-    """The header of an array: type, shape and order of its numbers, with the samples in rows."""
+    """The header of an array as if its samples were in rows.
+
+    `by_columns` says that its numbers are in the order of Fortran then.
+    """
 
     kind: np.dtype[Any]
     shape: tuple[int, ...]
@@ -79,7 +85,7 @@ def open_npy(path: Path) -> Table:
 
 
 def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
-    """Return the columns of an array; a damaged array raises an error when it is loaded."""
+    """Return the names of the columns of an array; a damaged one has its own, to raise then."""
     try:
         with _member(path, archive, name) as (_, header):
             return with_parts(name, header.shape)
@@ -88,10 +94,11 @@ def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
 
 
 def _places(archive: zipfile.ZipFile, wanted: list[str]) -> dict[str, list[tuple[str, int | None]]]:
-    """Return {array: (name, place in the array) of its wanted columns}."""
+    """Return {array: [(column, its index in the array, None for a whole one)]}."""
     arrays = set(archive.namelist())
     places: dict[str, list[tuple[str, int | None]]] = {}
     for name in wanted:
+        # "q[0]" may be the name of an array itself.
         base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
         places.setdefault(base, []).append((name, index))
     return places
@@ -133,6 +140,7 @@ def _check_kind(path: Path, name: str, header: _Header) -> None:
 
 
 def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
+    """Yield the wanted columns in pieces of `size` rows at most; those by columns are loaded."""
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive, ExitStack() as stack:
         places = _places(archive, wanted)
         files: dict[str, tuple[IO[bytes], _Header]] = {}
@@ -144,10 +152,10 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
                 whole[base] = _array(path, base, file, header)
             files[base] = (file, header)
         check_lengths(path, {base: header.shape[0] for base, (_, header) in files.items()})
-        total = min(header.shape[0] for _, header in files.values())
+        total = next(iter(files.values()))[1].shape[0]  # that of all
         widths = sum(math.prod(header.shape[1:]) for _, header in files.values())
         check_memory(path, 8.0 * min(size, total) * widths, pieces=True)
-        for start in range(0, max(total, 1), size):
+        for start in range(0, max(total, 1), size):  # of no rows there is one empty block
             count = min(size, total - start)
             block: Block = {}
             for base, (file, header) in files.items():
