@@ -37,7 +37,7 @@ from seaid.errors import (
 from seaid.estimation import Estimate, EstimatorName
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.extension import extension_of
-from seaid.identification.model_selection import with_closed_terms
+from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.motor_side import (
     cutoff_of,
     shown_springs,
@@ -526,7 +526,7 @@ def cutoff_sensitivity(
         asked = np.multiply(_FACTORS, base.cutoff_hz).tolist()
     cutoffs = sorted({*asked, base.cutoff_hz})
     # Terms that drives got by themselves and the method stay, so that estimates are comparable.
-    robot = with_closed_terms(robot, base.known)
+    robot = with_fixed_default_terms(robot, base.known)
     options["method"] = base.method
     proposed = _parameters(base)
     values, errors = np.full((2, len(cutoffs), len(proposed.names)), np.nan)

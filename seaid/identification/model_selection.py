@@ -305,8 +305,8 @@ def _with_backlash(
 ) -> _Model:
     """Return the model with a dead zone of an elastic drive, at the cutoff for its corners.
 
-    Only where the drive has no other law of its spring by the cutoff of the motion: next to
-    bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis are not
+    Only where its spring has no dead zone and no hysteresis yet, as at the cutoff of the motion:
+    next to bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis are not
     compared again: the noise of the deflection of a stiff contact, which grows with the cutoff,
     looks like one. `finer` are the motions at that cutoff, reconstructed where they are first used.
     """
@@ -480,21 +480,21 @@ MOST_ROUNDS = 4
 def with_default_terms(
     robot: Robot, nominal: Robot, selected: Sequence[SideSelection]
 ) -> tuple[Robot, Robot, list[Finding]]:
-    """Return the robot with the supported terms of drives whose friction nobody named, and notes.
+    """Return the robot and the nominal one, that before a search, with the `DEFAULTS` in support.
 
-    The same drives stand in the `nominal` robot, that before a search.
-
-    An offset is included if it is supported, a width of Coulomb friction if no other term is
-    supported better: it is that of the comparison, as a known value. Other terms only compete: the
-    criterion does not count them.
+    Only drives whose friction nobody named get them, with a note on each. An offset is added if the
+    data support it, smooth Coulomb friction only if it is the best supported trial of its joint,
+    its width as a known value. Trials of other terms compete to be the best, and do not count in
+    the penalty.
     """
-    of_joint = _trials_of_open_drives(robot, selected)
-    # a term is asked of each drive
+    of_joint = _trials_without_named_friction(robot, selected)
+    # Every default term is tried at each drive.
     penalty = 2 * math.log(max(len(DEFAULTS) * len(of_joint), 1))
     drives: dict[str, Drive] = {}
     notes = []
     for joint, trials in of_joint.items():
-        # BIC with a penalty for the number of terms tried: the best of many is better by chance.
+        # `bic` is the decrease of the criterion, the larger the better. A penalty for the number of
+        # trials reduces it: the best of many is better by chance.
         compared = [
             replace(trial, comparison=replace(trial.comparison, bic=trial.comparison.bic - penalty))
             for trial in trials
@@ -514,7 +514,7 @@ def with_default_terms(
     return robot, nominal, notes
 
 
-def _trials_of_open_drives(
+def _trials_without_named_friction(
     robot: Robot, selected: Sequence[SideSelection]
 ) -> dict[str, list[Trial]]:
     """Return the first trials of friction and springs where nobody named the friction, by joint."""
@@ -531,15 +531,18 @@ def _trials_of_open_drives(
     return trials
 
 
-def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
-    """Return the robot with the terms of an `identified` one where nobody named friction terms."""
+def with_fixed_default_terms(robot: Robot, identified: Robot) -> Robot:
+    """Return the robot with the friction terms of an `identified` one where nobody named any.
+
+    Further fits then add none, and know the width that came with them.
+    """
     drives: dict[str, Drive] = {}
     for joint, drive in robot.drives.items():
         if isinstance(drive.friction, DefaultTerms):
-            closed = identified.drives[joint]
-            drive = replace(drive, friction=tuple(closed.friction))
-            if "coulomb_width" in closed.known:
-                drive = drive.with_values({"coulomb_width": closed.values["coulomb_width"]})
+            fixed = identified.drives[joint]
+            drive = replace(drive, friction=tuple(fixed.friction))
+            if "coulomb_width" in fixed.known:
+                drive = drive.with_values({"coulomb_width": fixed.values["coulomb_width"]})
                 drive = replace(drive, known=(*drive.known, "coulomb_width"))
             drives[joint] = drive
     return robot.with_drives(drives)
