@@ -306,9 +306,10 @@ def _with_backlash(
     """Return the model with a dead zone of an elastic drive, at the cutoff for its corners.
 
     Only where its spring has no dead zone and no hysteresis yet, as at the cutoff of the motion:
-    next to bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis are not
-    compared again: the noise of the deflection of a stiff contact, which grows with the cutoff,
-    looks like one. `finer` are the motions at that cutoff, reconstructed where they are first used.
+    next to bouncing teeth a dead zone explains a tenth of the residual there. Laws of hysteresis
+    are not compared again: the noise of the deflection of a stiff contact, which grows with the
+    cutoff, looks like one. `finer` are the motions at that cutoff, reconstructed where they are
+    first used.
     """
     drive = model.robot.drives[joint]
     fields = {"spring": [term for term in asked.get("spring", ()) if term in DEAD_ZONES]}
