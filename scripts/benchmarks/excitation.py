@@ -33,7 +33,7 @@ from seaid.excitation import (
     pivoted_base,
 )
 from seaid.excitation.boundary import EndState
-from seaid.excitation.objective import load_target
+from seaid.excitation.observation_matrix import load_target
 from seaid.excitation.problem import (
     Problem,
     make_problem,

@@ -27,7 +27,7 @@ from seaid.excitation import CRITERIA, CriterionName, joint_limits, make_basis, 
 from seaid.excitation.boundary import EndState
 from seaid.excitation.criteria import triangular_factor
 from seaid.excitation.flatness import transmission
-from seaid.excitation.objective import Target, drive_target, stacked_regressor
+from seaid.excitation.observation_matrix import Target, drive_target, stacked_regressor
 from seaid.excitation.problem import make_problem, previous_logs_factor, scaled_target
 from seaid.report.formats import percent
 from seaid.report.text import table

@@ -37,7 +37,7 @@ from seaid.excitation.limits import (
 )
 from seaid.excitation.multisine import Multisine
 from seaid.excitation.multisine import multisine as multisine_motion
-from seaid.excitation.objective import (
+from seaid.excitation.observation_matrix import (
     READINGS_HZ,
     Target,
     drive_target,

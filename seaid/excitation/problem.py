@@ -32,7 +32,7 @@ from seaid.excitation.limits import (
     margins,
     positive_values,
 )
-from seaid.excitation.objective import (
+from seaid.excitation.observation_matrix import (
     Target,
     reading_weights,
     regressor_pull_back,

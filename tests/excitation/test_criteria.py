@@ -25,7 +25,7 @@ from seaid.excitation.criteria import (
     triangular_factor,
 )
 from seaid.excitation.design import excitation_measures
-from seaid.excitation.objective import load_target, stacked_regressor
+from seaid.excitation.observation_matrix import load_target, stacked_regressor
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
 from seaid.robot.robot import Robot

@@ -15,7 +15,7 @@ from seaid.excitation import EndState, Excitation, Limits, design_excitation, jo
 from seaid.excitation import search as search_module
 from seaid.excitation.collision import distances
 from seaid.excitation.criteria import CRITERIA, pivoted_base
-from seaid.excitation.objective import load_target, stacked_regressor
+from seaid.excitation.observation_matrix import load_target, stacked_regressor
 from seaid.excitation.problem import Problem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
 from seaid.excitation.scene_file import Box, load_scene

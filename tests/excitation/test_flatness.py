@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.excitation.test_objective import assert_gradient
 
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
@@ -28,14 +29,13 @@ from seaid.excitation import Limits, design_excitation
 from seaid.excitation.basis import FourierBasis
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
 from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
-from seaid.excitation.objective import drive_target, stacked_regressor
+from seaid.excitation.observation_matrix import drive_target, stacked_regressor
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
 from tests import terms
-from tests.excitation.test_objective import assert_gradient
 from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 

@@ -34,7 +34,7 @@ from seaid.errors import (
     SymbolicError,
 )
 from seaid.estimation.least_squares import ordinary
-from seaid.excitation.objective import load_target
+from seaid.excitation.observation_matrix import load_target
 from seaid.identification import Method
 from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine

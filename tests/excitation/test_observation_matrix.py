@@ -15,7 +15,7 @@ from seaid.drives.functions import SMOOTH_SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import FourierBasis
 from seaid.excitation.criteria import pivoted_base, regressor_gradient
-from seaid.excitation.objective import (
+from seaid.excitation.observation_matrix import (
     READINGS_HZ,
     Target,
     drive_target,
