@@ -78,7 +78,8 @@ def test_saturated_torques_and_a_robot_at_rest() -> None:
     limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
     clipped = replace(log, motor_torque=np.clip(log.motor_torque, -limit, limit))
     found = seaid.check(leg(TEST_MASS), clipped).warnings
-    assert {one.joint for one in found if one.code == "saturation"} == set(leg().joint_names)
+    (saturated,) = (finding for finding in found if finding.code == "saturation")
+    assert set(saturated.joints) == set(leg().joint_names)
     small = replace(log, joint_position=0.01 * log.joint_position)
     assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
 
