@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.excitation.test_objective import assert_gradient
 
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
@@ -36,6 +35,7 @@ from seaid.regressor.load import load_model
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
 from tests import terms
+from tests.excitation.test_observation_matrix import assert_gradient
 from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
