@@ -59,7 +59,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"(?!seaid\.[A-Z]).*"),  # types of other packages, and our own that are not public
     ("py:exc", r".*"),
-    ("py:obj", r"typing\.Literal.*"),  # values of an option in a signature
+    ("py:obj", r"typing\.(Literal|Annotated).*"),  # values and limits of an option in a signature
 ]
 
 _SPACE = "{http://www.w3.org/1998/Math/MathML}"
