@@ -919,11 +919,10 @@ def _refined_commanded(point: Point[CommandedLog]) -> Identification:
     """Return the identification with the values of a point and their covariance."""
     commands, step = point.blocks[0].commands, point.step
     start, spread = commands.identification, commands.spread
-    covariance = step.covariance + _of_constants(start, point)
     side = replace(
         start.load_side,
         values=spread @ point.x,
-        covariance=spread @ covariance @ spread.T,
+        covariance=spread @ (step.covariance + _of_constants(start, point)) @ spread.T,
         residual_std=float(np.sqrt(np.mean(step.stds**2))),
         condition_number=step.condition_number,
         white_standard_errors=np.sqrt(np.diag(spread @ step.white_covariance @ spread.T)),

@@ -526,13 +526,14 @@ def _slopes(
         for name, x in conditions.items()
     }
     names = [ParameterName(constant.name, constant.joint) for constant in common]
-    stored, of_read = sides.fit.rows is None, (conditions, specific, equations, of_springs)
-    with rows_of_conditions(*of_read, stored, executor, False, names) as (rows, _):
-        if sides.regress is None:
-            springs = names_of_all(of_springs, [*conditions], specific.of_load)
-            return _two_step_slopes(robot, sides, common, rows, springs)
-        of_fit = sides.fit.slopes(rows[LOAD])
-        return dict(zip(sides.fit.estimate.names, of_fit, strict=True))
+    stored = sides.fit.rows is None
+    with rows_of_conditions(
+        conditions, specific, equations, of_springs, stored, executor, constants=names
+    ) as (rows, _):
+        if sides.regress is not None:
+            return dict(zip(sides.fit.estimate.names, sides.fit.slopes(rows[LOAD]), strict=True))
+        springs = names_of_all(of_springs, [*conditions], specific.of_load)
+        return _two_step_slopes(robot, sides, common, rows, springs)
 
 
 def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:

@@ -286,7 +286,7 @@ def rows_of_conditions(
     propagated: Sequence[str],
     stored: bool,
     executor: Executor | None,
-    progress: bool,
+    progress: bool = False,
     constants: Sequence[str] = (),
 ) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
     """Yield the rows of the equations {condition: {equation: its rows}}, and who has which rows.
