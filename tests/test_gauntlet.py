@@ -157,7 +157,7 @@ def judged(
         is_wrong, remedy = np.max(np.abs(torque)) > 50, REMEDY.format(arm.joint)
         kind: Any = severity
         said = (Finding(code, "x", arm.joint, kind, remedy=remedy),) if is_wrong and code else ()
-        found.__dict__["warnings"] = said
+        found.__dict__["weighed_findings"] = said
         return found
 
     monkeypatch.setattr(seaid, "identify", silent)
