@@ -7,38 +7,36 @@ unit: "knee.joint_position_rad", "base.velocity_x_m_per_s", "foot.force_z_N".
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
+from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
+UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
+"""The tables of units.toml: the units with their spellings, and their prefixes."""
 
-UNIT_FACTORS = {
-    "rad": {
-        **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "mdeg": np.pi / 180e3},
-        "turn": 2 * np.pi,
-    },
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "Nm": {"Nm": 1.0, "Ncm": 1e-2, "mNm": 1e-3, "Nmm": 1e-3, "uNm": 1e-6, "kNm": 1e3},
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
-    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "degC": {"degC": 1.0},
-    "rad_per_s": {
-        **{"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": np.pi / 180, "turn/s": 2 * np.pi},
-        **{"rpm": 2 * np.pi / 60, "turn/min": 2 * np.pi / 60},
-    },
-    "m_per_s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
-    "m_per_s2": {
-        **{"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3},
-        **{"g": 9.80665, "mg": 9.80665e-3},
-    },
+
+def _unit_factors() -> dict[str, dict[str, float]]:
+    factors: dict[str, dict[str, float]] = {}
+    for unit, entry in UNITS["units"].items():
+        if "si" in entry:
+            of_si, factor = factors.setdefault(entry["si"], {}), entry.get("factor", 1.0)
+            of_si[unit] = factor
+            for prefix in entry.get("prefixes", "").split():
+                of_si[prefix + unit] = UNITS["prefixes"][prefix]["factor"] * factor
+    return factors
+
+
+UNIT_FACTORS = _unit_factors()
+"""{SI unit at the end of a column name: {unit: factor to the SI unit}}, the SI unit first."""
+
+TEMPERATURES = {
+    unit: (entry.get("factor", 1.0), entry["zero"])
+    for unit, entry in UNITS["units"].items()
+    if "zero" in entry
 }
-"""{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
-
-TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
 """{unit of a temperature: (factor, its zero) in degrees Celsius}."""
 
 LogField = Literal[

@@ -150,7 +150,7 @@ def test_one_foreign_column_may_serve_two_sensors(
         ({"time_s": "tme_s"}, "no column is named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
         ({"time_s": ("time_s", "msec")}, "'time_s': no unit of this quantity is named 'msec'; did"),
         ({"time_s": ("time_s", "deg")}, "is named 'deg'; allowed: s, ms, us, ns"),
-        ({NAMES[3]: (NAMES[3], "rad")}, "is named 'rad'; allowed: Nm, Ncm, mNm"),
+        ({NAMES[3]: (NAMES[3], "rad")}, "is named 'rad'; allowed: Nm, mNm, uNm"),
         ({NAMES[1]: (NAMES[1], 0.0)}, "the factor must be finite and not zero, found 0.0"),
         ({NAMES[1]: (NAMES[1], np.nan)}, "the factor must be finite and not zero, found nan"),
         ({NAMES[1]: ("x", "rad", 1)}, "must be a column name or (name, unit or factor), found ("),

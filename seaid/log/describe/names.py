@@ -3,7 +3,8 @@
 `meaning_of` reads it from the words of the name; the names of a robot's joints are looked for
 first, so that their words are not taken for anything else. `place_of` and `kind_of` read the
 vector and the component of a column of a base or of a contact, and `planar_meaning` a single column
-of a planar base. The words of languages and the spellings of units are in vocabulary.toml.
+of a planar base. The words of languages are in vocabulary.toml, the spellings of units in
+units.toml.
 """
 
 from __future__ import annotations
@@ -19,13 +20,10 @@ from typing import Any, Literal
 
 from seaid._files import read_toml
 from seaid.errors import LogError
-from seaid.log.channels import UNIT_FACTORS
+from seaid.log.channels import UNIT_FACTORS, UNITS
 
 Unit = tuple[str, str]
 """A quantity, and a unit of it."""
-
-_PREFIXES = {"m": "milli", "u": "micro", "n": "nano", "k": "kilo", "c": "centi"}
-"""Prefixes of units, before their symbols and before their names."""
 
 Role = Literal["measured", "estimated", "command", "derived"]
 
@@ -51,7 +49,7 @@ _DOTS = (
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The words and units of vocabulary.toml.
+    """The words of vocabulary.toml, and the spellings of units.
 
     Attributes
     ----------
@@ -93,20 +91,20 @@ def vocabulary() -> Vocabulary:
         "generic": of_quantities.union(words["motor"], words["joint"], words["filler"]),
         "desired": of_quantities | marks.pop("desired"),
     }
-    units = dict(_spellings(tables["units"]))
+    units = dict(_spellings())
     # The first unit of a spelling in small letters counts.
     small = {spelling.lower(): unit for spelling, unit in reversed(units.items())}
     return Vocabulary(tables, quantities, words | marks | more, units, small)
 
 
-def _spellings(units: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, Unit]]:
+def _spellings() -> Iterator[tuple[str, Unit]]:
     """Yield the spellings of units, with their prefixes, and what they stand for."""
-    for unit, entry in units.items():
-        symbols, names = entry.get("symbols", "").split(), entry.get("names", "").split()
-        for spelling in [*symbols, *names, *entry.get("also", "").split()]:
-            yield spelling, (entry["of"], unit)
+    for unit, entry in UNITS["units"].items():
+        symbols, names, also = (entry.get(x, "").split() for x in ("symbols", "names", "also"))
+        yield from ((spelling, (entry["of"], unit)) for spelling in [*symbols, *names, *also])
         for prefix in entry.get("prefixes", "").split():
-            spelled = [prefix + x for x in symbols] + [_PREFIXES[prefix] + x for x in names]
+            word = UNITS["prefixes"][prefix]["name"]
+            spelled = [prefix + x for x in symbols] + [word + x for x in names]
             yield from ((spelling, (entry["of"], prefix + unit)) for spelling in spelled)
 
 

@@ -16,6 +16,7 @@ from seaid.log.channels import (
     SENSORS,
     TEMPERATURES,
     UNIT_FACTORS,
+    UNITS,
     quantity_of,
 )
 from seaid.log.describe.names import kind_of, known_unit, meaning_of, place_of, vocabulary
@@ -36,7 +37,7 @@ def test_a_spelling_has_one_unit_and_a_unit_a_factor_to_si() -> None:
     assert units - factors == set()
     spellings = Counter(
         spelling
-        for entry in vocabulary().tables["units"].values()
+        for entry in UNITS["units"].values()
         for spelling in {*entry.get("symbols", "").split(), *entry.get("also", "").split()}
     )
     assert [spelling for spelling, count in spellings.items() if count > 1] == []
