@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.view.picture import IDENTIFIED, NEUTRAL, NOMINAL, WRONG, rest_posture
+from seaid.view.picture import IDENTIFIED, NEUTRAL, NOMINAL, WRONG, color_of, rest_posture
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from seaid.view.stage import Stage
 
 
-_STOPS = np.array(
-    [(20, 78, 186), (104, 172, 232), (255, 243, 186), (245, 144, 66), (186, 34, 18)], dtype=float
-)
+_STOPS = ("#144eba", "#68ace8", "#fff3ba", "#f59042", "#ba2212")
 """Blue, light blue, pale yellow, orange, red; at -1, -1/2, 0, 1/2 and 1."""
 
 
@@ -30,7 +28,7 @@ def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
     known = np.isfinite(deflection) & (limit > 0)
     part = np.where(known, deflection, 0.0) / np.where(known, limit, 1.0)
     at = np.linspace(-1.0, 1.0, len(_STOPS))
-    channels = [np.interp(part, at, stops) for stops in _STOPS.T]
+    channels = [np.interp(part, at, stops) for stops in zip(*map(color_of, _STOPS), strict=True)]
     painted = np.round(np.column_stack(channels)).astype(int)
     return [
         (int(red), int(green), int(blue)) if is_known else NEUTRAL
@@ -45,8 +43,7 @@ def hexadecimal(color: Color) -> str:
 
 def gradient() -> str:
     """Return the scale as a CSS background, from -limit (left) to limit (right)."""
-    stops = ", ".join(hexadecimal((int(r), int(g), int(b))) for r, g, b in _STOPS)
-    return f"linear-gradient(to right, {stops})"
+    return f"linear-gradient(to right, {', '.join(_STOPS)})"
 
 
 _TEXT = "font-size:0.8em;line-height:1.45;margin:0 0.6em 0.5em"

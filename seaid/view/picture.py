@@ -32,7 +32,14 @@ from seaid.robot import (
 
 Color = tuple[int, int, int]
 
-GREY: Color = (168, 174, 182)
+
+def color_of(hexadecimal: str) -> Color:
+    """Return the colour of a CSS notation, '#1450b4'."""
+    red, green, blue = bytes.fromhex(hexadecimal.removeprefix("#"))
+    return red, green, blue
+
+
+GREY = color_of("#a8aeb6")
 """Colour of shapes without one in their files."""
 
 _SHARP_RAD = 0.6
@@ -41,14 +48,14 @@ _SHARP_RAD = 0.6
 GROUPS = ("bodies", "lines", "joints", "payloads", "nominal", "identified")
 """The kinds of objects of a picture."""
 
-LINES: Color = (60, 66, 74)
-PAYLOAD: Color = (150, 60, 160)
-NOMINAL: Color = (70, 76, 86)
-IDENTIFIED: Color = (0, 150, 110)
-WRONG: Color = (215, 25, 30)
+LINES = color_of("#3c424a")
+PAYLOAD = color_of("#963ca0")
+NOMINAL = color_of("#464c56")
+IDENTIFIED = color_of("#00966e")
+WRONG = color_of("#d7191e")
 """Colours of nominal bodies (wire), identified ones (solid), and inconsistent ones (crosses)."""
 
-NEUTRAL: Color = (88, 94, 102)
+NEUTRAL = color_of("#585e66")
 """Colour of joints without a spring or with an unknown deflection."""
 
 _STEEL_KG_PER_M3 = 7850.0
@@ -331,8 +338,9 @@ def shapes_of(
     file and those above it. Raises RobotError for a missing folder.
     """
     folders = search_folders(urdf, package_dirs)
-    materials = tree.elements.materials
-    palette = {m.name: _rgb(m) for m in materials if m.color is not None}
+    # Those with a colour last, so that they count where a material is named without one too.
+    materials = sorted(tree.elements.materials, key=lambda material: material.color is not None)
+    palette = {material.name: material for material in materials}
     objects: list[pin.GeometryObject] = []
     meshes: dict[str, Any] = {}
     missing: dict[str, list[str]] = {}
@@ -440,14 +448,13 @@ def _painted(visual: Any) -> Color | None:
     return None if color is None else _color(color[:3])
 
 
-def _material_color(material: Any, palette: Mapping[str, Color]) -> Color:
-    if material is None:
+def _material_color(material: Any, palette: Mapping[str, Any]) -> Color:
+    """Return the colour of a material, or of that with its name in the palette of the robot."""
+    named = palette.get(getattr(material, "name", ""))
+    color = getattr(material, "color", None) or getattr(named, "color", None)
+    if color is None:
         return GREY
-    return _rgb(material) if material.color is not None else palette.get(material.name, GREY)
-
-
-def _rgb(material: Any) -> Color:
-    return _color(np.clip(np.asarray(material.color.rgba[:3], dtype=float), 0.0, 1.0) * 255)
+    return _color(np.clip(np.asarray(color.rgba[:3], dtype=float), 0.0, 1.0) * 255)
 
 
 def _color(values: Any) -> Color:

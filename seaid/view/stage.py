@@ -11,9 +11,9 @@ import pinocchio as pin
 from pinocchio.visualize import ViserVisualizer
 
 from seaid._arrays import Array
-from seaid.view.picture import GROUPS, Color, Picture
+from seaid.view.picture import GROUPS, Color, Picture, color_of
 
-GHOST: Color = (240, 130, 30)
+GHOST = color_of("#f0821e")
 
 _FIELD_OF_VIEW_RAD = 0.7
 
