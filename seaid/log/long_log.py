@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -234,16 +234,13 @@ def _check_count(name: str, value: Any, least: int) -> None:
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
     """Yield blocks with `overlap` samples of neighbours, place and number of own samples."""
     whole = _whole_blocks(blocks)
-    block = next(whole)
-    before = _cut(block, slice(0))
-    for following in chain(whole, [None]):
-        after = _cut(block, slice(0)) if following is None else _cut(following, slice(overlap))
+    first = next(whole)
+    before = nothing = _cut(first, slice(0))
+    for block, following in pairwise(chain([first], whole, [nothing])):
+        after = _cut(following, slice(overlap))
         yield _joined([before, block, after]), _length(before), _length(block)
-        if following is None:
-            return
         # Not slice(-overlap): that is the whole block if the overlap is zero.
         before = _cut(block, slice(_length(block) - overlap, None))
-        block = following
 
 
 def _whole_blocks(blocks: Blocks) -> Iterator[Block]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Final
 
 import numpy as np
@@ -63,26 +63,13 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
 
     Up to `REST_S` of rest remains. A log in which nothing moves stays as it is.
     """
-    time, before, after, moves = log.time, np.inf, np.inf, False
-    window = max(1, round(_SMOOTHED_S / typical_step(time)))
-    for name, values in log.columns().items():
-        if quantity_of(name).is_slow:
-            continue
-        share, count = (_SHARE, 1) if quantity_of(name).is_position else (_TORQUE_SHARE, window)
-        least = share * float(np.ptp(values))
-        # its 5th percentile of n steps is at most ptp / 0.95 n
-        if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
-            least = max(_STEPS * resolution(values), least)
-        rest = _rest_s(time, values, least, count)
-        before = min(before, rest)
-        # Reversed in time with negative stamps: these increase, and the rest at the end is at the
-        # start.
-        after = min(after, _rest_s(-time[::-1], values[::-1], least, count))
-        moves |= quantity_of(name).is_position and np.isfinite(rest)
-    if not moves:
+    time = log.time
+    moving = {x: values for x, values in log.columns().items() if not quantity_of(x).is_slow}
+    rests = {x: _rests_s(time, x, values) for x, values in moving.items()}
+    if not any(quantity_of(x).is_position and np.isfinite(rest[0]) for x, rest in rests.items()):
         return log
-    rests = (length if np.isfinite(length) else 0.0 for length in (before, after))
-    cut = np.array([length - REST_S if length > _FULL_REST_S else 0.0 for length in rests])
+    ends = np.min([*rests.values()], axis=0)
+    cut = np.where((ends > _FULL_REST_S) & np.isfinite(ends), ends - REST_S, 0.0)
     # Both cuts shrink alike until `shortest_s` remains.
     cut *= min(1.0, max(float(time[-1] - time[0]) - shortest_s, 0.0) / max(np.sum(cut), REST_S))
     if not np.any(cut):
@@ -92,6 +79,19 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
     action = f"{cut[0]:.3g} s before and {cut[1]:.3g} s after the motion are excluded"
     count = len(time) - len(part.time)
     return replace(part, report=(*log.report, Repair("time_s", REST, count, time[0], action)))
+
+
+def _rests_s(time: Array, name: str, values: Array) -> tuple[float, float]:
+    """Return the time [s] that a channel rests before its first and after its last motion."""
+    window = max(1, round(_SMOOTHED_S / typical_step(time)))
+    share, count = (_SHARE, 1) if quantity_of(name).is_position else (_TORQUE_SHARE, window)
+    least = share * float(np.ptp(values))
+    # its 5th percentile of n steps is at most ptp / 0.95 n
+    if len(np.unique(values[::_SOME])) < 1.1 * _STEPS / share:
+        least = max(_STEPS * resolution(values), least)
+    # Reversed in time with negative stamps: these increase, and the end is at the start.
+    after = _rest_s(-time[::-1], values[::-1], least, count)
+    return _rest_s(time, values, least, count), after
 
 
 def _rest_s(time: Array, values: Array, least: float, count: int) -> float:
@@ -117,31 +117,38 @@ def _moving_mean(values: Array, count: int) -> Array:
 
 def without_frozen(log: Log) -> Log:
     """Return a log without the samples at which a channel is frozen while the robot moves."""
-    bad, repairs = np.zeros(len(log.time), dtype=bool), []
-    for name, values in log.columns().items():
-        repeated = _long_repeats(log.time, values)
-        if quantity_of(name).is_slow or quantity_of(name).is_command or not np.any(repeated):
-            continue
-        if quantity_of(name).is_position:
-            frozen = _frozen_positions(values, repeated)
-        else:
-            logged = log.logged(name.rsplit(".", 1)[0]).items()
-            sides = [samples for field, samples in logged if quantity_of(field).is_position]
-            frozen = _frozen_torques(values, repeated, sides)
-        if np.any(frozen):
-            longest = max(log.time[end - 1] - log.time[start] for start, end in runs(frozen))
-            action = f"repeated for up to {longest:.3g} s; excluded"
-            at = float(log.time[np.argmax(frozen)])
-            repairs.append(Repair(name, FROZEN, len(runs(frozen)), at, action))
-            bad |= frozen
-    if not repairs:
+    masks = {name: _frozen(log, name, values) for name, values in log.columns().items()}
+    masks = {name: frozen for name, frozen in masks.items() if np.any(frozen)}
+    if not masks:
         return log
+    repairs = [_frozen_repair(name, log.time, frozen) for name, frozen in masks.items()]
+    bad = np.any([*masks.values()], axis=0)
     if np.mean(bad) > MOST_EXCLUDED:
         raise LogError(
             f"channels of the log are frozen in {np.mean(bad):.0%} of its samples, allowed "
             f"{MOST_EXCLUDED:.0%}; {repairs[0]}"
         )
     return replace(log.at(~bad), report=(*log.report, *repairs))
+
+
+def _frozen_repair(name: str, time: Array, frozen: BoolArray) -> Repair:
+    """Return the exclusion of the samples (T,) at which a channel is frozen."""
+    spans = runs(frozen)
+    longest = np.max(time[spans[:, 1] - 1] - time[spans[:, 0]])
+    action = f"repeated for up to {longest:.3g} s; excluded"
+    return Repair(name, FROZEN, len(spans), float(time[np.argmax(frozen)]), action)
+
+
+def _frozen(log: Log, name: str, values: Array) -> BoolArray:
+    """Return the mask (T,) of samples at which a channel is frozen while the robot moves."""
+    row, repeated = quantity_of(name), _long_repeats(log.time, values)
+    if row.is_slow or row.is_command or not np.any(repeated):
+        return np.zeros_like(repeated)
+    if row.is_position:
+        return _frozen_positions(values, repeated)
+    logged = log.logged(name.rsplit(".", 1)[0]).items()
+    sides = [samples for field, samples in logged if quantity_of(field).is_position]
+    return _frozen_torques(values, repeated, sides)
 
 
 def _long_repeats(time: Array, values: Array) -> BoolArray:
@@ -243,15 +250,10 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     # The first sample behind a hole is at its end, and starts the next stretch.
     edges = [-np.inf, *(hole.end_s for hole in gaps), np.inf]
     places = np.searchsorted(log.time, edges)
-    spans = [slice(*edge) for edge in pairwise(places)]
-    lengths = [float(log.time[span.stop - 1] - log.time[span.start]) for span in spans]
-    used = [
-        place
-        for place, span in enumerate(spans)
-        if span.stop - span.start >= MINIMUM_SAMPLES and lengths[place] >= shortest_s
-    ]
+    spans = [log.time[slice(*span)] for span in pairwise(places)]
+    is_used = [len(x) >= MINIMUM_SAMPLES and x[-1] - x[0] >= shortest_s for x in spans]
     whole = float(log.time[-1] - log.time[0])
-    excluded = 1.0 - sum(lengths[place] for place in used) / whole
+    excluded = 1.0 - sum(float(x[-1] - x[0]) for x in compress(spans, is_used)) / whole
     worst = max(gaps, key=lambda hole: hole.length_s)
     if excluded > MOST_EXCLUDED:
         raise LogError(
@@ -260,13 +262,14 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
             f"{whole:.4g} s, allowed {MOST_EXCLUDED:.0%}; record again without losing samples, or "
             "pass the good stretches as separate logs, log.between(start_s, end_s)"
         )
-    parts = [log.between(log.time[spans[place].start], edges[place + 1]) for place in used]
-    short = len(spans) - len(used)
-    stubs = f" ({short} stretches between them are too short)" if short else ""
+    parts = [log.between(*edge) for edge in compress(pairwise(edges), is_used)]
+    short = is_used.count(False)
+    stubs = f" ({short} stretches between them are too short)" * bool(short)
     action = (
         f"of up to {worst}; {excluded:.1%} of the log's time is excluded{stubs}, and so are the "
         "filter transients around them"
     )
     repair = Repair("time_s", HOLES, len(gaps), gaps[0].start_s, action)
-    reports = [(*log.report, repair), *[()] * (len(parts) - 1)]
-    return [replace(part, report=report) for part, report in zip(parts, reports, strict=True)]
+    first, *others = parts
+    report = (*log.report, repair)
+    return [replace(first, report=report), *(replace(part, report=()) for part in others)]

@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -64,7 +64,7 @@ _WORDS = {
 NO_HEADER = "the first line is numbers: no header?"
 
 
-_Items = tuple[tuple[int, int | None], ...]
+_Items = dict[int, int | None]
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class _Header:
     """The names of the columns of a file, and its format; `skipped` lines are before the samples.
 
     `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ... `width` is
-    the number of cells in a line; `items` is the cell of each column and, of a cell that has a list
-    of numbers, the place in it.
+    the number of cells in a line; `items` are the cells of the columns and, of a cell that has a
+    list, how many numbers, if any has one.
     """
 
     path: Path
@@ -83,7 +83,7 @@ class _Header:
     skipped: int
     has_names: bool
     width: int
-    items: _Items = ()
+    items: _Items = field(default_factory=dict)
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -114,9 +114,8 @@ def open_csv(path: Path) -> Table:
     columns are 1, 2, 3, ..., which are its rows if these are far longer. Raises LogError for an
     invalid file, and for one too large to be loaded at once.
     """
-    delimiter = _delimiter_of_rows(path)
-    if delimiter:
-        return _in_rows(path, delimiter)
+    if (table := _in_rows(path)) is not None:
+        return table
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
@@ -143,30 +142,27 @@ _NUMBERED = (
 )
 
 
-def _delimiter_of_rows(path: Path) -> str:
-    """Return the delimiter of a table of numbers with a channel per row, "" for any other file."""
+def _in_rows(path: Path) -> Table | None:
+    """Return the columns of a table of numbers with a channel per row, None for any other file."""
     with path.open("rb") as file:
         start = file.readline(2 * FEWEST_SAMPLES)
         if len(start) < 2 * FEWEST_SAMPLES:
-            return ""  # a digit and a delimiter per number
+            return None  # a digit and a delimiter per number
         check_memory(path, path.stat().st_size)
-        first = (start + file.readline()).decode("utf-8", "replace")
+        # The limit of the first read may be the end of its line.
+        rest = b"" if start.endswith(b"\n") else file.readline()
         count = 1 + sum(not line.isspace() for line in file)
-    form = _format_of(first.rstrip())
-    return form.delimiter if form and has_samples_in_columns((count, form.cells)) else ""
-
-
-def _in_rows(path: Path, delimiter: str) -> Table:
-    """Return the columns of a table of numbers whose rows are the channels."""
+    form = _format_of((start + rest).decode("utf-8", "replace").rstrip())
+    if form is None or not has_samples_in_columns((count, form.cells)):
+        return None
+    delimiter = None if form.delimiter == " " else form.delimiter
 
     def load(wanted: list[str]) -> Block:
         check_memory(path, path.stat().st_size)
         with damaged(path, "a table of numbers with a channel per line"):
-            rows = np.loadtxt(path, delimiter=None if delimiter == " " else delimiter, ndmin=2)
+            rows = np.loadtxt(path, delimiter=delimiter, ndmin=2)
         return {name: rows[int(name) - 1] for name in wanted}
 
-    with path.open("rb") as file:
-        count = sum(not line.isspace() for line in file)
     return Table([str(place) for place in range(1, count + 1)], load, notice=_NUMBERED)
 
 
@@ -229,24 +225,21 @@ def _next_lines(lines: Iterator[str], most: int) -> list[str]:
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
     """Return the names and the format of a file, from its comments and first three other lines."""
-    comments, others, skipped = _head(path, lines)
-    first, second, third = [*others, "", "", ""][:3]
-    if not comments and not (first + second).strip(',;\t "'):
-        raise LogError(
-            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
-        )
+    comments, (first, second, third), skipped = _head(path, lines)
     numbers = _format_of(first)
     if not first or (comments and numbers):
         header = _named(path, comments[-1], first, skipped, is_comment=True)
-        is_text = numbers is not None and not numbers.fits(header)  # and no names
-        return _numbered(path, first, skipped) if is_text else header
+        has_names = numbers is None or numbers.fits(header)
+        return header if has_names else _numbered(path, first, skipped)
     if numbers and not _counts_from_zero(first):
         return _numbered(path, first, skipped)
     header = _named(path, first, second, skipped + 1)
     units = _units(path, second, header)
-    if not units:
-        return header
-    header = _named(path, first, third, skipped + 2)
+    return _with_units(_named(path, first, third, skipped + 2), units) if units else header
+
+
+def _with_units(header: _Header, units: list[str]) -> _Header:
+    """Return a header whose names have their units in brackets."""
     pairs = zip_longest(header.names, units, fillvalue="")
     return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
 
@@ -267,7 +260,10 @@ def _is_sample(cell: str) -> bool:
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
-    """Return comments, the first three other lines, and the number of lines before these."""
+    """Return comments, the first three other lines, and the number of lines before these.
+
+    Raises LogError for an empty file.
+    """
     comments, others, skipped = list[str](), list[str](), 0
     for line in islice(lines, _MOST_HEAD):
         # UTF-16 has a zero byte next to each letter.
@@ -275,14 +271,20 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
             raise LogError(
                 f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such"
             )
-        if line.strip() and (others or not (line[0] in "#%" or _EXCEL.fullmatch(line))):
+        is_mark = bool(_EXCEL.fullmatch(line))
+        if line.strip() and (others or not (is_mark or line[0] in "#%")):
             others.append(line.rstrip("\r\n"))
-        elif line.strip() and not _EXCEL.fullmatch(line):
+        elif not is_mark:
             comments.append(line.rstrip("\r\n").lstrip("#% "))
         if len(others) == 3:
             break
         skipped += not others
-    return list(filter(None, comments)), others, skipped
+    comments = list(filter(None, comments))
+    if not "".join([*comments, *others[:2]]).strip(',;\t "'):
+        raise LogError(
+            f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
+        )
+    return comments, [*others, "", "", ""][:3], skipped
 
 
 class _Format(NamedTuple):
@@ -340,21 +342,15 @@ def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool 
         header = " ".join(header.split())
     _, cells = next(_cells(path, [header], delimiter, 1), (1, []))
     names = [name.strip() for name in cells]
-    if not is_comment:
-        _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
-        if len(cells) == len(names) + 1 and all(_is_sample(cell) for cell in cells if cell):
-            # R has no name for the column of the names of rows, which is the first, and quotes it.
-            names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
-    width = len(names)
-    items: _Items = ()
-    is_decimal = delimiter != "," and any(
-        _DECIMAL_COMMA.fullmatch(cell.strip()) for cell in sample.split(delimiter)
-    )
-    if not is_decimal and "[" in sample:
-        _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
-        names, items = _items(names, cells)
-    decimal = "," if is_decimal else "."
-    return _Header(path, names, delimiter, decimal, skipped, True, width, items)
+    _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
+    has_more = len(cells) == len(names) + 1 and all(map(_is_sample, filter(None, cells)))
+    if has_more and not is_comment:
+        # R has no name for the column of the names of rows, which is the first, and quotes it.
+        names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
+    texts = [] if delimiter == "," else map(str.strip, sample.split(delimiter))
+    decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
+    named = _Header(path, names, delimiter, decimal, skipped, True, len(names))
+    return named if decimal == "," else _with_lists(named, cells)
 
 
 def _delimiter(header: str, sample: str, is_comment: bool) -> str:
@@ -369,24 +365,21 @@ def _delimiter(header: str, sample: str, is_comment: bool) -> str:
     return " " if is_comment or in_both else ","
 
 
-def _items(names: list[str], cells: list[str]) -> tuple[list[str], _Items]:
-    """Return the names of columns with those of each number of a list, and their places.
+def _with_lists(header: _Header, cells: list[str]) -> _Header:
+    """Return a header with a column for each number of the lists in cells, if there are lists.
 
-    Without lists the names are as they were. Columns of words, as the kind of a message is, are
-    none.
+    Columns of words, as the kind of a message is, are none then.
     """
     columns: list[str] = []
-    items: list[tuple[int, int | None]] = []
-    for place, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        numbers = _list(cell)
-        if numbers is not None:
+    items: _Items = {}
+    for place, (name, cell) in enumerate(zip(header.names, cells, strict=False)):
+        if numbers := _list(cell):
             columns += [f"{name}[{item}]" for item in range(len(numbers))]
-            items += [(place, item) for item in range(len(numbers))]
+            items[place] = len(numbers)
         elif _is_number(cell) or cell.strip().lower() in _WORDS:
             columns.append(name)
-            items.append((place, None))
-    has_lists = any(item is not None for _, item in items)
-    return (columns, tuple(items)) if has_lists else (names, ())
+            items[place] = None
+    return replace(header, names=columns, items=items) if any(items.values()) else header
 
 
 def _list(cell: str) -> list[str] | None:
@@ -418,41 +411,46 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
 def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: int) -> Block:
     path, names, rows = header.path, header.names, []
     for line, cells in _cells(path, lines, header.delimiter, first):
-        if not cells:
-            continue
-        if len(cells) != header.width:
-            if any("\0" in cell for cell in cells):
-                raise LogError(
-                    f"'{path}', line {line}: has zero bytes, as a file that was not written to its "
-                    "end: remove the line, and those behind it that are no samples"
-                )
-            commas = header.delimiter == "," and len(cells) > header.width
-            hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
-            raise LogError(
-                f"'{path}' is not a table: line {line} has {len(cells)} cells, the first line "
-                f"{header.width} {'column names' if header.has_names else 'numbers'}"
-                f"{hint if commas else ''}"
-            )
-        texts = _texts(header, cells, line) if header.items else cells
-        rows.append([_number(path, line, names[place], texts[place]) for place in places])
+        if cells:
+            texts = _texts(header, cells, line)
+            rows.append([_number(path, line, names[place], texts[place]) for place in places])
     values: Array = np.array(rows)
     return {names[place]: values[:, column] for column, place in enumerate(places)}
 
 
 def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
     """Return the text of each column of a line, those of lists one by one."""
-    lists = {place: _list(cells[place]) for place, item in header.items if item == 0}
-    counts = Counter(place for place, item in header.items if item is not None)
-    for place, numbers in lists.items():
-        if numbers is None or len(numbers) != counts[place]:
-            name = header.names[header.items.index((place, 0))].removesuffix("[0]")
+    _check_width(header, cells, line)
+    if not header.items:
+        return cells
+    texts: list[str] = []
+    for place, count in header.items.items():
+        numbers = [cells[place]] if count is None else _list(cells[place]) or []
+        if len(numbers) != (count or 1):
+            name = header.names[len(texts)].removesuffix("[0]")
             raise LogError(
                 f"'{header.path}', line {line}: column '{shortened(name)}' has "
-                f"'{shortened(cells[place])}', and a list of {counts[place]} numbers before"
+                f"'{shortened(cells[place])}', and a list of {count} numbers before"
             )
-    return [
-        cells[place] if item is None else (lists[place] or [])[item] for place, item in header.items
-    ]
+        texts += numbers
+    return texts
+
+
+def _check_width(header: _Header, cells: list[str], line: int) -> None:
+    """Raise LogError for a line with another number of cells than the header."""
+    if len(cells) == header.width:
+        return
+    if any("\0" in cell for cell in cells):
+        raise LogError(
+            f"'{header.path}', line {line}: has zero bytes, as a file that was not written to its "
+            "end: remove the line, and those behind it that are no samples"
+        )
+    commas = header.delimiter == "," and len(cells) > header.width
+    hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
+    raise LogError(
+        f"'{header.path}' is not a table: line {line} has {len(cells)} cells, the first line "
+        f"{header.width} {'column names' if header.has_names else 'numbers'}{hint * commas}"
+    )
 
 
 def _cells(

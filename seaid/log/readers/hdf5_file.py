@@ -54,7 +54,7 @@ def open_hdf5(path: Path) -> Table:
     def load(wanted: list[str]) -> Block:
         with damaged(path, _KIND), h5py.File(path, "r") as file:
             columns = {name: _Column(path, file, name) for name in wanted}
-            check_memory(path, sum(column.size(column.length) for column in columns.values()))
+            check_memory(path, sum(map(_Column.size, columns.values())))
             return {name: column.read(slice(None)) for name, column in columns.items()}
 
     def blocks(wanted: list[str], size: int) -> Blocks:
@@ -111,27 +111,24 @@ class _Column:
     def __init__(self, path: Path, file: Any, name: str) -> None:
         self.path, self.name = path, name
         with damaged_column(path, name):
-            self._find(file)
+            base, self.index, self.field = _place_of(file, name)
+            self.data = file[base]
+            if self.data.is_virtual or self.data.external:
+                raise LogError(
+                    f"'{path}': the samples of column '{shortened(name)}' are not in this file but "
+                    "in others, which are not read; copy them into it"
+                )
+            kind, shape = self.data.dtype, self.data.shape
+            kind = kind if self.field is None else kind[self.field]
+            # A field of numbers has no dimensions of its own; a column of a matrix needs two.
+            flat = 1 if self.index is None else 2
+            if shape is None or len(shape) != flat or kind.shape or not is_number(kind):
+                raise no_numbers(path, name, kind, shape)
+            self.length, self.width = int(shape[0]), max(kind.itemsize, 8)
 
-    def _find(self, file: Any) -> None:
-        base, self.index, self.field = _place_of(file, self.name)
-        self.data = file[base]
-        if self.data.is_virtual or self.data.external:
-            raise LogError(
-                f"'{self.path}': the samples of column '{shortened(self.name)}' are not in this "
-                "file but in others, which are not read; copy them into it"
-            )
-        kind, shape = self.data.dtype, self.data.shape
-        if self.field is not None:
-            kind = kind[self.field]
-        # A field of numbers has no dimensions of its own; a column of a matrix needs two.
-        flat = 1 if self.index is None else 2
-        if shape is None or len(shape) != flat or kind.shape or not is_number(kind):
-            raise no_numbers(self.path, self.name, kind, shape)
-        self.length, self.width = int(shape[0]), max(kind.itemsize, 8)
-
-    def size(self, rows: int) -> float:
-        """Return the largest number of bytes in memory while reading this many samples."""
+    def size(self, rows: int | None = None) -> float:
+        """Return the largest number of bytes in memory while reading this many samples, or all."""
+        rows = self.length if rows is None else rows
         # HDF5 decompresses whole chunks, also for a single sample.
         chunk = math.prod(self.data.chunks or (1,)) * self.data.dtype.itemsize
         return float(max(rows * self.width, chunk))

@@ -33,7 +33,7 @@ def open_json(path: Path) -> Table:
     values = content if isinstance(content, Mapping) else {}
     constants = {name: as_float(x) for name, x in values.items() if isinstance(x, Real)}
     # With two lists of records it is not known which is the log, and the object is read by names.
-    lists = [entry for entry in (content, *values.values()) if _are_records(entry)]
+    lists = [*filter(_are_records, (content, *values.values()))]
     data = _record_columns(path, lists[0]) if len(lists) == 1 else _lists_by_name(path, values, 0)
     if not data:
         raise LogError(

@@ -75,7 +75,7 @@ def in_memory(log: Any) -> Table | None:
     columns = {}
     for name, values in data.items():
         for part in with_parts(name, values.shape):
-            place = None if part == name else part_of(part)[1]
+            _, place = part_of(part.removeprefix(name))
             columns[part] = values if place is None else values[:, place]
     check_names(IN_MEMORY, list(columns))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -171,18 +171,15 @@ class Table:
         In a ROS bag, a name with an unknown topic gets the list of topics.
         """
         topics = _topics(self)
-        files = [self.files[column] for column in self.files if self.bare(column) == name]
-        if files:
-            return f"several files have a column '{name}': write " + " or ".join(
-                f"'{file}:{name}'" for file in files
-            )
+        columns = [f"'{column}'" for column in self.files if self.bare(column) == name]
+        if columns:
+            return f"several files have a column '{name}': write {' or '.join(columns)}"
         if not topics:
-            more = f"; {self.notice}" if self.notice else ""
-            return unknown_name("column", name, self.names) + more
-        topic = next((topic for topic in topics if name.startswith(f"{topic}/")), None)
-        if topic is None:
-            return unknown_name("topic", name, topics)
-        return unknown_name("column", name, [column for column in self.names if topic in column])
+            return "; ".join(filter(None, [unknown_name("column", name, self.names), self.notice]))
+        for topic in topics:
+            if name.startswith(f"{topic}/"):
+                return unknown_name("column", name, [x for x in self.names if topic in x])
+        return unknown_name("topic", name, topics)
 
 
 def _topics(table: Table) -> list[str]:
@@ -192,18 +189,14 @@ def _topics(table: Table) -> list[str]:
     return sorted(topic for topic in topics if topic.startswith("/"))
 
 
-@contextmanager
-def damaged(path: Path, kind: str) -> Iterator[None]:
+def damaged(path: Path, kind: str) -> AbstractContextManager[None]:
     """Turn any exception of a library on an invalid or damaged file into a LogError."""
-    with _as_log_error(f"'{path}' is not {kind}, or a damaged one"):
-        yield
+    return _as_log_error(f"'{path}' is not {kind}, or a damaged one")
 
 
-@contextmanager
-def damaged_column(path: Path, name: str) -> Iterator[None]:
+def damaged_column(path: Path, name: str) -> AbstractContextManager[None]:
     """Turn any exception of a library on a damaged column into a LogError."""
-    with _as_log_error(f"'{path}': column '{shortened(name)}' cannot be read"):
-        yield
+    return _as_log_error(f"'{path}': column '{shortened(name)}' cannot be read")
 
 
 @contextmanager

@@ -11,13 +11,7 @@ from seaid._arrays import Array, BoolArray, is_constant, resolution, runs, white
 from seaid.errors import LogError
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass
-from seaid.log.repair import (
-    FEWEST,
-    Channel,
-    Fault,
-    Repair,
-    Repairs,
-)
+from seaid.log.repair import FEWEST, Channel, Fault, Repair, Repairs
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
@@ -440,18 +434,12 @@ def repaired_channel(
     time, values, lost = _without(
         channel, time, values, zero_dropouts(values), "sudden zeros", repairs
     )
-    missing += lost
     if channel.quantity.is_slow:  # it is slow, so that neither repeats nor gaps are faults
         return time, values
     if len(values) >= FEWEST:
         values = _without_wraps(channel, time, values, repairs)
-    # A noisy torque repeats a value now and then; two equal ones in a row are no fault.
-    held = held_dropouts(values, 2 if channel.quantity.is_position else 3)
-    slower = float(np.mean(held)) > SLOWER if len(held) else False
-    kind: Fault = "values of a slower sensor" if slower else "held values"
-    time, values, lost = _without(channel, time, values, held, kind, repairs)
-    # A slow sensor lacks nothing: its samples are simply fewer than those of its log.
-    missing += 0 if slower else lost
+    time, values, held = _without_held(channel, time, values, repairs)
+    missing += lost + held
     if missing > limits.most_missing * total:
         raise LogError(
             f"'{channel.name}' lacks {missing} of {total} samples (no numbers, sudden zeros or "
@@ -474,6 +462,19 @@ def _without(
         at = float(time[np.argmax(bad)])
         repairs.append(Repair(channel.name, kind, count, at, "excluded and interpolated"))
     return time[~bad], values[~bad], count
+
+
+def _without_held(
+    channel: Channel, time: Array, values: Array, repairs: list[Repair]
+) -> tuple[Array, Array, int]:
+    """Return a channel without samples that repeat the last one, and the number of lost ones."""
+    # A noisy torque repeats a value now and then; two equal ones in a row are no fault.
+    held = held_dropouts(values, 2 if channel.quantity.is_position else 3)
+    is_slower = len(held) > 0 and float(np.mean(held)) > SLOWER
+    kind: Fault = "values of a slower sensor" if is_slower else "held values"
+    time, values, lost = _without(channel, time, values, held, kind, repairs)
+    # A slow sensor lacks nothing: its samples are simply fewer than those of its log.
+    return time, values, 0 if is_slower else lost
 
 
 def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[Repair]) -> Array:
