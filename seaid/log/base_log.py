@@ -222,21 +222,20 @@ def _quaternions(base: FloatingBase, angle_rad: Array) -> Array:
 
 
 def base_log(picked: Mapping[str, Array], robot: Robot) -> BaseLog | None:
-    """Return the samples of the base from columns {name in a file: samples (T,)}, None without."""
+    """Return the samples of the base from its columns {name: samples (T,)}, None without any."""
     assert robot.floating_base is not None
     arrays: dict[str, Any] = {"contacts": {}, "wrenches": {}}
-    logged = {name: x for name, x in picked.items() if not np.all(np.isnan(x))}
-    picked = with_guided(logged, robot)
+    picked = with_guided(picked, robot)
     for name, names in CHANNELS.items():
-        if first := next((column for column in names if column in picked), ""):
-            arrays[name] = _stacked(names, picked, f"the log has {first} and")
+        if logged := [*filter(picked.__contains__, names)]:
+            arrays[name] = _stacked(names, picked, f"the log has {logged[0]} and")
     for link in robot.floating_base.contact_links:
         contact, wrench = contact_columns(link)
         if contact in picked:
             _check_flags(link, picked[contact])
             arrays["contacts"][link] = picked[contact][:, None]
-        if width := sum(column in picked for column in wrench):
-            names = wrench[: 3 if width <= 3 else 6]
+        if logged := [*filter(picked.__contains__, wrench)]:
+            names = wrench[: 3 if len(logged) <= 3 else 6]
             arrays["wrenches"][link] = _stacked(names, picked, f"the wrench of '{link}' has")
     return BaseLog(**arrays) if any(map(len, arrays.values())) else None
 
@@ -350,15 +349,8 @@ def base_motion(
     """
     base = robot.floating_base
     assert base is not None
-    if log is None:
-        raise LogError(
-            f"the base of '{robot.name}' floats, and the log has no channel of it: columns such as "
-            f"{CHANNELS['specific_force'][0]} and {CHANNELS['angular_velocity'][0]}, or a pose; "
-            "for a robot that hangs from a fixed base load it with base='fixed'",
-            "base='fixed'",
-        )
     rate_hz = (len(time) - 1) / float(time[-1] - time[0])
-    log, jumped = _without_jumps(log)
+    log, jumped = _without_jumps(_logged(robot, log))
     smooth = log.each(lambda x: low_pass(x, rate_hz, cutoff_hz))
     states = list(map(robot.to_model, joints, range(len(joints))))
     imu = imu_motion(base, robot.model, robot.model_order, states)
@@ -369,10 +361,7 @@ def base_motion(
     # The derivative of the components in the base's axes is that of the vector, since w x w = 0.
     e = spline_derivatives(time, w)[1]
     if smooth.specific_force is not None:
-        f = _turned(imu.rotation, smooth.specific_force)
-        # a_0 = a_p - e x p - w x (w x p), less 2 w x p' + p'' by joints that move the IMU
-        f = f - np.cross(e, imu.place) - np.cross(w, np.cross(w, imu.place))
-        f = f - 2 * np.cross(w, imu.velocity) - imu.acceleration
+        f = _specific_force_of_imu(smooth.specific_force, imu, w, e)
         _check_gravity(f)
     else:
         f = _specific_force_of_pose(smooth, time, R, gravity)
@@ -382,6 +371,7 @@ def base_motion(
     period = rate_hz / cutoff_hz
     feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
     used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
+    has_imu = smooth.specific_force is not None and base.imu_is_fixed
     return BaseMotion(
         angular_velocity=w,
         angular_acceleration=e,
@@ -390,12 +380,33 @@ def base_motion(
         wrenches=FrozenMapping(log.wrenches, "link"),
         used=_without_short_lifts(used, flags, _LIFTED * period),
         velocity=_velocity(smooth, time, R),
-        imu=base.imu_placement[0]
-        if smooth.specific_force is not None and base.imu_is_fixed
-        else None,
+        imu=base.imu_placement[0] if has_imu else None,
         # A row times R (T, 3, 3) is R^T times the column: gravity in the axes of the base.
         up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
     )
+
+
+def _logged(robot: Robot, log: BaseLog | None) -> BaseLog:
+    """Return the samples of a base. Raises LogError if there are none."""
+    if log is None:
+        raise LogError(
+            f"the base of '{robot.name}' floats, and the log has no channel of it: columns such as "
+            f"{CHANNELS['specific_force'][0]} and {CHANNELS['angular_velocity'][0]}, or a pose; "
+            "for a robot that hangs from a fixed base load it with base='fixed'",
+            "base='fixed'",
+        )
+    return log
+
+
+def _specific_force_of_imu(measured: Array, imu: ImuMotion, w: Array, e: Array) -> Array:
+    """Return the specific force (T, 3) of the base's origin by that of an IMU on one of its links.
+
+    `w` and `e` (T, 3) are the angular velocity and acceleration of the base.
+    """
+    f = _turned(imu.rotation, measured)
+    # a_0 = a_p - e x p - w x (w x p), less 2 w x p' + p'' by joints that move the IMU
+    f = f - np.cross(e, imu.place) - np.cross(w, np.cross(w, imu.place))
+    return np.asarray(f - 2 * np.cross(w, imu.velocity) - imu.acceleration)
 
 
 def _specific_force_of_pose(log: BaseLog, time: Array, R: Array | None, gravity: Array) -> Array:

@@ -7,7 +7,7 @@ estimate of T needs its slope, d tau / dT = -c' / N.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -99,24 +99,28 @@ def commanded_part(
     drive = robot.drives[joint]
     law = drive.law if is_scaled else drive.controller
     assert law is not None
-    commands = {
-        kind: signals[kind][:, index]
-        for kind in (*COMMANDS, "torque_command")
-        if kind in signals and not np.isnan(signals[kind][0, index])
-    }
+    commands = _logged(signals, index, (*COMMANDS, "torque_command"))
     if drive.motor_input not in commands:
         raise _missing(robot, index, drive.motor_input)
+    gains = {
+        "position_command": law.position_gain_Nm_per_rad,
+        "velocity_command": law.command_velocity_gain_Nms_per_rad,
+        "torque_command": drive.scale_of_gains if is_scaled else 1.0,
+    }
+    if gains["velocity_command"] and "velocity_command" not in commands:
+        rates = spline_derivatives(time, commands["position_command"][:, None])[1]
+        commands["velocity_command"] = rates[:, 0]
     torque = np.full(len(time), law.feedforward_Nm)
-    position, velocity = (commands.get(kind) for kind in COMMANDS)
-    if position is not None and law.position_gain_Nm_per_rad:
-        torque += law.position_gain_Nm_per_rad * position
-    if law.command_velocity_gain_Nms_per_rad:
-        if velocity is None:
-            velocity = spline_derivatives(time, commands["position_command"][:, None])[1][:, 0]
-        torque += law.command_velocity_gain_Nms_per_rad * velocity
-    if "torque_command" in commands:
-        torque += commands["torque_command"] * (drive.scale_of_gains if is_scaled else 1.0)
+    for kind, gain in gains.items():
+        if gain and kind in commands:
+            torque += gain * commands[kind]
     return torque
+
+
+def _logged(signals: Mapping[str, Array], index: int, kinds: Sequence[str]) -> dict[str, Array]:
+    """Return {kind: samples (T,)} of those kinds of a joint's signals that are logged."""
+    of_joint = {kind: signals[kind][:, index] for kind in kinds if kind in signals}
+    return {kind: values for kind, values in of_joint.items() if not np.isnan(values[0])}
 
 
 def relative_supply(robot: Robot, time: Array, signals: Mapping[str, Array], index: int) -> Array:

@@ -418,11 +418,15 @@ def _described_next_to(path: Path) -> LogDescription | None:
         if _names_joints(sibling):
             raise
         return None
+    return _described(f"'{sibling}'", content) if _is_description(content) else None
+
+
+def _is_description(content: Mapping[str, Any]) -> bool:
+    """Return whether a valid TOML file is meant as a description, and not as drives."""
     joints = content.get("joints", {})
-    is_other = not isinstance(joints, Mapping) or "type" in joints
-    if is_other or not (joints or (content and set(content) <= {*_TOP_LEVEL})):
-        return None
-    return _described(f"'{sibling}'", content)
+    if not isinstance(joints, Mapping) or "type" in joints:
+        return False
+    return bool(joints or (content and set(content) <= {*_TOP_LEVEL}))
 
 
 def _names_joints(path: Path) -> bool:
@@ -486,7 +490,8 @@ def _vector(where: str, quantity: str, value: Any, clock: Clock | None, width: i
     if isinstance(value, VectorSource):
         return value
     table = value if isinstance(value, Mapping) else {"columns": value}
-    types = {key: kind for key, kind in types_of(VectorSource).items() if key != "time"}
+    types = types_of(VectorSource)
+    types.pop("time")
     values = _READER.table({**types, "columns": Any}, table, where, needed=["columns"])
     columns = _expanded(where, values["columns"])
     # How many of them a planar base needs is known with the robot: `channels` checks that.

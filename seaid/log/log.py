@@ -49,12 +49,7 @@ def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
     """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
-    allowed = ["time_s", *chain.from_iterable(columns_by_joint(robot).values())]
-    if robot.floating_base is not None:
-        allowed += base_columns(robot.floating_base)
-    for name in columns:
-        if name not in allowed and name.rpartition(".")[0] not in robot.standing_joints:
-            raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
+    allowed = _columns_of(robot, columns)
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
         custom, factor = _custom(name, columns.get(name, name))
@@ -63,13 +58,14 @@ def wanted_columns(
             custom = short_name(name)
         if custom in table.names:
             wanted[name] = (custom, factor)
-        elif name in {"time_s", *columns}:
-            hint = (
-                f"; custom columns need {_DESCRIBED}, "
-                'and the time is named in the description of the log as time = "..."'
+        elif name in columns:
+            raise LogError(f"'{path}': {table.missing(custom)}")
+        elif name == "time_s":
+            raise LogError(
+                f"'{path}': {table.missing(custom)}; custom columns need {_DESCRIBED}, and the "
+                'time is named in the description of the log as time = "..."',
+                _DESCRIBED,
             )
-            text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
-            raise LogError(text, _DESCRIBED)
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (custom "
@@ -78,6 +74,19 @@ def wanted_columns(
             _DESCRIBED,
         )
     return wanted
+
+
+def _columns_of(robot: Robot, columns: Iterable[str]) -> list[str]:
+    """Return the names of all columns that a log of a robot may have.
+
+    Raises LogError for another name in `columns`, unless it is of a joint that stands still.
+    """
+    names = ["time_s", *chain.from_iterable(columns_by_joint(robot).values())]
+    names += [] if robot.floating_base is None else base_columns(robot.floating_base)
+    for name in columns:
+        if name not in names and name.rpartition(".")[0] not in robot.standing_joints:
+            raise LogError("columns=: " + unknown_name("column of this robot's log", name, names))
+    return names
 
 
 _DESCRIBED = "columns= or description= (seaid.describe_log infers one)"
@@ -117,12 +126,12 @@ def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
         joint, dot, quantity = name.rpartition(".")
         if not joint or name in expected or joint in still:
             continue
-        near = get_close_matches(name, missing, 1, 0.9)
         is_unknown = joint not in columns and dot + quantity in quantities
-        if is_unknown or near:
-            why = f", as the robot has no joint '{joint}'" if is_unknown else ""
-            hint = f": the nearest name is '{near[0]}'" if near else ""
-            faults.append(f"'{name}' is not read{why}{hint}")
+        why = f", as the robot has no joint '{joint}'" * is_unknown
+        near = get_close_matches(name, missing, 1, 0.9)
+        why += "".join(f": the nearest name is '{nearest}'" for nearest in near)
+        if why:
+            faults.append(f"'{name}' is not read{why}")
     return faults
 
 
@@ -298,10 +307,10 @@ class Log(Display):
         if self.description is not None:
             described = self.description["joints"]
             return {joint: dict(described.get(joint, {})) for joint in self.joint_names}
-        names = columns_by_joint(self)
+        logged = self.columns()
         return {
-            joint: {field: name for name, field in names[joint].items() if field in logged}
-            for joint, logged in ((joint, self.logged(joint)) for joint in names)
+            joint: {field: name for name, field in names.items() if name in logged}
+            for joint, names in columns_by_joint(self).items()
         }
 
 
@@ -399,23 +408,16 @@ def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dic
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
     """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints."""
     time = picked["time_s"]
-    fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
+    nothing = np.full((len(time), robot.n), np.nan)
+    sensors: dict[str, Any] = {field: nothing.copy() for field in _NEEDED}
+    seen = {name: values for name, values in picked.items() if not np.all(np.isnan(values))}
     for index, (joint, names) in enumerate(columns_by_joint(robot).items()):
-        logged = {
-            name: field
-            for name, field in names.items()
-            if name in picked and not np.all(np.isnan(picked[name]))
-        }
+        logged = {name: field for name, field in names.items() if name in seen}
         for name, field in logged.items():
-            fields[field][:, index] = picked[name]
+            sensors.setdefault(field, nothing.copy())[:, index] = seen[name]
         _check_sensors(robot, joint, logged, picked, file_names)
-    sensors: dict[str, Any] = {
-        field: values
-        for field, values in fields.items()
-        if field in _NEEDED or not np.all(np.isnan(values))
-    }
     if not robot.base_is_held:
-        sensors["base"] = base_log(picked, robot)
+        sensors["base"] = base_log(seen, robot)
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 
@@ -423,8 +425,11 @@ _NO_TORQUES = {"motor_position", "joint_position", "deflection", "motor_temperat
 _NO_TORQUES |= {"torque_command", "supply_voltage"}
 
 
-_BOTH = "both positions and one torque, or at least motor position and motor torque"
-_ONE = "one position and one torque, current, voltage, position command or velocity command"
+_NEEDS = {
+    True: "both positions and one torque, or at least motor position and motor torque",
+    False: "one position and one torque, current, voltage, position command or velocity command",
+}
+"""{whether a joint is elastic: what its log needs}."""
 
 
 def _check_sensors(
@@ -435,17 +440,16 @@ def _check_sensors(
     file_names: Sequence[str],
 ) -> None:
     """Raise LogError if {column: field} of a joint are too few for its drive."""
-    elastic = robot.drives[joint].is_elastic
-    positions = sum(field.endswith("position") for field in logged.values())
+    elastic, fields = robot.drives[joint].is_elastic, {*logged.values()}
     # The six equations of a floating base have no motor torque, so that motion alone is of use.
-    is_enough = not robot.base_is_held or bool(set(logged.values()) - _NO_TORQUES)
+    is_enough = not robot.base_is_held or fields - _NO_TORQUES
     # An elastic joint without its own encoder is identified from the motor's side alone.
-    motor_side = {"motor_position", "motor_torque"} <= set(logged.values())
-    if positions < (2 if elastic and not motor_side else 1) or not is_enough:
+    needs_both = elastic and not {"motor_position", "motor_torque"} <= fields
+    if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in logged]
         raise LogError(
-            f"joint '{joint}' needs {_BOTH if elastic else _ONE}, "
+            f"joint '{joint}' needs {_NEEDS[elastic]}, "
             f"found {', '.join(logged.values()) or 'none'}; its columns are "
             f"{', '.join(names)}{near_names(missing, picked, file_names)}"
         )

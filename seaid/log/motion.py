@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -216,11 +216,16 @@ class Motion(Display):
         speeds = (self.motor_velocity, self.joint_velocity)
         return np.array([np.max(np.abs(speed), axis=0) for speed in speeds])
 
+    @property
+    def signals(self) -> dict[str, Array]:
+        """The arrays of samples by their fields."""
+        arrays = {name: x for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        arrays.pop("fastest", None)
+        return arrays
+
     def samples(self, part: slice) -> Motion:
         """Return some successive samples of the motion, as a part of the same log."""
-        signals = {name: value for name, value in vars(self).items() if np.ndim(value) > 0}
-        signals = {name: x for name, x in signals.items() if isinstance(x, np.ndarray)}
-        cut: dict[str, Any] = {name: x[part] for name, x in signals.items() if name != "fastest"}
+        cut: dict[str, Any] = {name: values[part] for name, values in self.signals.items()}
         if self.base is not None:
             cut["base"] = self.base.samples(part)
         return replace(self, **cut, fastest=self.largest_speeds)
@@ -231,18 +236,13 @@ def decimated(motion: Motion, factor: int) -> Motion:
     # Four fifths of the new Nyquist frequency. Speeds of the log stay, since standstill refers to
     # them and the low pass would lower them.
     highest_hz = 0.4 * motion.rate_hz / factor
-    signals: dict[str, Any] = {}
-    for field in fields(motion):
-        values = getattr(motion, field.name)
-        if not isinstance(values, np.ndarray) or field.name == "fastest":
-            continue
+    smooth: dict[str, Any] = {}
+    for name, values in motion.signals.items():
         if values.ndim == 2 and len(known := np.flatnonzero(np.isfinite(values[0]))):
-            values = values.copy()
-            values[:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
-        signals[field.name] = values[::factor]
-    if motion.base is not None:
-        signals["base"] = motion.base.samples(slice(None, None, factor))
-    return replace(motion, fastest=motion.largest_speeds, **signals)
+            smooth[name] = values.copy()
+            smooth[name][:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
+    whole = replace(motion, **smooth, fastest=motion.largest_speeds)
+    return whole.samples(slice(None, None, factor))
 
 
 @checked(LogError)
@@ -406,37 +406,20 @@ def _motion(
     # One filter for both sides: the deflection r_M theta_M / N - r_L theta_L of (3) is a small
     # difference of them, to which unequal filters would add a part of the motion itself.
     measured = low_pass(np.hstack([joint, motor]), rate_hz, band_hz)
-    position, velocity, acceleration = (
-        _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
-    )
-    n = robot.n
-    # Measured torques stay unfiltered; those of commands depend on the positions, and get their
-    # filter.
-    torque, slope = commanded_torque(robot, time, signals, band_hz)
-    others: dict[str, Any] = {
-        field: low_pass(signals[field], rate_hz, band_hz)
-        for field in ("deflection", "motor_temperature")
-        if field in signals
-    }
-    if "deflection" in others:
-        others["deflection_rate"] = spline_derivatives(time, others["deflection"])[1]
+    states = [_both_sides(robot, signal) for signal in spline_derivatives(time, measured)]
+    kinds = ("position", "velocity", "acceleration")
+    sides: dict[str, Any] = {}
+    for kind, (of_joints, of_motors) in zip(kinds, states, strict=True):
+        sides |= {f"joint_{kind}": of_joints, f"motor_{kind}": of_motors}
+    others = _other_signals(robot, time, signals, band_hz)
     if not robot.base_is_held:
-        states = (position[:, :n], velocity[:, :n], acceleration[:, :n])
-        others["base"] = base_motion(robot, _base_on(log, time), time, band_hz, states)
-    if robot.has_controllers:
-        delays = (robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names)
-        others |= {"command_slope": slope, "command_delay_s": tuple(delays)}
+        q, v, a = (of_joints for of_joints, _ in states)
+        others["base"] = base_motion(robot, _base_on(log, time), time, band_hz, (q, v, a))
     motion = Motion(
+        **sides,
         **others,
         time=time,
         joint_names=robot.joint_names,
-        joint_position=position[:, :n],
-        joint_velocity=velocity[:, :n],
-        joint_acceleration=acceleration[:, :n],
-        motor_position=position[:, n:],
-        motor_velocity=velocity[:, n:],
-        motor_acceleration=acceleration[:, n:],
-        motor_torque=torque,
         # A regression passes torque and regressor through the same low pass, which then cancels.
         joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
         motor_current=signals.get("motor_current"),
@@ -444,21 +427,43 @@ def _motion(
         cutoff_hz=cutoff_hz,
         transient_s=1.0 / cutoff_hz,
         bridged=_bridged(log.time, time),
-        processing=Processing(
-            logged_rate_hz=_rate_hz(log.time),
-            rate_hz=rate_hz,
-            resampled=time is not log.time,
-            position_low_pass_hz=band_hz,
-            cutoff_selection=cutoff,
-            transient_s=1.0 / cutoff_hz,
-            repairs=log.report,
-            sources=log.sources(),
-        ),
+        processing=_processing(log, time, cutoff, band_hz),
     )
     if not robot.has_controllers:
         return motion
     ends = math.ceil(_ENDS * rate_hz / band_hz)
     return with_directions(robot, motion.samples(slice(ends, len(time) - ends)), {})
+
+
+def _processing(log: Log, time: Array, cutoff: CutoffSelection, band_hz: float) -> Processing:
+    """Return how the motion on a grid was computed from a log."""
+    return Processing(
+        logged_rate_hz=_rate_hz(log.time),
+        rate_hz=_rate_hz(time),
+        resampled=time is not log.time,
+        position_low_pass_hz=band_hz,
+        cutoff_selection=cutoff,
+        transient_s=1.0 / float(cutoff.cutoff_hz),
+        repairs=log.report,
+        sources=log.sources(),
+    )
+
+
+def _other_signals(
+    robot: Robot, time: Array, signals: dict[str, Array], band_hz: float
+) -> dict[str, Any]:
+    """Return motor torques, and of what is logged deflection, its rate, temperature, commands."""
+    # Measured torques stay unfiltered; those of commands depend on the positions, and get their
+    # filter.
+    torque, slope = commanded_torque(robot, time, signals, band_hz)
+    logged = [field for field in ("deflection", "motor_temperature") if field in signals]
+    others: dict[str, Any] = {x: low_pass(signals[x], _rate_hz(time), band_hz) for x in logged}
+    if "deflection" in others:
+        others["deflection_rate"] = spline_derivatives(time, others["deflection"])[1]
+    if robot.has_controllers:
+        delays = (robot.drives[joint].command_delay_s or 0.0 for joint in robot.joint_names)
+        others |= {"command_slope": slope, "command_delay_s": tuple(delays)}
+    return {**others, "motor_torque": torque}
 
 
 def with_directions(robot: Robot, motion: Motion, dry: Mapping[str, float]) -> Motion:
@@ -547,52 +552,61 @@ def _bridged(logged: Array, time: Array) -> BoolArray | None:
 
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
     """Raise LogError for joints whose motion the positions of both sides do not determine."""
-    _check_coupled(robot, joint, motor)
-    coupled = {index for group in coupled_groups(robot.transmission) for index in group}
+    unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
+    groups = coupled_groups(robot.transmission)
+    for group in groups:
+        _check_coupled(robot, group, unseen, blind)
+    coupled = {index for group in groups for index in group}
     for index, name in enumerate(robot.joint_names):
-        no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
         if robot.drives[name].is_elastic:
-            if no_joint or no_motor:
-                side = "joint" if no_joint else "motor"
-                hint = (
-                    "; with motor angle and motor torque alone, identify needs the log in memory, "
-                    "of read_log and not in pieces"
-                )
-                raise LogError(
-                    f"elastic joint '{name}' needs its {side} position in the log"
-                    f"{hint if no_joint and not no_motor else ''}"
-                )
-        elif no_joint and no_motor and index not in coupled:
+            _check_elastic(name, bool(unseen[index]), bool(blind[index]))
+        elif unseen[index] and blind[index] and index not in coupled:
             raise LogError(f"joint '{name}' has no position in the log")
 
 
-def _check_coupled(robot: Robot, joint: Array, motor: Array) -> None:
-    """Raise LogError if the encoders of a coupled group do not determine all of its joints."""
-    for group in coupled_groups(robot.transmission):
-        names = [robot.joint_names[index] for index in group]
-        unseen = [robot.joint_names[index] for index in group if np.isnan(joint[0, index])]
-        blind = [robot.joint_names[index] for index in group if np.isnan(motor[0, index])]
-        elastic = [name for name in names if name in robot.elastic_joints]
-        if unseen and (blind or elastic):
-            why = f"the motors of {', '.join(blind)} have none either" if blind else ""
-            why = why or f"no motor position replaces it at the spring of {', '.join(elastic)}"
-            raise LogError(
-                f"the drives of {', '.join(names)} are coupled, and the log has no joint position "
-                f"of {', '.join(unseen)}; {why}"
-            )
+def _check_elastic(joint: str, is_unseen: bool, is_blind: bool) -> None:
+    """Raise LogError for an elastic joint without the position of the joint or of the motor."""
+    if is_unseen or is_blind:
+        hint = (
+            "; with motor angle and motor torque alone, identify needs the log in memory, "
+            "of read_log and not in pieces"
+        )
+        raise LogError(
+            f"elastic joint '{joint}' needs its {'joint' if is_unseen else 'motor'} position in "
+            f"the log{hint if is_unseen and not is_blind else ''}"
+        )
 
 
-def _both_sides(robot: Robot, signal: Array) -> Array:
-    """Return joint and motor side (T, 2n), with the sides of rigid drives that have no encoder."""
-    both, n = signal.copy(), robot.n
-    joint, motor = both[:, :n], both[:, n:]
+def _check_coupled(robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray) -> None:
+    """Raise LogError if the encoders of a coupled group do not determine all of its joints.
+
+    `unseen` and `blind` (n,) are the joints without an encoder at the joint and at the motor.
+    """
+    names = np.array(robot.joint_names)[[*group]]
+    lacking, motors = names[unseen[[*group]]], names[blind[[*group]]]
+    elastic = [name for name in names if name in robot.elastic_joints]
+    if len(lacking) and (len(motors) or elastic):
+        why = (
+            f"the motors of {', '.join(motors)} have none either"
+            if len(motors)
+            else f"no motor position replaces it at the spring of {', '.join(elastic)}"
+        )
+        raise LogError(
+            f"the drives of {', '.join(names)} are coupled, and the log has no joint position of "
+            f"{', '.join(lacking)}; {why}"
+        )
+
+
+def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
+    """Return joint and motor side, each (T, n), also of rigid drives that have no encoder there."""
+    joint, motor = np.hsplit(signal.copy(), 2)
     ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
     # q = C^-1 theta_M / N and theta_M / N = C q, with C = 1 but for coupled drives. NaN of a group
     # stays within it, and `_check_coupled` has excluded groups that this does not determine.
     joint[:, unseen] = at_joints(robot.transmission, motor / ratio)[:, unseen]
     motor[:, blind] = (at_drives(robot.transmission, joint) * ratio)[:, blind]
-    return both
+    return joint, motor
 
 
 def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:

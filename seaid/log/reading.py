@@ -108,16 +108,10 @@ def read_log(
     paths, held = files_of(path)
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
-    if columns and description is not None:
-        raise LogError(
-            "give columns= or description=, not both: a description names the columns",
-            "description=",
-        )
     described, paths = _described_files(paths, description, columns)
     # For messages only; it names all files of the log.
     path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
-    if columns and table.files:
-        raise LogError("columns= is for a log of one file: give a description=", "description=")
+    _check_columns(columns, table, description)
     if described is None and not table.files:
         log = _by_names(path, table, robot, columns, repair)
     else:
@@ -126,6 +120,17 @@ def read_log(
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
     return log
+
+
+def _check_columns(columns: Mapping[str, Column], table: Table, description: object) -> None:
+    """Raise LogError for `columns` of several files, or next to a description."""
+    if columns and table.files:
+        raise LogError("columns= is for a log of one file: give a description=", "description=")
+    if columns and description is not None:
+        raise LogError(
+            "give columns= or description=, not both: a description names the columns",
+            "description=",
+        )
 
 
 def _described_files(
@@ -310,16 +315,14 @@ def _repaired_channels(
 
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
     """Return whether samples were removed or moved, or the steps are irregular."""
-    if len(usable) < len(channels) and any(
-        np.any(np.isfinite(channel.values)) for channel in channels if channel.name not in usable
-    ):
-        return True
-    return bool(np.any(irregular_steps(channels[0].time))) or any(
-        not np.array_equal(values, channel.values) or not np.array_equal(time, channel.time)
-        for channel in channels
-        if channel.name in usable
-        for time, values in [usable[channel.name]]
-    )
+
+    def is_changed(channel: Channel) -> bool:
+        if channel.name not in usable:
+            return bool(np.any(np.isfinite(channel.values)))
+        pairs = zip(usable[channel.name], (channel.time, channel.values), strict=True)
+        return not all(np.array_equal(*pair) for pair in pairs)
+
+    return bool(np.any(irregular_steps(channels[0].time))) or any(map(is_changed, channels))
 
 
 def _on_grid(
@@ -329,19 +332,10 @@ def _on_grid(
 
     The last command of a channel holds to the end, and between commands there is no hole.
     """
+    times = {name: time for name, (time, _) in usable.items()}
     measured = [name for name in usable if not quantity_of(name).is_command] or list(usable)
-    late = max(usable, key=lambda name: usable[name][0][0])
-    early = min(measured, key=lambda name: usable[name][0][-1])
-    start, end = float(usable[late][0][0]), float(usable[early][0][-1])
-    longest = max(time[-1] - time[0] for time, _ in usable.values())
-    if end - start < (1.0 - limits.most_missing) * longest:
-        raise LogError(
-            f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts "
-            f"at {start:.6g} s and '{early}' ends at {end:.6g} s; allowed to miss "
-            f"{limits.most_missing:.1%} (Repairs.most_missing): check that their clocks have the "
-            "same unit and the same zero"
-        )
-    rates = {name: 1.0 / typical_step(time) for name, (time, _) in usable.items()}
+    start, end = _common_time(times, measured, limits)
+    rates = {name: 1.0 / typical_step(time) for name, time in times.items()}
     rate_hz = limits.rate_hz or max(rates.values())
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
     # Rounding may put the last instant behind `end`, where a spline would extrapolate.
@@ -354,5 +348,23 @@ def _on_grid(
     for name in measured:
         # By the stamps of the channel itself: what is a hole for a fast sensor is a step of a slow
         # one.
-        in_hole |= in_gap(usable[name][0], grid, bridged_s(usable[name][0], limits))
+        in_hole |= in_gap(times[name], grid, bridged_s(times[name], limits))
     return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}
+
+
+def _common_time(
+    times: Mapping[str, Array], measured: Sequence[str], limits: Repairs
+) -> tuple[float, float]:
+    """Return start and end of what all channels share. Raises LogError if that is too little."""
+    late = max(times, key=lambda name: times[name][0])
+    early = min(measured, key=lambda name: times[name][-1])
+    start, end = float(times[late][0]), float(times[early][-1])
+    longest = max(time[-1] - time[0] for time in times.values())
+    if end - start < (1.0 - limits.most_missing) * longest:
+        raise LogError(
+            f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts "
+            f"at {start:.6g} s and '{early}' ends at {end:.6g} s; allowed to miss "
+            f"{limits.most_missing:.1%} (Repairs.most_missing): check that their clocks have the "
+            "same unit and the same zero"
+        )
+    return start, end

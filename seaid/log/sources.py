@@ -7,6 +7,7 @@ are turned to those of `BaseLog` by the orientation of the base.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -133,6 +134,27 @@ def _described_vectors(
 ) -> Iterator[_Described]:
     """Yield the vectors of a description, and those with seaid's own columns."""
     base = robot.floating_base
+    _check_vectors(path, description, base)
+    if base is None:
+        return
+    contacts = description.contacts
+    places = [("base", "[base]", description.base, OF_BASE)]
+    places += [
+        (link, f"[contacts.{link}]", contacts.get(link, {}), OF_CONTACTS)
+        for link in dict.fromkeys([*contacts, *base.contact_links])
+    ]
+    for owner, place, described, rows in places:
+        for quantity, row in rows.items():
+            where, source = f"'{path}': {place} {quantity}", described.get(quantity)
+            names = None if source is None else _names(where, row, owner, source, base)
+            source = source or _own_vector(table, row, owner, base)
+            if source is not None:
+                clock = _clock_of(where, table, description, source)
+                yield _Described(where, owner, quantity, names or source.columns, source, clock)
+
+
+def _check_vectors(path: Path, description: LogDescription, base: FloatingBase | None) -> None:
+    """Raise LogError for vectors of a base that the robot has not, or of unknown links."""
     if base is None:
         if description.base or description.contacts:
             raise LogError(
@@ -145,22 +167,6 @@ def _described_vectors(
         if link not in base.frames:
             unknown = unknown_name("link", link, base.frames)
             raise LogError(f"'{path}': [contacts.{link}]: {unknown}")
-    links = dict.fromkeys([*description.contacts, *base.contact_links])
-    places = [("base", "[base]", description.base, OF_BASE)]
-    for link in links:
-        vectors = description.contacts.get(link, {})
-        places.append((link, f"[contacts.{link}]", vectors, OF_CONTACTS))
-    for owner, place, described, rows in places:
-        for quantity, row in rows.items():
-            where, source = f"'{path}': {place} {quantity}", described.get(quantity)
-            if source is not None:
-                names = _names(where, row, owner, source, base)
-            elif (source := _own_vector(table, row, owner, base)) is not None:
-                names = source.columns
-            else:
-                continue
-            clock = _clock_of(where, table, description, source)
-            yield _Described(where, owner, quantity, names, source, clock)
 
 
 def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> VectorSource | None:
@@ -198,17 +204,16 @@ def _sources_by_name(
 ) -> dict[str, Source]:
     """Return the columns with seaid's names for the quantities that are not described."""
     names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-    used = {column for source in described.values() for column in source.columns()}
-    logged = {
-        field: Source(column)
-        for name, field in names.items()
-        for column in (short_name(name), name)
-        # The long name comes last and replaces the short one, if a file has both.
-        if column in table.names and (column == name or column not in used)
-    }
+    used = {column for source in described.values() for column in source.columns()} - {*names}
+    logged: dict[str, Source] = {}
+    for name, field in names.items():
+        # The long name first: a file with both has the joint's own under it.
+        columns = [x for x in (name, short_name(name)) if x in table.names and x not in used]
+        if columns and field not in described:
+            logged[field] = Source(columns[0])
     if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
         logged["deflection"] = replace(logged["deflection"], scale=robot.drives[joint].load_radius)
-    return {field: source for field, source in logged.items() if field not in described}
+    return logged
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
@@ -258,20 +263,20 @@ def _clock_of(
     where: str, table: Table, description: LogDescription, source: Source | VectorSource
 ) -> Clock:
     columns = _columns_of(source)
-    time_column = next((table.clocks[column] for column in columns if column in table.clocks), None)
-    time_s = table.in_file_of("time_s", columns)
-    time_column = time_column or (time_s if time_s in table.names else None)
-    clock = source.time or description.time or (Clock(column=time_column) if time_column else None)
-    if clock is not None and clock.column is not None:
-        rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
-        clock = replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
+    times = [table.clocks[column] for column in columns if column in table.clocks]
+    times.append(table.in_file_of("time_s", columns))
+    of_file = next((Clock(column) for column in times if column in table.names), None)
+    clock = source.time or description.time or of_file
     if clock is None:
         _checked_columns(where, columns, table)
         raise LogError(
             f'{where}: no time is given; name its column, time = "...", or a constant rate, time = '
             "{ rate_hz = ... }"
         )
-    return clock
+    if clock.column is None:
+        return clock
+    rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
+    return replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
 
 
 def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Channel:
@@ -399,42 +404,52 @@ def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) ->
     return replace(channel, time=channel.time[use], values=channel.values[use])
 
 
+_TURNED = re.compile(r"base\..*_in_")
+"""The name of a channel of a vector in another frame than that of `BaseLog`."""
+
+
 def in_own_frames(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     """Return the samples with vectors of other frames turned to those of `BaseLog`.
 
     f = R^T (a - g) with R from the base to the world. Raises LogError without an orientation.
     """
     samples = with_guided(picked, robot)
-    turned = [name for name in picked if name.startswith("base.") and "_in_" in name]
+    turned = [name for name in picked if _TURNED.match(name)]
     if not turned:
         return samples
-    base = robot.floating_base
-    assert base is not None
-    _check_turnable(turned, picked, base)
+    _check_turnable(turned, picked, robot)
     quaternions = np.column_stack([picked[name] for name in CHANNELS["orientation"]])
     R = matrices(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
-    gravity, (imu, _) = robot.model.gravity.linear, base.imu_placement
     for stem in dict.fromkeys(name[:-2] for name in turned):
         values = np.column_stack([samples.pop(f"{stem}_{x}") for x in "xyz"])
         quantity, frame = stem.removeprefix("base.").rsplit("_in_", 1)
-        if quantity == "velocity":
-            values = np.einsum("tij,tj->ti", R, values)
-        elif frame == "world":
-            # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
-            down = gravity if quantity == "acceleration" else 0.0
-            values = np.einsum("tji,tj->ti", R, values - down) @ imu
-        else:
-            # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
-            values = (values - gravity @ R) @ imu
         channel = "specific_force" if quantity == "acceleration" else quantity
         # What was logged in its own frame has precedence over what was turned to it.
         if CHANNELS[channel][0] not in samples:
+            values = _in_own_frame(quantity, frame, values, R, robot)
             samples.update(zip(CHANNELS[channel], values.T, strict=True))
     return samples
 
 
-def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], base: FloatingBase) -> None:
+def _in_own_frame(quantity: str, frame: str, values: Array, R: Array, robot: Robot) -> Array:
+    """Return a vector (T, 3) in the frame of `BaseLog`; R (T, 3, 3) turns the base to the world."""
+    base, gravity = robot.floating_base, robot.model.gravity.linear
+    assert base is not None
+    imu = base.imu_placement[0]
+    if quantity == "velocity":
+        return np.asarray(np.einsum("tij,tj->ti", R, values))
+    if frame == "world":
+        # f = R^T (a - g): `tji` transposes R, and `@ imu` is imu^T, into the axes of the IMU.
+        down = gravity if quantity == "acceleration" else 0.0
+        return np.asarray(np.einsum("tji,tj->ti", R, values - down) @ imu)
+    # a - R^T g: gravity as a row times R is R^T g, in the axes of the base.
+    return np.asarray((values - gravity @ R) @ imu)
+
+
+def _check_turnable(turned: Sequence[str], picked: Mapping[str, Array], robot: Robot) -> None:
     """Raise LogError if vectors of other frames lack an orientation, or their IMU moves."""
+    base = robot.floating_base
+    assert base is not None
     if not set(CHANNELS["orientation"]) <= set(picked):
         kind = turned[0].removeprefix("base.").rsplit("_in_", 1)
         raise LogError(
