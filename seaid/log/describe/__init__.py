@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, permutations
+from itertools import chain, combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.describe.base import BaseGuess, infer_base
-from seaid.log.describe.inference import Inference, Sources, check_used, is_state
+from seaid.log.describe.inference import Inference, Sources, check_used, is_state, sentences
 from seaid.log.describe.joints import (
     every_joint,
     is_sensor,
@@ -39,9 +39,6 @@ from seaid.log.readers.table import Block, Table
 from seaid.log.repair import LARGEST
 from seaid.robot import Robot
 
-_LISTED = 100
-"""Most columns named in the message of a log without positions."""
-
 _EXAMINED = 20_000
 """Samples at the start of a file that are examined, if it can be read in pieces."""
 
@@ -50,7 +47,7 @@ _MOST_LISTED = 500_000
 that cannot be read."""
 
 _SHOWN = 100
-"""Most unused columns that are shown."""
+"""Most columns that are shown: unused ones, and those of a log without positions."""
 
 _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
 """Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
@@ -93,18 +90,21 @@ class Description(Display):
         return comments + self.description.to_toml()
 
     def __str__(self) -> str:
-        rows = [("joint", "quantity", "column", "unit", "time")]
-        for joint, sources in self.description.joints.items():
-            rows += [(joint, name, *self._cells(source)) for name, source in sources.items()]
-        vectors = {"base": self.description.base, **self.description.contacts}
-        for place, by_quantity in vectors.items():
-            rows += [(place, name, *_vector_cells(vector)) for name, vector in by_quantity.items()]
-        cells = [list(map(in_one_line, row)) for row in rows]
-        widths = [max(len(row[place]) for row in cells) for place in range(5)]
-        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
+        rows = [("joint", "quantity", "column", "unit", "time"), *self._rows()]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
         lines += [f"unsure: {choice}" for choice in self.unsure]
         lines += [f"assumed: {choice}" for choice in self.assumed]
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
+
+    def _rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield a row of texts for each quantity of a joint, of the base and of a contact."""
+        for joint, sources in self.description.joints.items():
+            for name, source in sources.items():
+                yield tuple(map(in_one_line, (joint, name, *self._cells(source))))
+        for place, vectors in {"base": self.description.base, **self.description.contacts}.items():
+            for name, vector in vectors.items():
+                yield tuple(map(in_one_line, (place, name, *_vector_cells(vector))))
 
     def _cells(self, source: Source) -> tuple[str, str, str]:
         """Return column, unit and time of a source."""
@@ -173,14 +173,14 @@ def describe_log(
     if columns:
         table = replace(table, labels=_labels(table, columns, robot))
     samples, inference, guess = _understood(table, robot)
-    clocks = {} if table.clocks else _file_clocks(table, inference)
+    clocks = _file_clocks(table, inference)
     inference.time = _time_of(inference, clocks.get(""))
     names = joint_names(inference)
     if not names:
+        about = "; ".join(filter(None, [listed(table.names, _SHOWN), table.notice]))
         raise LogError(
             f"'{' + '.join(map(str, paths))}': no column looks like the position of a joint; "
-            f"columns are {listed(table.names, _LISTED)}{'; ' if table.notice else ''}"
-            f"{table.notice}"
+            f"columns are {about}"
         )
     drafts = {joint: quantities_of(inference, joint) for joint in dict.fromkeys(names.values())}
     joints = _sources(drafts, clocks, names, table.files)
@@ -191,11 +191,12 @@ def describe_log(
         _common_clock(table, inference, clocks, names, rate_hz),
         base=guess.base,
         contacts=guess.contacts,
-        files=_file_names(paths) if table.files else (),
+        files=_file_names(paths),
     )
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
-    return Description(description, inference.unsure(), unused, inference.assumptions(), gains)
+    unsure, assumed = sentences(inference.notes), sentences(inference.assumed)
+    return Description(description, unsure, unused, assumed, gains)
 
 
 def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, BaseGuess]:
@@ -262,7 +263,9 @@ def _sources(
 
 
 def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Return the names of files in the folder of the first, and the whole paths of others."""
+    """Return the names of several files in the folder of the first, the whole paths of others."""
+    if len(paths) == 1:
+        return ()
     folder = paths[0].parent
     return tuple(file.name if file.parent == folder else str(file.resolve()) for file in paths)
 
@@ -282,25 +285,29 @@ def _gains(
     controllers: dict[str, Controller] = {}
     for joint, sources in joints.items():
         command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
-        gains: dict[str, float] = {}
-        for name, letter in _gain_columns(samples, command):
-            values = samples[name][np.isfinite(samples[name])]
-            if len(values) == 0 or np.ptp(values) > 0 or values[0] < 0:
-                inference.note(
-                    name,
-                    "a gain that changes: give each part of the log with one gain set as a log of "
-                    "its own (between_s in the project)",
-                )
-                continue
-            gains[letter] = float(values[0])
-            inference.note(name, f"taken for a gain of the controller, in {unit}")
-        if gains:
+        if gains := _gains_at(samples, inference, command, unit):
             controllers[joint] = Controller(
                 position_gain_Nm_per_rad=gains.get("p", 0.0),
                 velocity_gain_Nms_per_rad=gains.get("d", 0.0),
                 is_up_to_scale=bool(supplies),
             )
     return controllers
+
+
+def _gains_at(samples: Block, inference: Inference, command: str, unit: str) -> dict[str, float]:
+    """Return {letter: gain} of the columns named as a command, each with a note."""
+    gains: dict[str, float] = {}
+    for name, letter in _gain_columns(samples, command):
+        values = samples[name][np.isfinite(samples[name])]
+        text = (
+            "a gain that changes: give each part of the log with one gain set as a log of its own "
+            "(between_s in the project)"
+        )
+        if len(values) and np.ptp(values) == 0 and values[0] >= 0:
+            gains[letter] = float(values[0])
+            text = f"taken for a gain of the controller, in {unit}"
+        inference.note(name, text)
+    return gains
 
 
 def _gain_columns(names: Iterable[str], command: str) -> Iterator[tuple[str, str]]:
@@ -363,12 +370,18 @@ class _File:
 
         "run.state.csv" and "run.control.csv" share names: the latter has the commands.
         """
+        if not (self.columns and file.columns):
+            return False
         names = [x.path.name.split(".") for x in (self, file)]
         roles = {is_of_commands(x.path.name) for x in (self, file)}
         if names[0][0] == names[1][0] and min(map(len, names)) > 2 and len(roles) == 2:
-            return bool(self.columns and file.columns)
-        is_known = bool(self.columns and file.columns) and self.columns.isdisjoint(file.columns)
-        return is_known and not (self.is_complete and file.is_complete)
+            return True
+        are_complete = self.is_complete and file.is_complete
+        return self.columns.isdisjoint(file.columns) and not are_complete
+
+    def is_of_log(self, file: _File) -> bool:
+        """Return whether files are of one log."""
+        return self.complements(file) and self.overlaps(file)
 
     def overlaps(self, file: _File) -> bool:
         """Return whether files are of about the same time."""
@@ -387,9 +400,9 @@ def logs_of_files(
     motions too, so that each such log is a doubt.
     """
     groups: list[list[_File]] = []
-    for file in (_file_of(path, robot) for path in paths):
-        fits = (all(file.complements(x) and file.overlaps(x) for x in group) for group in groups)
-        group = next((group for group, is_its in zip(groups, fits, strict=True) if is_its), [])
+    for path in paths:
+        file = _file_of(path, robot)
+        group = next((group for group in groups if all(map(file.is_of_log, group))), [])
         if not group:
             groups.append(group)
         group.append(file)
@@ -406,8 +419,7 @@ def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
                 f"time ({common:.4g} s): taken for the files of one log; if they are not, give "
                 "each a [[log]] of its own"
             )
-    firsts = [group[0] for group in groups]
-    for earlier, file in ((x, y) for place, y in enumerate(firsts) for x in firsts[:place]):
+    for earlier, file in combinations([group[0] for group in groups], 2):
         if file.complements(earlier):
             yield (
                 f"{earlier.path.name} and {file.path.name} have different columns, and one lacks "
@@ -435,49 +447,58 @@ def _file_of(path: Path, robot: Robot) -> _File:
 
 
 def _all_samples(table: Table, inference: Inference) -> Block:
-    """Return all readable columns of numbers, found by bisection, from the start of long files."""
+    """Return all readable columns of numbers, from the start of long files; note the others."""
+    names = [name for name, count in Counter(table.names).items() if count == 1]
+    return _readable(table, inference, names, [])
+
+
+def _readable(table: Table, inference: Inference, names: list[str], refusals: list[str]) -> Block:
+    """Return the readable ones of columns by bisection; `refusals` are those of all attempts."""
     # A read of all columns is fast, but one bad column refuses it: halves find that in
     # log2(columns) reads.
-    waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
-    samples: Block = {}
-    first, refused = "", 0
-    while waiting:
-        names = waiting.pop()
-        try:
-            samples |= table.start(names, _EXAMINED)
-        except LogError as problem:
-            text = str(problem)
-            first, refused = first or text, refused + 1
-            if len(names) > 1 and refused * len(table.names) < _MOST_LISTED:
-                half = len(names) // 2
-                waiting += [names[half:], names[:half]]
-            elif len(names) == 1 and text == first and f"'{shortened(names[0])}'" not in text:
-                raise  # the file is invalid, not this column
-            else:
-                for name in names:
-                    if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
-                        inference.note(name, "no column of numbers: excluded")
-    return samples
+    try:
+        return table.start(names, _EXAMINED)
+    except LogError as problem:
+        refusals.append(str(problem))
+        # All columns alone are refused alike: the file is invalid, and not this column.
+        is_of_file = refusals[-1] == refusals[0] and f"'{shortened(names[0])}'" not in refusals[0]
+        if len(names) == 1 and is_of_file:
+            raise
+    if len(names) > 1 and len(refusals) * len(table.names) < _MOST_LISTED:
+        halves = names[: len(names) // 2], names[len(names) // 2 :]
+        first, second = (_readable(table, inference, half, refusals) for half in halves)
+        return first | second
+    for name in names:
+        if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
+            inference.note(name, "no column of numbers: excluded")
+    return {}
 
 
 def _signal_columns(data: Block, inference: Inference) -> Block:
-    """Return the columns with a signal; constant ones are excluded."""
+    """Return the columns with a signal; note sensors without one."""
     signals = {}
     for name, values in data.items():
-        finite, meaning = values[np.isfinite(values)], inference.meanings[name]
-        moves = bool(np.any(finite != finite[:1]))
-        is_measured = is_sensor(meaning)
-        may_stand = len(finite) > 0 and (meaning.quantity == "voltage" or meaning.role == "command")
-        if np.any(np.abs(finite) > LARGEST):
-            inference.note(name, f"has values beyond {LARGEST:g}: no sensor, excluded")
-        elif is_measured and moves and is_state(finite):
-            inference.note(name, "has a few whole numbers only: a state, excluded")
-        elif moves or may_stand:
+        finite = values[np.isfinite(values)]
+        why = _without_signal(finite, inference.meanings[name])
+        if why is None:
             signals[name] = values
-        elif is_measured:
-            what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
-            inference.note(name, f"{what}: a dead sensor, excluded")
+        else:
+            inference.note(name, why)
     return signals
+
+
+def _without_signal(finite: Array, meaning: Meaning) -> str | None:
+    """Return why a column has no signal, "" for one that needs none, None if it has one."""
+    moves = bool(np.any(finite != finite[:1]))
+    may_stand = not {"voltage", "command"}.isdisjoint((meaning.quantity, meaning.role))
+    if np.any(np.abs(finite) > LARGEST):
+        return f"has values beyond {LARGEST:g}: no sensor, excluded"
+    if is_sensor(meaning) and moves and is_state(finite):
+        return "has a few whole numbers only: a state, excluded"
+    if moves or (may_stand and len(finite)):
+        return None
+    what = "".join(f"{value:.6g} all the time" for value in finite[:1]) or "without a number"
+    return f"{what}: a dead sensor, excluded" * is_sensor(meaning)
 
 
 def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
@@ -489,7 +510,12 @@ def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
 
 
 def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
-    """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files."""
+    """Return {joint, or "" for all: clock}; {file: clock} if names differ in several files.
+
+    A file that defines the clocks of its columns needs none.
+    """
+    if table.clocks:
+        return {}
     if not table.files:
         return _clocks(inference)
     clocks, files = dict[str, Clock](), dict.fromkeys(table.files.values())
@@ -497,7 +523,7 @@ def _file_clocks(table: Table, inference: Inference) -> dict[str, Clock]:
         data = {x: values for x, values in inference.data.items() if table.files[x] == file}
         clock = _clocks(replace(inference, data=data)).get("")
         clocks |= {file: clock} if clock else {}
-    names = {(table.bare(clock.column or ""), clock.unit) for clock in clocks.values()}
+    names = {(table.bare(str(clock.column)), clock.unit) for clock in clocks.values()}
     if len(names) == 1 and len(clocks) == len(files):
         ((column, unit),) = names
         return {"": Clock(column, unit)}

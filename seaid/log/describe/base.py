@@ -203,13 +203,10 @@ class _Search:
         if self.table.files or not all(map(str.isdecimal, names)):
             return []
         n, feet = self.robot.n, len(self.floating.contacts)
-        # From the fourth column on, behind three coordinates, and with n joints behind the
-        # quaternion.
-        windows = ((place, names[place : place + 4]) for place in range(3, len(names) - n - 3))
-        place = next((x for x, four in windows if _is_quaternion(self.samples(four))), None)
-        if place is None:
+        start = self._start_of_pose(names)
+        if start is None:
             return []
-        start, place = place - 3, place + 4 + n
+        place = start + n + 7
         vectors = [Vector("q", tuple(names[start:place]), is_array=True)]
         rate = self.samples(names[place - n : place])
         widths = {"velocity": n + 6, "acceleration": n + 6, "torque": n, "contact": feet}
@@ -228,24 +225,33 @@ class _Search:
         self.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
         return vectors
 
+    def _start_of_pose(self, names: Sequence[str]) -> int | None:
+        """Return the first of n + 7 columns that have three coordinates and then a quaternion."""
+        starts = range(len(names) - self.robot.n - 6)
+        poses = (x for x in starts if _is_quaternion(self.samples(names[x + 3 : x + 7])))
+        return next(poses, None)
+
     def take_states(self, vectors: Sequence[Vector]) -> None:
         """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
-        robot, n, widths = self.robot, self.robot.n, (self.robot.n, *self.widths)
+        widths = {self.robot.n, *self.widths} - {*range(5)}
         arrays = [x for x in vectors if x.is_array and len(x.columns) in widths]
-        quantities = self._state_quantities([x for x in arrays if len(x.columns) > 4])
-        for vector, quantity in quantities.items():
-            base, joints = vector.columns[:-n], vector.columns[-n:]
-            if not quantity:
-                continue
-            for name, part in _STATES.get((len(base), quantity), {}).items():
-                self.guess.base[name] = VectorSource(base[part])
-            self.guess.meanings |= dict.fromkeys(base, _TAKEN)
-            meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
-            for column, joint in zip(joints, robot.joint_names, strict=True):
-                self.guess.meanings[column] = replace(meaning, joint=joint)
-            about = f"{vector.stem}: its last {n} columns" if base else vector.stem
-            order = f"{robot.joint_names[0]}, {robot.joint_names[1]}, ..." if n > 1 else "one"
-            self.note(about, f"taken for the robot's joints in their order ({order})")
+        for vector, quantity in self._state_quantities(arrays).items():
+            if quantity:
+                self._take_state(vector, quantity)
+
+    def _take_state(self, vector: Vector, quantity: str) -> None:
+        """Take an array for the states of the base, if it has them, and of the joints."""
+        names, n = self.robot.joint_names, self.robot.n
+        base, joints = vector.columns[:-n], vector.columns[-n:]
+        for name, part in _STATES.get((len(base), quantity), {}).items():
+            self.guess.base[name] = VectorSource(base[part])
+        self.guess.meanings |= dict.fromkeys(base, _TAKEN)
+        meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
+        for column, joint in zip(joints, names, strict=True):
+            self.guess.meanings[column] = replace(meaning, joint=joint)
+        about = f"{vector.stem}: its last {n} columns" if base else vector.stem
+        order = f"{names[0]}, {names[1]}, ..." if n > 1 else "one"
+        self.note(about, f"taken for the robot's joints in their order ({order})")
 
     def _state_quantities(self, arrays: Sequence[Vector]) -> dict[Vector, str]:
         """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
@@ -287,19 +293,24 @@ class _Search:
 
     def take_vector(self, vector: Vector) -> None:
         """Take a vector for what its name and its samples say."""
-        width, values = len(vector.columns), self.samples(vector.columns)
-        if width not in (3, 4, 7) or is_contact(vector.stem) or is_elsewhere(vector.stem):
+        width, kind = len(vector.columns), kind_of(vector.stem)
+        if is_contact(vector.stem) or is_elsewhere(vector.stem):
             return
-        base, kind = self.guess.base, kind_of(vector.stem)
-        if width >= 4 and _is_quaternion(values[:, width - 4 :]):
-            order: Order | None = None if vector.is_array or width == 7 else "wxyz"
-            if width == 7:
-                base.setdefault("position", VectorSource(vector.columns[:3]))
-            base.setdefault("orientation", VectorSource(vector.columns[width - 4 :], order=order))
+        if width in (4, 7) and _is_quaternion(self.samples(vector.columns[-4:])):
+            self._take_pose(vector)
         elif width == 3 and kind == "specific_force":
-            self._take_acceleration(vector, values)
+            self._take_acceleration(vector, self.samples(vector.columns))
         elif width == 3 and kind not in ("", "orientation"):
-            base.setdefault(kind, vector.source())
+            self.guess.base.setdefault(kind, vector.source())
+
+    def _take_pose(self, vector: Vector) -> None:
+        """Take a quaternion for the orientation, and three columns before it for the position."""
+        is_alone = len(vector.columns) == 4
+        order: Order | None = "wxyz" if is_alone and not vector.is_array else None
+        quaternion = VectorSource(vector.columns[-4:], order=order)
+        if not is_alone:
+            self.guess.base.setdefault("position", VectorSource(vector.columns[:3]))
+        self.guess.base.setdefault("orientation", quaternion)
 
     def _take_acceleration(self, vector: Vector, values: Array) -> None:
         """Take an acceleration with gravity, or one without it in the axes of the base."""
@@ -331,15 +342,19 @@ class _Search:
         is_clear = list(counts.values()).count(counts.get(best, 0)) == 1
         return (best, counts[best]) if is_clear and counts[best] else ("", 0)
 
+    def _contact_in(self, name: str) -> str:
+        """Return the contact in a name that is one of a contact, an empty text if none."""
+        return self._shared(name)[0] if is_contact(name) else ""
+
     def take_wrenches(self, vectors: Sequence[Vector]) -> None:
         """Take force sensors for the contacts whose names share the most words with theirs."""
         sensors = force_sensors(vectors)
-        links = {sensor: self._shared(sensor) for sensor in sensors}
+        nearest = {sensor: self._shared(sensor) for sensor in sensors}
         for sensor, parts in sensors.items():
-            link, count = links[sensor]
-            rivals = [n for x, (nearest, n) in links.items() if x != sensor and nearest == link]
+            link, count = nearest[sensor]
             # No other sensor that is nearest to this contact shares as many words with it.
-            if not link or count <= max(rivals, default=0):
+            is_rival = [x == link and words >= count for x, words in nearest.values()]
+            if not link or is_rival.count(True) > 1:
                 self.other_forces[sensor] = parts["force"]
                 continue
             self.guess.contacts[link] = {x: vector.source() for x, vector in parts.items()}
@@ -359,16 +374,19 @@ class _Search:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
         links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
         for name in self.inference.data:
-            bare = self.table.label(name)
-            if is_contact(bare) and self._shared(bare)[0] in links:
-                self._take_contact(self._shared(bare)[0], name)
-        for vector in vectors:
-            fits = is_contact(vector.stem) and len(vector.columns) == len(links)
-            if fits and not self.guess.contacts:
-                for link, name in zip(links, vector.columns, strict=True):
-                    self._take_contact(link, name)
-                text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
-                self.note(vector.stem, text)
+            link = self._contact_in(self.table.label(name))
+            if link in links:
+                self._take_contact(link, name)
+        arrays = [x for x in vectors if is_contact(x.stem) and len(x.columns) == len(links)]
+        if arrays and not self.guess.contacts:
+            self._take_in_order(links, arrays[0])
+
+    def _take_in_order(self, links: Sequence[str], vector: Vector) -> None:
+        """Take an array for the contacts of the robot in their order."""
+        for link, name in zip(links, vector.columns, strict=True):
+            self._take_contact(link, name)
+        text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
+        self.note(vector.stem, text)
 
     def _take_contact(self, link: str, name: str) -> None:
         """Take a column for a flag, or for a force with a threshold in the middle of its range."""

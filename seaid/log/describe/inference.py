@@ -174,14 +174,6 @@ class Inference:
         if text:
             (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
 
-    def unsure(self) -> tuple[str, ...]:
-        """Return the notes as sentences."""
-        return _sentences(self.notes)
-
-    def assumptions(self) -> tuple[str, ...]:
-        """Return the assumptions as sentences."""
-        return _sentences(self.assumed)
-
 
 def follows(position: Array, command: Array) -> bool:
     """Return whether a position (T,) follows a command (T,) in the same unit, or its loop does.
@@ -213,9 +205,9 @@ def follows(position: Array, command: Array) -> bool:
     return bool(is_sum and 1 / _LOOP_SLOPE < fit[0] / sizes[0] < _LOOP_SLOPE)
 
 
-def _sentences(notes: Mapping[str, list[str]]) -> tuple[str, ...]:
-    sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in notes.items())
-    return tuple(map(in_one_line, sentences))
+def sentences(notes: Mapping[str, list[str]]) -> tuple[str, ...]:
+    """Return notes {text: what they are about} as sentences."""
+    return tuple(in_one_line(f"{listed(x, _LISTED)}: {text}") for text, x in notes.items())
 
 
 def correlation(first: Array, second: Array) -> float:
@@ -316,9 +308,8 @@ def _check_position(
     _check_velocities(inference, column, joint, UNIT_FACTORS["rad"].get(unit, 0.0))
     if quantity == "motor_position" or inference.limits(joint) is None:
         return
-    factor = POSITION_FACTORS.get(unit)
-    fits = (unit in UNIT_FACTORS["m"]) == inference.is_prismatic(joint)
-    if not fits and unit != "counts" and source.get("unit"):
+    slides, factor = inference.is_prismatic(joint), POSITION_FACTORS.get(unit)
+    if source.get("unit") not in (None, "counts") and (unit in UNIT_FACTORS["m"]) != slides:
         inference.note(column, f"{unit} does not fit the type of {joint}")
     elif unit in ("deg", "mdeg") and not inference.is_far(column):
         inference.note(column, f"hardly moves in {unit}: check its unit")
@@ -386,22 +377,22 @@ def _note_unknown_columns(
     inference: Inference, joints: Mapping[str, Sources], used: set[str]
 ) -> None:
     """Note columns of no known quantity that move like a joint, or may be what one lacks."""
-    names = [
-        name
-        for name, values in inference.data.items()
-        if not inference.meanings[name].quantity and name not in used and not is_state(values)
-    ]
-    is_lacking = any(
-        not any(name.endswith(("torque", "current", "voltage")) for name in sources)
-        for sources in joints.values()
+    unknown = inference.logged("").keys() - used
+    names = [x for x, y in inference.data.items() if x in unknown and not is_state(y)]
+    like = _matching_signals(
+        {name: inference.data[name] for name in names[:1000]}, list(_signals(inference, joints))
     )
-    signals = list(_signals(inference, joints))
-    like = _matching_signals({name: inference.data[name] for name in names[:1000]}, signals)
+    is_lacking = not all(map(_has_effort, joints.values()))
     for name in names:
         if like.get(name):
             inference.note(name, f"not understood, and not used; it moves like {like[name]}")
         elif is_lacking and _is_one_per_joint(name, names, len(joints)):
             inference.note(name, "not understood: it may be what a joint lacks")
+
+
+def _has_effort(sources: Sources) -> bool:
+    """Return whether a joint has a torque, a current or a voltage."""
+    return any(name.endswith(("torque", "current", "voltage")) for name in sources)
 
 
 def _is_one_per_joint(name: str, names: list[str], count: int) -> bool:

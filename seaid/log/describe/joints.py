@@ -92,12 +92,13 @@ def _names_of_robot(inference: Inference, robot: Robot, labels: list[str]) -> di
     """Return {label: joint} of the joints that move, and drop the columns of those that do not."""
     every = _labels_with_still_ones(inference, labels, len(every_joint(robot)))
     matches = _matches(every, robot, inference)
-    for label in [x for x in every if x in labels and x not in matches]:
-        inference.note(label, "no joint of the robot has such a name: excluded")
-    still = {x for x, joint in matches.items() if joint not in robot.joint_names}
-    of_joints = {name: inference.meanings[name].joint for name in inference.data}
-    inference.data = {x: y for x, y in inference.data.items() if of_joints[x] not in still}
-    return {x: joint for x, joint in matches.items() if x in {*labels} - still}
+    for label in filter(labels.__contains__, every):
+        if label not in matches:
+            inference.note(label, "no joint of the robot has such a name: excluded")
+    names = {x: joint for x, joint in matches.items() if joint in robot.joint_names}
+    still, meanings = matches.keys() - names.keys(), inference.meanings
+    inference.data = {x: y for x, y in inference.data.items() if meanings[x].joint not in still}
+    return {x: joint for x, joint in names.items() if x in labels}
 
 
 def _take_estimates(inference: Inference) -> None:
@@ -137,18 +138,22 @@ def _is_number(label: str) -> bool:
 
 def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
     """Return the labels of joints; a motor without a label is that of the only one with a label."""
-    nameless = {x: m for x, m in inference.meanings.items() if not m.joint and is_sensor(m)}
-    sides = {m.side for m in nameless.values() if m.quantity == "position"}
+    sensors = {x: m for x, m in inference.meanings.items() if is_sensor(m) and not m.joint}
     # Exactly one label, and no position of a joint without one: "mpos" or "motor_current" next to
     # "elbow_pos".
     label, *others = [*filter(None, labels), ""]
-    if not label or others != [""] or not sides <= {"motor"}:
+    if others != [""] or any(_is_at_joint(meaning) for meaning in sensors.values()):
         return labels
-    for name, meaning in nameless.items():
+    for name, meaning in sensors.items():
         # A voltage next to a motor that has no other column is as likely that of the supply.
         if "" in labels or meaning.quantity != "voltage":
             inference.take(name, f"taken for the motor of {label}", joint=label)
     return [label]
+
+
+def _is_at_joint(meaning: Meaning) -> bool:
+    """Return whether a name is that of a position which may be the joint's."""
+    return meaning.quantity == "position" and meaning.side != "motor"
 
 
 def _labels_with_still_ones(inference: Inference, labels: list[str], count: int) -> list[str]:
@@ -171,18 +176,22 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
     labelled = {
         (m.quantity, names[m.joint]) for m in meanings.values() if m.joint in names and m.is_raw
     }
-    numbers = {_number_in(label): joint for label, joint in names.items()}
-    numbers = numbers if len(numbers) == len(names) else {}
+    numbers = _by_own_number(names)
     for name, meaning in meanings.items():
-        joint, text = names.get(meaning.joint), ""
         is_signal = meaning.role in ("measured", "estimated") and meaning.quantity in MEASURED
-        number = _number_in(meaning.joint)
-        if joint is None and is_signal and number:
-            joint = numbers.get(number)
-            joint = None if (meaning.quantity, joint) in labelled else joint
-            text = f"taken for joint {joint} by its number"
-        if joint is not None:
-            inference.take(name, text, joint=joint)
+        number = _number_in(meaning.joint) if is_signal else ""
+        if meaning.joint in names:
+            inference.take(name, joint=names[meaning.joint])
+        elif number in numbers and (meaning.quantity, numbers[number]) not in labelled:
+            joint = numbers[number]
+            inference.take(name, f"taken for joint {joint} by its number", joint=joint)
+
+
+def _by_own_number(names: Mapping[str, str]) -> dict[str, str]:
+    """Return {number: joint} of {label: joint}, nothing if labels have the same number."""
+    numbers = {_number_in(label): joint for label, joint in names.items()}
+    has_all = len(numbers) == len(names)
+    return {number: joint for number, joint in numbers.items() if number and has_all}
 
 
 def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
@@ -489,11 +498,9 @@ class _Columns:
 
     def add_commands(self) -> None:
         """Add the commands of a joint without a torque that has both signs."""
-        names = {kind: self.inference.commands(self.joint, kind) for kind in _COMMANDS}
+        names = {kind: self._commands(kind) for kind in _COMMANDS}
         if "motor_position" in self.sources or self._is_driven(may_be=not names["position"]):
             return
-        for kind in ("velocity", "torque"):  # of many drives they are zero all the time
-            names[kind] = [name for name in names[kind] if np.any(self.inference.finite(name))]
         leading = next((kind for kind in ("position", "velocity") if names[kind]), "")
         if leading and self.sources:
             self._add_commands(names, leading)
@@ -506,6 +513,11 @@ class _Columns:
         self.inference.note(
             self.joint, f"no torque, current or voltage found{what if unknown else ''}"
         )
+
+    def _commands(self, kind: str) -> list[str]:
+        """Return the commands of a quantity; those of many drives but positions are all zero."""
+        names = self.inference.commands(self.joint, kind)
+        return [x for x in names if kind == "position" or np.any(self.inference.finite(x))]
 
     def _is_driven(self, *, may_be: bool) -> bool:
         """Return whether an effort of the joint has both signs, or whether there may be one."""

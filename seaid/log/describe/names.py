@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import filterfalse, pairwise
+from itertools import filterfalse, pairwise, starmap
 from pathlib import Path
 from typing import Any, Literal
 
@@ -387,25 +387,30 @@ def _texts(name: str) -> tuple[str, ...]:
 def _words(text: str) -> list[_Word]:
     """Return the words of a name; a unit such as mA is one word."""
     words: list[_Word] = []
-    known = vocabulary()
     for run in _RUN.findall(text):
         head, unit = _without_unit(run)
-        parts = _SPLIT.findall(head)
-        if head.lower() in known.quantities:  # "qD"
-            parts = [head]
-        elif "".join(parts[:-1]).lower() in known.quantities:  # "dQ1"
-            parts = ["".join(parts[:-1]), parts[-1]]
-        for number, part in enumerate(parts):
+        for number, part in enumerate(_parts_of_run(head)):
             glued = number > 0 and part.isdigit()
             words += [_Word(piece, known_unit(part), glued) for piece in _split(part.lower())]
         if unit:
             words.append(_Word(unit.lower(), known_unit(unit)))
-    return [  # the d of "q_d", "tau_J_d" and "theta_md"
-        replace(word, text="desired")
-        if word.text == "d" and before in known.roles["desired"]
-        else word
-        for before, word in zip(["", *(word.text for word in words)], words, strict=False)
-    ]
+    before = [_Word(""), *words]
+    return [_as_desired(*pair) for pair in zip(words, before, strict=False)]
+
+
+def _as_desired(word: _Word, before: _Word) -> _Word:
+    """Return a word, with its meaning for the d of "q_d", "tau_J_d" and "theta_md"."""
+    is_desired = word.text == "d" and before.text in vocabulary().roles["desired"]
+    return replace(word, text="desired") if is_desired else word
+
+
+def _parts_of_run(run: str) -> list[str]:
+    """Return the parts of letters and numbers by their case, but those of a quantity as one."""
+    parts, quantities = _SPLIT.findall(run), vocabulary().quantities
+    if run.lower() in quantities:  # "qD"
+        return [run]
+    start = "".join(parts[:-1])
+    return [start, parts[-1]] if start.lower() in quantities else parts  # "dQ1"
 
 
 def _without_unit(run: str) -> tuple[str, str]:
@@ -427,17 +432,23 @@ def _without_unit(run: str) -> tuple[str, str]:
 def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
     known = vocabulary()
-    if word in known.quantities or word in known.small or len(word) < 2:
+    quantities = known.quantities
+    if word in quantities or word in known.small or len(word) < 2:
         return [word]
-    # m, l, w and j for motor, link, winding and joint: "mpos", "lq", "wcur", "jpos".
-    if word[0] in "mlwj" and (word[1:] in known.quantities or word[1:] == "d"):
+    # m, l, w and j for motor, link, winding and joint: "mpos", "lq", "wcur", "jpos", "md".
+    if word[0] in "mlwj" and word[1:] in {*quantities, "d"}:
         return [word[0], word[1:]]
-    if word[-1] in "ml" and word[:-1] in known.quantities:
+    if word[-1] in "ml" and word[:-1] in quantities:
         return [word[:-1], word[-1]]
-    for end in range(3, len(word) - 2):  # "motorpos", "istposition"
+    return next(_known_halves(word), [word])
+
+
+def _known_halves(word: str) -> Iterator[list[str]]:
+    """Yield the splits into a known word and a quantity: "motorpos", "istposition"."""
+    known = vocabulary()
+    for end in range(3, len(word) - 2):
         if word[:end] in known.roles["understood"] and word[end:] in known.quantities:
-            return [word[:end], word[end:]]
-    return [word]
+            yield [word[:end], word[end:]]
 
 
 def _quantity(texts: Sequence[str]) -> str:
@@ -476,11 +487,16 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> Un
         # A single letter is a unit at the end only, as in "joint_pos_m", else a side or a label:
         # "m_pos".
         is_last = place == 0 and (len(named) > 1 or joint != "")
-        is_of_motor = word.text == "m" and side != "joint"  # "pos_m" is at the motor
         is_placed = is_last or (quantity != "" and len(word.text) > 1)
-        if word.unit is not None and is_placed and not is_of_motor and _fits(word.unit, quantity):
+        if is_placed and _is_unit(word, quantity, side):
             return word.unit
     return None
+
+
+def _is_unit(word: _Word, quantity: str, side: str) -> bool:
+    """Return whether a word is a unit that a quantity may have; "pos_m" is at the motor."""
+    is_of_motor = word.text == "m" and side != "joint"
+    return word.unit is not None and not is_of_motor and _fits(word.unit, quantity)
 
 
 def _counts_of(words: Sequence[_Word]) -> Unit | None:
@@ -501,15 +517,19 @@ def _side(words: Sequence[_Word]) -> str:
 
 def _is_at_joint(words: Sequence[_Word]) -> bool:
     """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
+    roles = vocabulary().roles
+    named = [x for x in words if x.unit is None or x.text in roles["generic"]]
+    texts = [word.text for word in named if not word.text.isdigit()]
+    if any(starmap(_is_side, pairwise(texts))):
+        return True
+    return roles["generic"].issuperset(texts) and not roles["joint"].isdisjoint(texts)
+
+
+def _is_side(word: str, following: str) -> bool:
+    """Return whether two words are a side and a quantity: "joint position", "position sensor"."""
     known = vocabulary()
-    generic, joint, quantities = known.roles["generic"], known.roles["joint"], known.quantities
-    named = [word for word in words if not word.text.isdigit()]
-    texts = [word.text for word in named if word.unit is None or word.text in generic]
-    for word, following in pairwise(texts):
-        is_side = word in joint and following in quantities
-        if is_side or (following == "sensor" and word in quantities):
-            return True
-    return generic.issuperset(texts) and not joint.isdisjoint(texts)
+    is_sensor = following == "sensor" and word in known.quantities
+    return is_sensor or (word in known.roles["joint"] and following in known.quantities)
 
 
 def _label(words: Sequence[_Word], unit: Unit | None) -> str:
@@ -526,10 +546,9 @@ def _label(words: Sequence[_Word], unit: Unit | None) -> str:
 
 def _is_of_label(word: _Word, following: str, unit: Unit | None) -> bool:
     """Return whether a word is of the label of a joint: neither its unit nor what a column is."""
-    known = vocabulary()
     is_unit = word.unit is not None and (len(word.text) > 1 or word.unit == unit)
-    is_side = word.text in known.roles["joint"] and following in known.quantities
-    return not (is_unit or is_side or word.text in known.roles["no label"])
+    is_known = word.text in vocabulary().roles["no label"]
+    return not (is_unit or is_known or _is_side(word.text, following))
 
 
 def _joint_of(label: str, joints: Sequence[str]) -> str:
@@ -707,18 +726,22 @@ def planar_meaning(bare: str, normal: str) -> tuple[str, str] | None:
     rest -= axes | angles
     if angles and not axes:  # "base_pos_pitch_dot" is a rate
         return _of_angle(rest - {"pos"}, normal)
-    kind = next((kind for kind in _PLANAR if rest <= known[kind]), "")
-    # A rate may lack its axis, which is the normal of the plane: "gyro".
-    is_rate = kind == "angular_velocity"
-    (axis, *more) = sorted(axes) or ([normal] if is_rate else [""])
-    is_along = (axis == normal) == is_rate
-    return (kind, axis) if kind and axis and is_along and not more else None
+    (kind, *_) = [*_planar_kinds(rest), ""]
+    if kind == "angular_velocity":  # it may lack its axis, which is the normal of the plane: "gyro"
+        return (kind, normal) if axes <= {normal} else None
+    (axis, *more) = [*axes, ""]
+    return (kind, axis) if kind and more == [""] and axis != normal else None
+
+
+def _planar_kinds(words: set[str]) -> Iterator[str]:
+    """Yield the quantities of which all words are."""
+    return (kind for kind in _PLANAR if words <= _planar_words()[kind])
 
 
 def _of_angle(rest: set[str], normal: str) -> tuple[str, str] | None:
     """Return (quantity, axis) of the words next to that of an angle."""
-    kinds = [kind for kind in _PLANAR if rest <= _planar_words()[kind]]
-    return next(((_PLANAR[kind], normal) for kind in kinds if _PLANAR[kind]), None)
+    quantities = (_PLANAR[kind] for kind in _planar_kinds(rest))
+    return next(((quantity, normal) for quantity in quantities if quantity), None)
 
 
 _PLANAR = {
