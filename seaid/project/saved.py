@@ -424,7 +424,7 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
         return {"is": "Path", "path": str(value)}
     if isinstance(value, Mapping):
         return {"is": "mapping", "items": [[key, plain(entry)] for key, entry in value.items()]}
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, list | tuple):
         return list(map(plain, value))
     return value.item() if isinstance(value, np.generic) else value
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,7 @@ def write_report(
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
-    checked_facts, measures = _checked_facts(facts or {}), measures_of(identification)
+    measures = measures_of(identification)
     content = {
         # The template has its sections, and makes their tables and figures of these.
         **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
@@ -118,8 +118,7 @@ def write_report(
         ),
         "correlations": html_charts.correlation_map(identification),
         "measures": html_experiment.measure_facts([("", measures)] if measures else []),
-        "command": [text for name, text in checked_facts if name.lower() == "command"],
-        "facts": [fact for fact in checked_facts if fact[0].lower() != "command"],
+        **_fact_content(_checked_facts(facts or {})),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
         "parameters": _packed_parameters(identification, results),
@@ -331,6 +330,12 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
+def _fact_content(facts: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """Return the command of the facts, which is shown as code, and the others."""
+    command = [text for name, text in facts if name.lower() == "command"]
+    return {"command": command, "facts": [x for x in facts if x[0].lower() != "command"]}
+
+
 _BODIES_TITLE = "Ellipsoids of inertia of the links"
 
 
@@ -432,18 +437,18 @@ def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     rows = [row for run in pictured for row in before_and_after(nominal, run)]
     rows.sort(key=lambda row: -row.relative_error)
     errors = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
-    by_side = {
-        title: [row for row in rows if row.side == side] for side, title in _BAR_TITLES.items()
-    }
     return {
         "full": min(max(errors, default=1.0), 1.0) or 1.0,
         "has_rests": any(is_partial(row.counted_share) for row in rows),
-        "sides": [
-            {"name": title, "reason": _common_reason(of_side), "rows": of_side}
-            for title, of_side in by_side.items()
-            if of_side
-        ],
+        "sides": [*_bars_by_side(rows)],
     }
+
+
+def _bars_by_side(rows: Sequence[tables.ErrorRow]) -> Iterator[dict[str, Any]]:
+    """Yield title, reason and rows of each side that has errors."""
+    for side, title in _BAR_TITLES.items():
+        if of_side := [row for row in rows if row.side == side]:
+            yield {"name": title, "reason": _common_reason(of_side), "rows": of_side}
 
 
 _BAR_TITLES = {"load": "Torque on the load", "actuator": "Torque of the motor"}

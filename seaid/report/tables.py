@@ -36,11 +36,7 @@ from seaid.robot import BASE_ROWS, principal_moments
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
     from seaid.frequency import FrequencyResponse
-    from seaid.identification import (
-        Fit,
-        Identification,
-        StaticCalibration,
-    )
+    from seaid.identification import Fit, Identification, StaticCalibration
     from seaid.legged import ContactForces
     from seaid.report.comparison import Comparison
     from seaid.report.html_traces import Run
