@@ -66,8 +66,10 @@ class MultisineOptions:
     realisation: int = 0
     experiment: int = 0
 
-    def shape(self) -> seaid.Multisine:
-        """Return the shape."""
+    def shape(self, basis: str) -> seaid.Multisine | None:
+        """Return the shape; None for a motion with another basis."""
+        if basis != "multisine":
+            return None
         values = dict(vars(self))
         return seaid.Multisine(band_hz=values.pop("band"), **values)
 
@@ -220,7 +222,7 @@ def excite(
         robot,
         motion.duration,
         basis=motion.basis,
-        multisine=multisine.shape() if motion.basis == "multisine" else None,
+        multisine=multisine.shape(motion.basis),
         limits=asked,
         rest_to_rest=not motion.ends_in_motion,
         stance=standing.shape(multisine.posture, robot),
@@ -231,12 +233,10 @@ def excite(
     if motion.ends_in_motion or motion.basis == "multisine":
         planned = seaid.add_run_in(planned, robot, asked)
     written(output, ".json", lambda file: planned.save(file))
-    if set_points is not None:
-        planned.save_set_points(set_points, rate_hz)
+    written(set_points, ".csv", lambda file: planned.save_set_points(file, rate_hz))
     if of_base is not None and plan.stance is not None:
         plan.stance.base.save_set_points(of_base, rate_hz)
-    if joint_trajectory is not None:
-        planned.save_joint_trajectory(joint_trajectory)
+    written(joint_trajectory, ".yaml", lambda file: planned.save_joint_trajectory(file))
     text = _plan_text(robot.name, plan, planned)
     content = _content(plan, planned)
     result.show(text, content, output, set_points, of_base, joint_trajectory, robot=robot.name)
