@@ -855,10 +855,7 @@ def refine(
     check_offset_std(encoder_offset_std)
     _check_start(identification, without_joint_encoder(identification.known, logs))
     if identification.known.has_controllers:
-        refined, reason, evidence = _commanded_refinement(
-            identification, logs, iterations, progress
-        )
-        return _unchanged(identification, reason, evidence) if reason else refined
+        return _commanded_refinement(identification, logs, iterations, progress)
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
 
 
@@ -872,12 +869,12 @@ to 0.41 on the measured logs of a Go2, 48 where friction holds the joints of an 
 
 def _commanded_refinement(
     start: Identification, logs: Sequence[Log], iterations: int, progress: bool
-) -> tuple[Identification, str, dict[str, float]]:
-    """Return the identification with the least output error of the closed loop, "" and {}.
+) -> Identification:
+    """Return the identification with the least output error of the closed loop.
 
-    Where its values are worse than those of the start, the reason why, and numbers. With errors of
-    the model in place of noise the likelihood, in which joints of small errors weigh most, may rise
-    while the positions get worse; or no step may improve it, although its slope is not zero.
+    It is the start with the reason why, where the values are worse. With errors of the model in
+    place of noise the likelihood, in which joints of small errors weigh most, may rise while the
+    positions get worse; or no step may improve it, although its slope is not zero.
     """
     first = commanded_point(start, logs)
     try:
@@ -896,17 +893,18 @@ def _commanded_refinement(
     if is_stuck and np.max(rest, initial=0.0) > _FAR:
         worst = int(np.argmax(rest))
         name = readable(point.parameters[worst].name)
-        return (
-            start,
+        reason = (
             f"its search cannot improve the simulated positions, although its next step would "
-            f"change {name} by {rest[worst]:.0f} standard errors",
-            {"standard errors": float(rest[worst])},
+            f"change {name} by {rest[worst]:.0f} standard errors"
         )
+        evidence = {"standard errors": float(rest[worst])}
+        return start.with_findings([worse_than_start(reason, evidence)])
     before, after = _mean_absolute_error(first), _mean_absolute_error(point)
     if after > before:
+        reason = "its positions follow the commands more closely"
         evidence = {"error of the start": before, "error after": after}
-        return start, "its positions follow the commands more closely", evidence
-    return _refined_commanded(point), "", {}
+        return start.with_findings([worse_than_start(reason, evidence)])
+    return _refined_commanded(point)
 
 
 def _mean_absolute_error(point: Point[CommandedLog]) -> float:
@@ -969,10 +967,8 @@ def refined_with_logs(
     step = point.step
     step = replace(step, covariance=step.covariance + _of_noisy_deflections(layout, point, logs))
     refined = _refined(layout, point, step)
-    reason, evidence = _worse(identification, refined, logs, _zeros(layout, point.x))
-    if reason:
-        return _unchanged(identification, reason, evidence), logs
-    return refined, logs
+    worse = _worse(identification, refined, logs, _zeros(layout, point.x))
+    return (identification.with_findings(worse) if worse else refined), logs
 
 
 def _refined_unseen(layout: Layout, point: LogPoint) -> Identification:
@@ -1126,8 +1122,8 @@ cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regressio
 
 def _worse(
     before: Identification, after: Identification, logs: list[Log], zeros: Array
-) -> tuple[str, dict[str, float]]:
-    """Return which torque the refined values predict worse than the start, and the numbers."""
+) -> list[Finding]:
+    """Return which torque the refined values predict worse than the start, if any."""
     motions = [
         part for log in logs for part in reconstruct_motions(before.known, log, before.cutoff_hz)
     ]
@@ -1141,18 +1137,14 @@ def _worse(
         is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE)
         worst = np.unravel_index(np.argmax(np.where(is_worse, new / old, 0.0)), new.shape)
     if not is_worse[worst]:
-        return "", {}
+        return []
     side, joint = ("motor", "load")[worst[0]], before.known.joint_names[worst[1]]
     evidence = {"error before": float(old[worst]), "error after": float(new[worst])}
-    return (
+    reason = (
         f"the error of the {side} torque of {joint} would grow from {old[worst]:.1%} to "
         f"{new[worst]:.1%}"
-    ), evidence
-
-
-def _unchanged(start: Identification, reason: str, evidence: dict[str, float]) -> Identification:
-    """Return the start with the reason why it is not replaced."""
-    return start.with_findings([worse_than_start(reason, evidence)])
+    )
+    return [worse_than_start(reason, evidence)]
 
 
 def _check_start(start: Identification, unseen: Sequence[str] = ()) -> None:
