@@ -21,11 +21,8 @@ from seaid._arrays import Array
 from seaid._progress import track
 from seaid.drives import FrictionTerm, ParameterName
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import estimator_named
 from seaid.estimation.least_squares import weighted
 from seaid.identification.simultaneous import (
-    estimation,
-    settled,
     simultaneous_regression,
 )
 from seaid.log.motion import Motion, reconstruct_motion
@@ -63,12 +60,11 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     start = np.append(drives, first.load_side.values)
     rows = offset_sensitivity(known, motion, regress, start)
     zeros = zero_std**2 * np.eye(known.n)
-    both, _ = settled(known, rows, start, estimation(estimator_named("wls"), zeros))
     free = weighted(spring_free(known, rows), zeros)
-    sequential = first.drives, first.load
+    both = seaid.identify(known, log, method="simultaneous", encoder_offset_std=zero_std)
     found = [
-        picked(*sequential),
-        *(picked(x.by_owner(), x.of_names(first.model.expressions)) for x in (both, free)),
+        *(picked(result.drives, result.load) for result in (first, both)),
+        picked(free.by_owner(), free.of_names(first.model.expressions)),
     ]
     values, errors = np.swapaxes(np.array(found), 0, 1)
     for part in (values, errors):

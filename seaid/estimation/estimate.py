@@ -222,6 +222,35 @@ class Estimate(Result):
             degrees_of_freedom=_concatenated(part.degrees_of_freedom for part in parts),
         )
 
+    def with_further(self, further: Estimate, by: Sequence[str], slopes: Array) -> Estimate:
+        """Return the estimate with further values, whose errors contain those of present ones.
+
+        `slopes` (q, k) are the derivatives of the further values by those of the names `by`; the
+        covariance of `further` is without them. This is the covariance of stacked moments,
+        A^-1 B A^-T with a block-triangular A (Newey and McFadden 1994, section 6).
+        """
+        whole, p = Estimate.joined([self, further]), len(self.names)
+        if not len(by):
+            return whole
+        covariance = whole.covariance.copy()
+        across = slopes @ self.covariance[[self._index(name) for name in by]]
+        covariance[p:, :p], covariance[:p, p:] = across, across.T
+        covariance[p:, p:] += across[:, [self._index(name) for name in by]] @ slopes.T
+        return replace(whole, covariance=covariance)
+
+    def transformed(self, values: Array, slopes: Array) -> Estimate:
+        """Return the estimate of functions of the values, with their derivatives `slopes` (p, p).
+
+        The covariance is that of the delta method.
+        """
+        white = self.white_standard_errors
+        return replace(
+            self,
+            values=values,
+            covariance=slopes @ self.covariance @ slopes.T,
+            white_standard_errors=None if white is None else np.sqrt(slopes**2 @ white**2),
+        )
+
     def of_condition(self, condition: str) -> Estimate:
         """Return what a condition has of the estimate, under the names of its own columns."""
         places = places_of(self.names, condition)

@@ -393,9 +393,9 @@ class FittedRows:
 
     `settled` are the converged weights (E,) of the equations, if the estimate has used them;
     `equal` says whether it has weighted all of them equally. `change` returns plain rows with the
-    weights of the estimate and the columns to which its residual is orthogonal; `constraint`
-    (p, p) of the values of least squares, if any, makes those of the estimate; `shared` are the
-    parameters that several drives share.
+    weights of the estimate and the columns to which its residual is orthogonal; the values of the
+    estimate are P x + c of those of least squares x with a `constraint` P (p, p), c (p,); `shared`
+    are the parameters that several drives share.
     """
 
     estimate: Estimate
@@ -405,7 +405,7 @@ class FittedRows:
     settled: Array | None = None
     equal: bool = False
     change: Change = unchanged
-    constraint: Array | None = None
+    constraint: tuple[Array, Array] | None = None
     shared: tuple[SharedParameter, ...] = ()
 
     @cached_property
@@ -433,7 +433,7 @@ class FittedRows:
         # C d: theta^ - theta = (H^T W^2 H)^-1 H^T W^2 (e + C d), whatever made H and W.
         moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
         slopes = solve(qr_factor, weights).inverse @ moments
-        return np.asarray(slopes if self.constraint is None else self.constraint @ slopes)
+        return np.asarray(slopes if self.constraint is None else self.constraint[0] @ slopes)
 
     @property
     def white_covariance(self) -> Array:

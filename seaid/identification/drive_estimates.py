@@ -1,27 +1,24 @@
-"""Estimates of a robot and of its drives: the spring's part and its noise, and drives with values.
-
-(7) has the sum of a constant error of the motor torque b_0 and the spring offset f_0 as one column,
-s = f_0 + b_0 N/r_M. (4b) with s instead of f_0 would put r_L N/r_M b_0 on the load. So (8) gets a
-column for b_0 per spring: r_L (k d + s) = Y beta + r_L N/r_M b_0, and f_0 is the difference.
-
-The motor equations are fitted by joint; what drives of a group share is then one value for all of
-them, with the covariance between joints that this makes.
+"""Drives with estimated values, what several share, and what gives the constants of their motors.
 
 Commands of all drives of a bus have one delay, and only where the log determines it. With one gain
 set a delay T adds (K_d + F_v) T to the rotor inertia at the joint and K_p T to the viscous
 friction, to first order. What is left to tell them apart is often less than the errors of the
 model; the delay is then as stated, and its uncertainty in all intervals.
+
+A current, a voltage or a gain in units of the drive is torque only up to a constant. Least squares
+finds it only if something known fixes the scale of the equations: a stiffness or a rotor inertia in
+the motor equation, a torque sensor behind the gear in (4b), or known bodies in (8).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy import linalg
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
@@ -36,18 +33,23 @@ from seaid.drives import (
     parameter_named,
     parameter_of,
     shared_columns,
+    unit_of,
 )
-from seaid.errors import Finding, IdentificationError
+from seaid.errors import IdentificationError
 from seaid.estimation import (
+    RANK_TOLERANCE,
     Constraints,
     Estimate,
+    Estimator,
     FittedRows,
-    ModelChecks,
     QRFactor,
-    SharedParameter,
+    Rows,
+    equal_weights,
+    fit,
     independent_rows,
+    scaled_svd,
     shared_parameters,
-    triangle,
+    solve,
 )
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
@@ -60,73 +62,9 @@ _BAND = (2.5, 4.0)
 spectra there contain only noise and vibration of a spring."""
 
 
-LOAD = ""
-"""Key of the load side among equations named by joint."""
-
-
-@dataclass(frozen=True, eq=False)
-class RobotEstimate:
-    """Estimates of both sides of the springs.
-
-    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
-    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in turn. `scaling` {joint: fit that gives its unknown
-    motor constant}: of its spring by a torque sensor, or of the load side. `findings` are about
-    the way to the estimates, and `not_shared` is why the data do not support an estimate of both
-    sides at once, whose rows `regress` returns; `shared` are the parameters that drives share.
-    """
-
-    drives: Mapping[str, Estimate]
-    load: Estimate
-    load_side: Estimate
-    springs: Mapping[str, Array]
-    excluded: Mapping[str, int]
-    checks: Mapping[str, ModelChecks]
-    fit: FittedRows
-    whole: Estimate | None = None
-    actuators: Mapping[str, FittedRows] = field(default_factory=dict)
-    scaling: Mapping[str, FittedRows] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    not_shared: str = ""
-    shared: tuple[SharedParameter, ...] = ()
-    regress: Callable[[Robot, Motion], Regression] | None = None
-
-
 def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
     """Return springs {joint: parameters} without torque, for rows before the fit of the springs."""
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
-
-
-def sensed_spring(joint: str) -> ParameterName:
-    """Return the key of (4b) of a joint among equations named by joint."""
-    return ParameterName("spring", joint)
-
-
-def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
-    """Return the estimate of a joint's spring, in the order of its regressor.
-
-    A parameter that several conditions have for themselves is there once for each.
-    """
-    names = spring_regressor(robot, joint).names
-    return estimate.of_names(x for name in names for x in estimate.names if parameter_of(x) == name)
-
-
-def offset_places(spring: Estimate) -> list[int]:
-    """Return the places of the offset of a spring, one for each condition that has its own."""
-    return [place for place, name in enumerate(spring.names) if parameter_of(name) == _OFFSET]
-
-
-_OFFSET = "spring_offset"
-
-
-def merged_estimates(
-    drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
-) -> dict[str, Estimate]:
-    """Return the drives' estimates of both sides by joint, without correlation between them."""
-    both = drives.keys() & load_side.keys()
-    joined = {joint: Estimate.joined([drives[joint], load_side[joint]]) for joint in both}
-    return {**load_side, **drives, **joined}
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -179,179 +117,6 @@ def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
     return float(torque_noise / deflection_noise) if deflection_noise > 0 else float("inf")
 
 
-TORQUE_OFFSET = "torque_offset"
-
-LEAST_SHARE = 0.02
-"""Least part of the column of a torque offset that the other columns do not explain.
-
-Below it a joint moves so little that its gravity torque is nearly constant, and the errors of the
-gravity parameters would grow by the inverse: the offset then counts as zero."""
-
-
-def with_spring_torque(springs: Sequence[Estimate], rows: Regression) -> Regression:
-    """Return rows of the load side with the torque of the springs (4b), from rows without it."""
-    if not springs:
-        return rows
-    values = np.concatenate([spring.values for spring in springs])
-    return replace(rows, y=rows.y + rows.propagated[:, : len(values)] @ values)
-
-
-def with_torque_columns(
-    robot: Robot, springs: Mapping[str, Estimate], joints: Sequence[str], rows: Regression
-) -> Regression:
-    """Return the rows with the torque of the springs and columns of the torque offsets."""
-    rows = with_spring_torque(list(springs.values()), rows)
-    # `propagated` has the columns of the parameters of each spring in turn.
-    places: dict[str, list[int]] = {}
-    start = 0
-    for joint, spring in springs.items():
-        places[joint] = [start + place for place in offset_places(spring)]
-        start += len(spring.names)
-    # r_L (k d + s) = Y beta + r_L N/r_M b_0: the column of s is r_L, in the rows of any condition.
-    lever = [offset_lever(robot, joint) for joint in joints]
-    columns = (
-        np.column_stack(
-            [
-                np.empty((len(rows.y), 0)),
-                *(rows.propagated[:, places[x]].sum(axis=1) for x in joints),
-            ]
-        )
-        * lever
-    )
-    names = [ParameterName(TORQUE_OFFSET, joint) for joint in joints]
-    return rows.with_columns(names, len(joints) * ["N m"], columns)
-
-
-def offset_lever(robot: Robot, joint: str) -> float:
-    """Return N / r_M: the spring force per motor torque."""
-    drive = robot.drives[joint]
-    return drive.ratio / drive.motor_radius
-
-
-def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints whose torque offset, among the last columns, the load side determines."""
-    R, p = qr_factor.weighted_factor(), len(qr_factor.names)
-    kept = list(range(p - len(joints)))
-    identifiable: list[str] = []
-    for joint, place in zip(joints, range(len(kept), p), strict=True):
-        # The last entry of the triangle is the norm of the column without the part in the others.
-        remainder = abs(triangle(R[:, [*kept, place]])[-1, -1])
-        if remainder > LEAST_SHARE * np.linalg.norm(R[:, place]):
-            kept, identifiable = [*kept, place], [*identifiable, joint]
-    return tuple(identifiable)
-
-
-def with_torque_offsets(
-    robot: Robot,
-    load: FittedRows,
-    drives: Mapping[str, Estimate],
-    springs: Mapping[str, Estimate],
-    whole: Estimate | None,
-) -> dict[str, Estimate]:
-    """Return the drives {joint: Estimate} with the spring offset and the torque offset separated.
-
-    The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it. `whole` is
-    the estimate of all drives as one.
-    """
-    split = dict(drives)
-    if whole is None:
-        return split
-    of_springs = places_in(whole, springs)
-    for joint in springs:
-        name = ParameterName(TORQUE_OFFSET, joint)
-        if name in load.estimate.names:
-            place = load.estimate.names.index(name)
-            # b_0 = slopes^T x + noise of (8), with the values x of the springs: the covariance
-            # with b_0 is C slopes.
-            slopes = load.sensitivity[place, : len(of_springs)]
-            of_drive = places_in(whole, {joint: drives[joint]})
-            common = whole.covariance[np.ix_(of_drive, of_springs)] @ slopes
-            split[joint] = _separated(robot, load, joint, drives[joint], place, common)
-    return split
-
-
-def places_in(whole: Estimate, drives: Mapping[str, Estimate]) -> list[int]:
-    """Return the places of the parameters of drives {joint: Estimate} in that of all drives."""
-    names = [name for joint, drive in drives.items() for name in drive.at(joint).names]
-    return [whole.names.index(name) for name in names]
-
-
-def _separated(
-    robot: Robot, load: FittedRows, joint: str, drive: Estimate, place: int, common: Array
-) -> Estimate:
-    """Return a drive with f_0 = s - b_0 N/r_M and b_0, the load side's column `place`.
-
-    `common` (q,) is the covariance of the drive's parameters with b_0.
-    """
-    side, q = load.estimate, len(drive.names)
-    joined = np.vstack(
-        [
-            np.column_stack([drive.covariance, common]),
-            np.append(common, side.covariance[place, place]),
-        ]
-    )
-    # (x, b_0) -> (x with f_0 = s - b_0 N/r_M, b_0).
-    change = np.eye(q + 1)
-    change[offset_places(drive), q] = -offset_lever(robot, joint)
-    covariance = change @ joined @ change.T
-    white, freedom = (
-        None if of_side is None or of_drive is None else np.append(of_drive, of_side[place])
-        for of_side, of_drive in (
-            (side.white_standard_errors, drive.white_standard_errors),
-            (side.degrees_of_freedom, drive.degrees_of_freedom),
-        )
-    )
-    return replace(
-        drive,
-        names=(*drive.names, TORQUE_OFFSET),
-        units=(*drive.units, "N m"),
-        values=change @ np.append(drive.values, side.values[place]),
-        covariance=covariance,
-        white_standard_errors=white,
-        degrees_of_freedom=freedom,
-    )
-
-
-def with_shared_drives(
-    robot: Robot, actuators: dict[str, FittedRows], estimates: dict[str, Estimate]
-) -> tuple[dict[str, FittedRows], dict[str, Estimate], Estimate | None]:
-    """Return fits and estimates of drives with shared parameters, and all estimates as one."""
-    if not estimates:
-        return actuators, estimates, None
-    whole = Estimate.joined(estimate.at(joint) for joint, estimate in estimates.items())
-    groups = shared_columns(robot.drives, whole.names)
-    if not groups:
-        return actuators, estimates, whole
-    fits = actuators.values()
-    rows = sum(independent_rows(fit.qr_factor, fit.estimate) for fit in fits)
-    tested = shared_parameters(whole, groups, rows)
-    white = linalg.block_diag(*(fit.white_covariance for fit in fits))
-    whole = Constraints.of(len(whole.names), groups.values()).applied(whole, white)
-    changed = {}
-    for joint, part in whole.by_owner().items():
-        own = ("residual_std", "condition_number", "diagnostics")
-        changed[joint] = replace(part, **{name: getattr(estimates[joint], name) for name in own})
-    shared = {
-        joint: replace(fit, estimate=changed[joint], shared=tested)
-        for joint, fit in actuators.items()
-    }
-    return shared, changed, whole
-
-
-def shared_slopes(
-    robot: Robot, actuators: Mapping[str, FittedRows], own: dict[str, dict[str, Array]]
-) -> None:
-    """Make derivatives {joint: {parameter: (k,)}} of drives fitted alone those of shared ones."""
-    keys = [(joint, name) for joint, slopes in own.items() for name in slopes]
-    groups = shared_columns(robot.drives, [ParameterName.of(x).at(joint) for joint, x in keys])
-    if groups:
-        white = linalg.block_diag(*(actuators[joint].white_covariance for joint in own))
-        P, _ = Constraints.of(len(keys), groups.values()).solution(white)
-        changed = P @ np.array([own[joint][name] for joint, name in keys])
-        for (joint, name), slopes in zip(keys, changed, strict=True):
-            own[joint][name] = slopes
-
-
 # What drives share: one delay for each bus, one value for each group
 
 MOST_DELAY_ROUNDS = 3
@@ -394,12 +159,9 @@ def with_shared_parameters(
         constraints = Constraints.of(p, equal, stated)
         estimate = constraints.applied(free, white)
     rows = independent_rows(fitted.qr_factor, free)
-    return replace(
-        fitted,
-        estimate=estimate,
-        constraint=constraints.solution(white)[0],
-        shared=shared_parameters(free, groups, rows),
-    )
+    P, G = constraints.solution(white)
+    shared = shared_parameters(free, groups, rows)
+    return replace(fitted, estimate=estimate, constraint=(P, G @ constraints.b), shared=shared)
 
 
 def _equal(
@@ -452,32 +214,6 @@ def with_fixed_delays(
     return replace(estimate, covariance=covariance), P @ white @ P.T + _FREE * white
 
 
-def with_merged_columns(
-    drives: Mapping[str, Drive], rows: Regression, estimate: Estimate, joint: str = ""
-) -> Regression:
-    """Return rows with one column for what drives share, themselves without such columns.
-
-    Their fit is the constrained one of `with_shared_parameters`. Delays that are as stated in an
-    estimate have no column: their torque is known.
-    """
-    buses, groups = buses_of(drives, rows.names, joint), shared_columns(drives, rows.names, joint)
-    if not buses and not groups:
-        return rows
-    H, y = rows.H.copy(), rows.y.copy()
-    gone: list[int] = []
-    for first, *others in _equal(buses, groups):
-        # One value for all: its column is the sum.
-        H[:, first] += H[:, others].sum(axis=1)
-        gone += others
-    for bus in buses:
-        first = bus.places[0]
-        if is_stated(estimate.standard_errors[first], bus.std_s):
-            y -= bus.nominal_s * H[:, first]
-            gone.append(first)
-    kept = np.setdiff1d(np.arange(len(rows.names)), gone)
-    return replace(rows, H=H, y=y).of_columns(kept.tolist())
-
-
 def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:
     """Return the robot with the delays of an estimate as nominal ones; itself if they converged.
 
@@ -519,3 +255,163 @@ def _estimated_delay(joint: str, drive: Drive, identified: Drive) -> tuple[Drive
             f'position_command = {{ column = "...", delay_s = {-delay:.3g} }}'
         )
     return drive, delay
+
+
+# The unknown constant of a motor
+
+CONSTANTS = {
+    "torque_constant": "only the current of its motor was logged",
+    "voltage_constant": "only the voltage of its motor was logged",
+    "gain_scale": "the gains of its controller are in units of the drive",
+}
+"""Factors that convert a logged input to torque, and why they are unknown."""
+
+_HOMOGENEOUS = 1e-9
+
+_PART = 0.01
+"""Least share of a constant in a lost combination."""
+
+_LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
+_SPRING = (
+    "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), logs with "
+    "and without a payload (identify_conditions), a torque sensor behind the gear (joint_torque), "
+    "its rotor inertia, "
+)
+
+
+class UnknownScaleError(IdentificationError):
+    """Equations that an unknown constant `parameter` of a `joint` makes homogeneous."""
+
+    joint = parameter = ""
+
+
+def check_scale(qr_factor: QRFactor) -> None:
+    """Raise UnknownScaleError if an unknown motor constant makes the equations homogeneous.
+
+    All torques are then known only up to scale, and least squares gives zero. A payload in all logs
+    does not help, since it could be part of its body.
+    """
+    places = [
+        place for place, name in enumerate(qr_factor.names) if parameter_of(name) in CONSTANTS
+    ]
+    if not places or not qr_factor.count:  # without rows `solve` raises
+        return
+    R, p = qr_factor.weighted_factor(), len(qr_factor.names)
+    svd = scaled_svd(R[:p, :p], "the scale of the torques")
+    # |column| theta is the norm of the torque that each column contributes. If the equations are
+    # homogeneous, least squares makes all of them, and so the constant, zero but for rounding.
+    torques = svd.norms * svd.solve(R[:p, p], RANK_TOLERANCE)
+    least = _HOMOGENEOUS * float(np.linalg.norm(R[:, p]))
+    # The rows of `vectors` beyond the rank span the null space: a constant that has a part in one
+    # of them can be changed, together with the bodies or the spring, without changing any torque.
+    open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
+    for place in places:
+        if abs(torques[place]) <= least or open_part[place] > _PART:
+            column, remedy = ParameterName.of(qr_factor.names[place]), _SPRING
+            name = column.quantity
+            joint = qr_factor.joint_names[qr_factor.equations[0]]
+            if column.owner:
+                joint, remedy = column.owner, _LOAD_SIDE
+            problem = UnknownScaleError(
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
+                f"so all torques are known only up to scale. Give one of: {remedy}or the constant "
+                f"itself (known = ['{name}'])",
+                "known_bodies=",
+            )
+            problem.joint, problem.parameter = joint, name
+            raise problem
+
+
+def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
+    """Return the robot with the nominal scale of the gains at fault as known, 1 without one.
+
+    Raises the problem if it is another one: gains in units of the drive still give ratios.
+    """
+    drive = robot.drives.get(problem.joint)
+    if drive is None or problem.parameter != "gain_scale":
+        raise problem
+    fixed = drive.with_values({"gain_scale": drive.scale_of_gains})
+    return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
+
+
+def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
+    """Return the robot with unknown scales of the gains of some joints, as they were given."""
+    drives = {}
+    for joint in joints:
+        drive = robot.drives[joint]
+        known = tuple(name for name in drive.known if name != "gain_scale")
+        drives[joint] = replace(drive, known=known)
+    return robot.with_drives(drives) if drives else robot
+
+
+def with_unit_constant(rows: Regression) -> Regression:
+    """Return the rows of (10) of a motor whose unknown constant is 1."""
+    constants = [k for k, name in enumerate(rows.names) if parameter_of(name) in CONSTANTS]
+    others = rows.of_columns(k for k in range(len(rows.names)) if k not in constants)
+    return replace(others, y=rows.y - rows.H[:, constants].sum(axis=1))
+
+
+def fit_constants(
+    robot: Robot,
+    springs: Mapping[str, Array],
+    rows: Rows,
+    estimator: Estimator,
+    unscaled: Mapping[str, UnknownScaleError],
+) -> FittedRows:
+    """Return the fit of (8) with the motor constants of `unscaled` joints as parameters.
+
+    `springs` {joint: values} are those whose torque is that on the load. The torque for a constant
+    of 1 is a column, whose parameter is the constant: known bodies give its scale. Raises
+    UnknownScaleError if they do not.
+    """
+    constants = {x: ParameterName(problem.parameter, x) for x, problem in unscaled.items()}
+    change = partial(with_constant_columns, robot, springs, constants=constants)
+    try:
+        fitted = fit(rows, estimator, None, change, check_scale)
+    except UnknownScaleError:
+        raise next(iter(unscaled.values())) from None
+    for joint in _without_scale(fitted, constants):
+        raise unscaled[joint]
+    return fitted
+
+
+_RUN_AWAY = 1e-6
+"""Part of the constant of equal weights below which that of settled ones is none."""
+
+
+def _without_scale(fitted: FittedRows, constants: Mapping[str, ParameterName]) -> Iterator[str]:
+    """Yield the joints {joint: its constant} whose equations the weights have made zero.
+
+    An equation without a known torque is homogeneous. With a little less of everything in it its
+    residual is smaller and its weight larger, and so on, until all of it is zero.
+    """
+    equal = solve(fitted.qr_factor, equal_weights(fitted.qr_factor)).values
+    for joint, name in constants.items():
+        place = fitted.qr_factor.names.index(name)
+        if abs(fitted.estimate.values[place]) < _RUN_AWAY * abs(equal[place]):
+            yield joint
+
+
+def with_constant_columns(
+    robot: Robot,
+    springs: Mapping[str, Array],
+    rows: Regression,
+    constants: Mapping[str, ParameterName],
+) -> Regression:
+    """Return (8) with the torques of the springs: for a constant of 1 as the column of it.
+
+    The propagated columns of `rows` are those of the springs.
+    """
+    # y + K T s = H theta with an unknown constant K and T s for a constant of 1: K has the column
+    # -T s, next to those of the bodies.
+    ends = np.cumsum([0, *map(len, springs.values())])
+    y, columns = rows.y, []
+    for k, (joint, values) in enumerate(springs.items()):
+        torque = rows.propagated[:, ends[k] : ends[k + 1]] @ values
+        if joint in constants:
+            columns.append(-torque)
+        else:
+            y = y + torque
+    names = tuple(constants[joint] for joint in springs if joint in constants)
+    units = tuple(unit_of(robot.drives[name.owner], name.quantity) for name in names)
+    return replace(rows, y=y).with_columns(names, units, np.column_stack(columns))

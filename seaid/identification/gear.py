@@ -25,7 +25,7 @@ from seaid.drives import (
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
-from seaid.identification.drive_estimates import merged_estimates, spring_of
+from seaid.identification.stacked_fits import merged_estimates, spring_of
 from seaid.regressor import gear_regression, has_deflection
 
 if TYPE_CHECKING:
@@ -103,22 +103,15 @@ def _gear(
         least = drive.motor_radius**2 / max(compliance + _SIGNIFICANT * error, 1e-300)
         return others, least
     stiffness = drive.motor_radius**2 / compliance
-    scale = np.array([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
-    covariance = estimate.covariance * np.outer(scale, scale)
+    slopes = np.diag([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
+    scaled = estimate.transformed(np.array([stiffness, *estimate.values[1:]]), slopes)
+    covariance = scaled.covariance.copy()
     if "stiffness" in spring.names and spring.value("stiffness"):
         # c = wind-up over F with F = k d: a relative error of k is one of c, and so of k_G.
         share = spring.standard_error("stiffness") / spring.value("stiffness")
         covariance[0, 0] += (share * stiffness) ** 2
-    white = estimate.white_standard_errors
-    gear = replace(
-        estimate,
-        names=("gear_stiffness", *estimate.names[1:]),
-        values=np.array([stiffness, *estimate.values[1:]]),
-        covariance=covariance,
-        units=("N m/rad", *estimate.units[1:]),
-        white_standard_errors=None if white is None else np.abs(scale) * white,
-    )
-    return gear, None
+    names, units = ("gear_stiffness", *estimate.names[1:]), ("N m/rad", *estimate.units[1:])
+    return replace(scaled, names=names, covariance=covariance, units=units), None
 
 
 def with_gears(robot: Robot, declared: Robot, gears: Mapping[str, Estimate]) -> Robot:
@@ -156,17 +149,12 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     slopes = spring_slopes(values, drive.gear_compliance)
     # Delta method, d (own values) / d (values between the encoders).
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])
-    white = estimate.white_standard_errors
-    return replace(
-        estimate,
-        values=np.array([spring_values[name] for name in names]),
-        covariance=J @ estimate.covariance @ J.T,
-        units=tuple(
-            unit_of(drive, name) if is_harmonic(name) else unit
-            for name, unit in zip(names, estimate.units, strict=True)
-        ),
-        white_standard_errors=None if white is None else np.abs(np.diag(J)) * white,
+    transformed = estimate.transformed(np.array([spring_values[name] for name in names]), J)
+    units = tuple(
+        unit_of(drive, name) if is_harmonic(name) else unit
+        for name, unit in zip(names, estimate.units, strict=True)
     )
+    return replace(transformed, units=units)
 
 
 _RESOLVED = 0.05

@@ -31,8 +31,9 @@ from seaid.checks import instruments_without_effect, smoothed_instruments
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
 from seaid.identification.datasets import Dataset
-from seaid.identification.drive_estimates import LOAD, RobotEstimate, spring_of, without_torque
+from seaid.identification.drive_estimates import without_torque
 from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
+from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
@@ -182,7 +183,6 @@ def estimate_instrumental(
     datasets: Sequence[Dataset],
     model: LoadModel,
     start: RobotEstimate,
-    encoder_offset_std: float,
     executor: Executor | None,
 ) -> RobotEstimate:
     """Estimate both sides by instrumental variables, starting from least squares.
@@ -194,9 +194,7 @@ def estimate_instrumental(
     effect (all drives stiff) are flagged too. Raises IdentificationError if the former do not
     converge, and as `instrumental` does.
     """
-    run = partial(
-        _settled, robot, datasets, model, encoder_offset_std=encoder_offset_std, executor=executor
-    )
+    run = partial(_settled, robot, datasets, model, executor=executor)
     estimate = run(start, make=instrument_motion)
     try:
         estimate = run(estimate, make=motor_driven_motion)
@@ -213,7 +211,6 @@ def _settled(
     model: LoadModel,
     estimate: RobotEstimate,
     make: Maker,
-    encoder_offset_std: float,
     executor: Executor | None,
 ) -> RobotEstimate:
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
@@ -234,16 +231,8 @@ def _settled(
             fitted=fitted,
             make=make,
         )
-        before, estimate = (
-            estimate,
-            estimate_two_step(
-                {"": Condition(robot, datasets, model)},
-                estimator,
-                encoder_offset_std,
-                executor,
-                equations=equations,
-            ).of(""),
-        )
+        condition, before = {"": Condition(robot, datasets, model)}, estimate
+        estimate = estimate_two_step(condition, estimator, executor, equations=equations).of("")
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
             return estimate

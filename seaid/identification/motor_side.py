@@ -24,7 +24,7 @@ from seaid.checks import hidden_springs, motor_side_findings, noisy_springs
 from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
 from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
-from seaid.identification.drive_estimates import TORQUE_OFFSET
+from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import (
     FEWEST_PERIODS,

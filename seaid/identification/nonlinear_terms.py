@@ -53,7 +53,8 @@ from seaid.estimation import (
     separable_least_squares,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
-from seaid.identification.drive_estimates import LOAD, spring_of, with_spring_torque, with_values
+from seaid.identification.drive_estimates import with_values
+from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
 from seaid.identification.two_step import spring_torque_joints, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import (

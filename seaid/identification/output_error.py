@@ -46,13 +46,7 @@ from seaid.estimation import (
     search,
     without_information,
 )
-from seaid.identification.drive_estimates import (
-    TORQUE_OFFSET,
-    merged_estimates,
-    with_estimate,
-    with_values,
-    without_torque,
-)
+from seaid.identification.drive_estimates import with_estimate, with_values, without_torque
 from seaid.identification.motor_side import (
     SAMPLES,
     with_angles,
@@ -74,6 +68,7 @@ from seaid.identification.simulated_joints import (
     with_encoder_noise,
     with_hysteresis,
 )
+from seaid.identification.stacked_fits import TORQUE_OFFSET, merged_estimates
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,

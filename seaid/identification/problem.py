@@ -69,20 +69,16 @@ from seaid.identification.datasets import (
     first_motion,
 )
 from seaid.identification.drive_estimates import (
-    LOAD,
     MOST_DELAY_ROUNDS,
-    RobotEstimate,
+    UnknownScaleError,
     with_estimated_delays,
+    with_free_scale,
+    with_unit_scale,
 )
 from seaid.identification.extension import SensorErrors, extension_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
-from seaid.identification.motor_constants import (
-    UnknownScaleError,
-    with_free_scale,
-    with_unit_scale,
-)
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.result import (
     Identification,
@@ -94,13 +90,16 @@ from seaid.identification.result import (
     with_value_findings,
 )
 from seaid.identification.sensitivity import (
+    Given,
+    encoder_offsets,
     exact_constants,
+    given_constants,
     scaled_by_bodies,
     sensitivity_findings,
-    with_known_std,
 )
 from seaid.identification.simulated_joints import with_passed_reversals
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
+from seaid.identification.stacked_fits import LOAD, RobotEstimate
 from seaid.identification.two_step import (
     NOTHING_SPECIFIC,
     Condition,
@@ -294,17 +293,31 @@ class Problem:
 
     @cached_property
     def fits(self) -> TwoStepFits:
-        """The fits of both sides in turn."""
+        """The fits of both sides in turn, with the errors of encoder offsets."""
         bias, options = self.only.bias if self.only else None, self.options
-        return estimate_two_step(
-            {name: case.condition for name, case in self.cases.items()},
+        fits = estimate_two_step(
+            self.conditions,
             options.linear_estimator,
-            options.encoder_offset_std,
             options.executor,
             options.progress,
             options.specific,
             further=None if bias is None else (bias.columns, bias.covariance),
         )
+        if not self.offsets.common:
+            return fits
+        return replace(fits, known=self.offsets.known({name: fits.of(name) for name in self.cases}))
+
+    @property
+    def conditions(self) -> Mapping[str, Condition]:
+        """The conditions by name."""
+        return {name: case.condition for name, case in self.cases.items()}
+
+    @cached_property
+    def offsets(self) -> Given:
+        """The encoders as given, and all else as exact."""
+        std, options = self.options.encoder_offset_std, self.options
+        constants = {name: encoder_offsets(case.robot, std) for name, case in self.cases.items()}
+        return Given(self.conditions, constants, options.specific, options.executor)
 
     @cached_property
     def two_step(self) -> Mapping[str, RobotEstimate]:
@@ -323,10 +336,14 @@ class Problem:
             return self.two_step
         ((name, start),), options, case = self.two_step.items(), self.options, self.only
         equations = case.robot, case.datasets, case.condition.model, start
-        of_rows = options.encoder_offset_std, options.executor
+
+        def both() -> RobotEstimate:
+            of_rows = options.linear_estimator, options.executor
+            return self.offsets.included({name: estimate_simultaneous(*equations, *of_rows)})[name]
+
         if options.estimator == "iv":
-            return {name: estimate_instrumental(*equations, *of_rows)}
-        both = partial(estimate_simultaneous, *equations, options.linear_estimator, *of_rows)
+            instrumental = estimate_instrumental(*equations, options.executor)
+            return self.offsets.included({name: instrumental})
         if options.method == "simultaneous":
             return {name: both()}
         if options.method == "two-step":
@@ -338,14 +355,11 @@ class Problem:
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:
         """The estimates, with the errors of what was given as known."""
-        options = self.options
-        return with_known_std(
-            {name: case.condition for name, case in self.cases.items()},
-            self.estimates,
-            options.known_std,
-            options.specific,
-            options.executor,
-        )
+        of_drives = given_constants(self.conditions, self.options.known_std)
+        constants = {name: [*x, *self.offsets.constants[name]] for name, x in of_drives.items()}
+        if not any(of_drives.values()):
+            return self.estimates
+        return replace(self.offsets, constants=constants).included(self.estimates)
 
     @cached_property
     def lacking(self) -> list[SideSelection]:

@@ -50,16 +50,13 @@ from seaid.identification.datasets import (
     Dataset,
     processing_of,
 )
-from seaid.identification.drive_estimates import (
-    RobotEstimate,
-    with_estimate,
-    with_fixed_delays,
-)
+from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
 from seaid.identification.gear import (
     gear_estimates,
     own_estimates,
     with_gears,
 )
+from seaid.identification.stacked_fits import RobotEstimate
 from seaid.log import Motion, Processing
 from seaid.regressor import BaseParameters, LoadModel
 from seaid.robot import Robot

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -33,7 +33,6 @@ from seaid.drives import (
     STD_OF_TORQUE,
     Drive,
     ParameterName,
-    parameter_of,
     readable,
 )
 from seaid.errors import ExcitationError, Finding, IdentificationError
@@ -52,23 +51,20 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import (
-    LOAD,
-    TORQUE_OFFSET,
-    RobotEstimate,
     has_only_spring_torque,
-    offset_lever,
-    sensed_spring,
-    shared_slopes,
-    with_merged_columns,
+    with_unit_constant,
     without_torque,
 )
-from seaid.identification.motor_constants import (
-    CONSTANTS,
-    STIFFNESS,
-    scales_with_torque,
-    with_unit_constant,
+from seaid.identification.stacked_fits import (
+    LOAD,
+    KnownErrors,
+    RobotEstimate,
+    known_estimate,
+    offset_lever,
+    sensed_spring,
 )
 from seaid.identification.two_step import (
+    ENCODER_OFFSET,
     Condition,
     SpecificParameters,
     propagated_names,
@@ -76,12 +72,14 @@ from seaid.identification.two_step import (
 )
 from seaid.log import POSITION_BAND, Log, Motion, low_pass
 from seaid.regressor import (
+    OFFSET_STEP,
     LoadModel,
     Regress,
     Regression,
     actuator_regression,
     load_regression,
     names_of_all,
+    shifted_encoder,
     spring_regression,
     stacked,
     torque_changes,
@@ -112,9 +110,10 @@ _NEGLIGIBLE = 0.005
 class Fit:
     """Values (p,) of rows, and their derivatives by what they depend on.
 
-    `residual` (R,) of each row has the square of its weight; times the row and `inverse` (p, p),
-    that of the normal equations, it is the influence of the row on the values. `by_propagated`
-    (p, s) is the derivative by the values from which the targets were computed.
+    `residual` (R,) of each row has the square of its weight; `inverse` (p, p), that of the normal
+    equations under the constraint of the values, times the row and this residual is the influence
+    of the row on the values. `by_propagated` (p, s) is the derivative by the values from which the
+    targets were computed.
     """
 
     rows: Regression
@@ -124,16 +123,26 @@ class Fit:
     by_propagated: Array
 
 
-def fit_of(rows: Regression, weights: Array, qr_factor: QRFactor | None = None) -> Fit:
-    """Fit rows with weights (E,) of their equations; `qr_factor` is theirs if it is known."""
+def fit_of(
+    rows: Regression,
+    weights: Array,
+    qr_factor: QRFactor | None = None,
+    constraint: tuple[Array, Array] | None = None,
+) -> Fit:
+    """Fit rows with weights (E,) of their equations; `qr_factor` is theirs if it is known.
+
+    The values are P x + c of those of least squares x with a `constraint` P (p, p), c (p,).
+    """
     qr_factor = qr_factor or qr_factor_of(rows)
     solution = solve(qr_factor, weights)
+    values, inverse = solution.values, solution.inverse
+    if constraint is not None:
+        values, inverse = constraint[0] @ values + constraint[1], constraint[0] @ inverse
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
-    residual = squares * (rows.y - rows.H @ solution.values)
+    residual = squares * (rows.y - rows.H @ values)
     # d theta / ds = (H^T W H)^-1 H^T W T for targets y + T s.
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-    inverse = solution.inverse
-    return Fit(rows, solution.values, residual, inverse, inverse @ moments)
+    return Fit(rows, values, residual, inverse, inverse @ moments)
 
 
 def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Array]:
@@ -173,7 +182,7 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
     for sign, fit, (_, H, residual), place in zip((1, -1), fits, parts, places, strict=True):
         if len(place):
             scores = at_slots(H, sign * residual, place - first)
-            influences[: len(scores)] += scores @ fit.inverse
+            influences[: len(scores)] += scores @ fit.inverse.T
     return influences
 
 
@@ -220,18 +229,9 @@ def sensitivity_findings(
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        load = _with_merged(robot, sides.fit)
-        findings += _estimator_findings(robot, load, ordinary, cutoff_hz)
-        findings += _cutoff_findings(robot, datasets, model, sides, load, ordinary)
+        findings += _estimator_findings(robot, sides.fit, ordinary, cutoff_hz)
+        findings += _cutoff_findings(robot, datasets, model, sides, ordinary)
     return findings
-
-
-def _with_merged(robot: Robot, fit: FittedRows, joint: str = "") -> FittedRows:
-    """Return a fit whose rows and factor have one column for the delay of a bus, as its values."""
-    if fit.rows is None:
-        return fit
-    rows = with_merged_columns(robot.drives, fit.rows, fit.estimate, joint)
-    return fit if rows is fit.rows else replace(fit, rows=rows, qr_factor=qr_factor_of(rows))
 
 
 def _estimator_findings(
@@ -242,7 +242,7 @@ def _estimator_findings(
         return
     weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
-    fits = [fit_of(fit.rows, weights[name], fit.qr_factor) for name in ways]
+    fits = [fit_of(fit.rows, weights[name], fit.qr_factor, fit.constraint) for name in ways]
     scores = _scores(fits, fit.estimate, fit.propagated)
     remedy = f"{_other_cutoff(robot, cutoff_hz)}; else a term that a joint lacks"
     values = [fit.values for fit in fits]
@@ -256,7 +256,6 @@ def _cutoff_findings(
     datasets: Sequence[Dataset],
     model: LoadModel,
     sides: RobotEstimate,
-    load: FittedRows,
     ordinary: bool,
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
@@ -267,18 +266,18 @@ def _cutoff_findings(
     # one is that of regressor and torque.
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
-    equations = _compared_equations(robot, motions, model, sides, load)
+    equations = _compared_equations(robot, motions, model, sides)
     # of long logs, the rows of the fit are those of more than the first pieces
     in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
     for joint, (regress, fit) in equations.items():
-        shared = partial(with_merged_columns, robot.drives, estimate=fit.estimate, joint=joint)
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
-        rows = shared(stacked(list(map(regress, wider))))
-        wide = fit_of(rows, weights)
+        rows = stacked(list(map(regress, wider)))
+        constraint = _constraint_of(fit, rows.names)
+        wide = fit_of(rows, weights, None, constraint)
         if in_memory and fit.rows is not None and fit.rows.names == rows.names:
-            narrow = fit_of(fit.rows, weights, fit.qr_factor)
+            narrow = fit_of(fit.rows, weights, fit.qr_factor, constraint)
         else:
-            narrow = fit_of(shared(stacked(list(map(regress, few)))), weights)
+            narrow = fit_of(stacked(list(map(regress, few))), weights, None, constraint)
         scores = _scores([narrow, wide], fit.estimate, fit.propagated)
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}; compare others with cutoff_sensitivity"
@@ -288,17 +287,25 @@ def _cutoff_findings(
         )
 
 
+def _constraint_of(fit: FittedRows, names: Sequence[str]) -> tuple[Array, Array] | None:
+    """Return the constraint of a fit for rows without the columns of torque offsets, if any."""
+    if fit.constraint is None:
+        return None
+    places = [fit.estimate.names.index(name) for name in names]
+    return fit.constraint[0][np.ix_(places, places)], fit.constraint[1][places]
+
+
 def _compared_equations(
-    robot: Robot, motions: list[Motion], model: LoadModel, sides: RobotEstimate, load: FittedRows
+    robot: Robot, motions: list[Motion], model: LoadModel, sides: RobotEstimate
 ) -> dict[str, tuple[Regress, FittedRows]]:
     """Return the equations of drives with a motor torque, and of the load side, with their fits."""
     equations: dict[str, tuple[Regress, FittedRows]] = {}
     for joint, fit in sides.actuators.items():
         if not has_only_spring_torque(robot, motions, joint):
             regress = partial(_actuator_rows, robot, joint=joint, fit=fit)
-            equations[joint] = regress, _with_merged(robot, fit, joint)
-    equations[LOAD] = partial(load_regression, robot, model=model, springs=sides.springs), load
-    return equations
+            equations[joint] = regress, fit
+    regress = partial(load_regression, robot, model=model, springs=sides.springs)
+    return equations | {LOAD: (regress, sides.fit)}
 
 
 def _better_cutoff(robot: Robot, joint: str, cutoff_hz: float, differing: Iterable[str]) -> str:
@@ -363,7 +370,8 @@ class Constant:
     """A constant with a relative standard deviation, and a robot in which it is larger by `STEP`.
 
     `joint` is "" if it is common to all joints, or that of a body. `inputs` are the joints whose
-    inputs are larger: logged ones, and the gains of controllers in the robot.
+    inputs are larger: logged ones, and the gains of controllers in the robot. The offset of a
+    joint's encoder is in the motion alone.
     """
 
     name: str
@@ -371,6 +379,22 @@ class Constant:
     std: float
     robot: Robot
     inputs: tuple[str, ...] = ()
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether it is an encoder offset, which each condition has for itself."""
+        return self.name == ENCODER_OFFSET
+
+    @property
+    def key(self) -> str:
+        """Its name among the errors of what is known, which belong to no drive."""
+        return str(ParameterName(self.name, self.joint))
+
+    def changed(self, motion: Motion) -> Motion:
+        """Return a motion with the larger inputs, or with the encoder offset."""
+        if self.is_offset:
+            return shifted_encoder(self.robot, motion, self.robot.index(self.joint))
+        return self.scaled(motion)
 
     def scaled(self, data: Recorded) -> Recorded:
         """Return a log or motion with the larger logged inputs, itself without any."""
@@ -383,7 +407,9 @@ class Constant:
 
     def is_in_drive(self, joint: str) -> bool:
         """Whether the equations of a joint's drive may contain it."""
-        return bool(self.inputs) or (self.joint == joint and self.name != "bodies")
+        return bool(self.inputs) or (
+            self.joint == joint and self.name not in ("bodies", ENCODER_OFFSET)
+        )
 
 
 def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:
@@ -475,65 +501,114 @@ def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
     return robot.with_drives({joint: replace(robot.drives[joint], **changes)})
 
 
-def with_known_std(
-    conditions: Mapping[str, Condition],
-    estimates: Mapping[str, RobotEstimate],
-    known_std: Mapping[str, float],
-    specific: SpecificParameters,
-    executor: Executor | None = None,
-) -> Mapping[str, RobotEstimate]:
-    """Return the estimates of all conditions with the uncertainty of the constants.
+def encoder_offsets(robot: Robot, std: float) -> list[Constant]:
+    """Return the offsets of the joint encoders with a standard deviation [rad or m], if any."""
+    part = std * STEP / OFFSET_STEP  # the step of an offset is larger
+    return [Constant(ENCODER_OFFSET, x, part, robot) for x in robot.joint_names if std]
 
-    A constant has one error in all conditions, as the drives are the same ones.
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What was given as known of the robots of all conditions, with standard deviations.
+
+    `constants` {condition: its constants} have one error in all conditions, as the drives are the
+    same ones; encoders, which come last, are zeroed anew in each.
     """
+
+    conditions: Mapping[str, Condition]
+    constants: Mapping[str, Sequence[Constant]]
+    specific: SpecificParameters
+    executor: Executor | None
+
+    @property
+    def common(self) -> Sequence[Constant]:
+        """The constants of all conditions, with the robot of the first one."""
+        return next(iter(self.constants.values()))
+
+    @property
+    def errors(self) -> Estimate:
+        """The errors, of steps that are relative as the standard deviations are."""
+        stds = {constant.key: constant.std for constant in self.common}
+        own = [x.key for x in self.common if x.is_offset and len(self.conditions) > 1]
+        names = {key: names_of_all([key], [*self.conditions], own.__contains__) for key in stds}
+        return known_estimate({str(name): stds[key] for key in names for name in names[key]})
+
+    @contextmanager
+    def rows(self, estimates: Mapping[str, RobotEstimate]) -> Iterator[Mapping[str, Rows]]:
+        """Yield the rows of the equations of estimates, whose last columns propagate the errors."""
+        sides, first = next(iter(estimates.values())), next(iter(self.conditions.values()))
+        equations = {
+            name: _equations(name, x, estimates[name], self.constants[name])
+            for name, x in self.conditions.items()
+        }
+        with rows_of_conditions(
+            self.conditions,
+            self.specific,
+            equations,
+            propagated_names(first.robot, [*sides.springs]),
+            sides.fit.rows is None,
+            self.executor,
+            known=[constant.key for constant in self.common],
+        ) as (rows, _):
+            yield rows
+
+    def known(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
+        """Return the errors with the slopes of estimates in turn."""
+        turn, errors, load = next(iter(estimates.values())).turn, self.errors, None
+        assert turn is not None
+        with self.rows(estimates) as rows:
+            slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in turn.equations}
+            if turn.refit is not None and len(self._offsets):
+                load = turn.refit(rows[LOAD], self._offsets)
+        k = len(errors.names)
+        slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
+        levers = {joint: np.zeros(k) for joint in turn.springs}
+        for joint, changes in levers.items():
+            after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
+            changes[: len(after)] = (after / offset_lever(turn.robot, joint) - 1) / STEP
+        return KnownErrors(errors, slopes, levers, load, len(self._offsets))
+
+    @property
+    def _offsets(self) -> Array:
+        """The covariance of encoder offsets, which are in the residual and are no noise."""
+        first = sum(not constant.is_offset for constant in self.common)
+        return self.errors.covariance[first:, first:]
+
+    def included(self, estimates: Mapping[str, RobotEstimate]) -> Mapping[str, RobotEstimate]:
+        """Return the estimates of all conditions with the errors of what was given."""
+        if not self.common:
+            return estimates
+        if any(sides.turn is None for sides in estimates.values()):
+            wide = {name: self._included_at_once(name, x) for name, x in estimates.items()}
+        else:
+            known = self.known(estimates)
+            wide = {name: x.with_errors(known, name) for name, x in estimates.items()}
+        scales = [shared_scale(x.std) for x in self.common if x.name == "torque"]
+        return {name: replace(x, findings=(*x.findings, *scales)) for name, x in wide.items()}
+
+    def _included_at_once(self, name: str, sides: RobotEstimate) -> RobotEstimate:
+        """Return the estimate of both sides at once with the errors of what was given."""
+        assert sides.refit is not None
+        constants = known_estimate({x.key: x.std for x in self.common if not x.is_offset})
+        k = len(constants.names)
+        with self.rows({name: sides}) as rows:
+            both = rows[LOAD]
+            assert isinstance(both, Regression)
+            if len(self._offsets):
+                of_offsets = replace(both, propagated=both.propagated[:, k:])
+                sides = sides.refit(of_offsets, self._offsets)
+            whole, slopes = sides.fit.estimate, sides.fit.slopes(both)[:, :k]
+        wide = constants.with_further(whole, constants.names, slopes).of_names(whole.names)
+        return sides.with_whole(replace(whole, covariance=wide.covariance))
+
+
+def given_constants(
+    conditions: Mapping[str, Condition], known_std: Mapping[str, float]
+) -> Mapping[str, list[Constant]]:
+    """Return the constants of each condition that have a standard deviation."""
     constants = {name: list(constants_of(x.robot, known_std)) for name, x in conditions.items()}
     _check_same(constants)
-    common = next(iter(constants.values()))
-    if not common:
-        return estimates
-    slopes = _slopes(conditions, estimates, constants, specific, executor)
-    # Steps are relative, as the standard deviations are; for a delay both are parts of its std.
-    stds = np.array([constant.std for constant in common])
-    scales = [shared_scale(constant.std) for constant in common if constant.name == "torque"]
-
-    def of_condition(name: str, sides: RobotEstimate) -> RobotEstimate:
-        widened = partial(_widened, slopes=slopes, stds=stds, condition=name)
-        return replace(
-            sides,
-            drives={joint: widened(side, joint=joint) for joint, side in sides.drives.items()},
-            load=widened(sides.load, names=sides.load_side.names[: len(sides.load.names)]),
-            load_side=widened(sides.load_side),
-            whole=None if sides.whole is None else widened(sides.whole),
-            findings=(*sides.findings, *scales),
-        )
-
-    return {name: of_condition(name, sides) for name, sides in estimates.items()}
-
-
-def _slopes(
-    conditions: Mapping[str, Condition],
-    estimates: Mapping[str, RobotEstimate],
-    constants: Mapping[str, Sequence[Constant]],
-    specific: SpecificParameters,
-    executor: Executor | None,
-) -> Mapping[str, Array]:
-    """Return {parameter: its derivatives (k,) by the constants} of the estimates together."""
-    first, sides = next(iter(estimates.items()))
-    robot, common = conditions[first].robot, constants[first]
-    of_springs = propagated_names(robot, [*sides.springs])
-    equations = {
-        name: _equations(name, x, estimates[name], constants[name])
-        for name, x in conditions.items()
-    }
-    names = [ParameterName(constant.name, constant.joint) for constant in common]
-    stored = sides.fit.rows is None
-    with rows_of_conditions(
-        conditions, specific, equations, of_springs, stored, executor, constants=names
-    ) as (rows, _):
-        if sides.regress is not None:
-            return dict(zip(sides.fit.estimate.names, sides.fit.slopes(rows[LOAD]), strict=True))
-        springs = names_of_all(of_springs, [*conditions], specific.of_load)
-        return _two_step_slopes(robot, sides, common, rows, springs)
+    return constants
 
 
 def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:
@@ -552,26 +627,6 @@ def _check_same(constants: Mapping[str, Sequence[Constant]]) -> None:
             )
 
 
-def _widened(
-    estimate: Estimate,
-    slopes: Mapping[str, Array],
-    stds: Array,
-    condition: str,
-    joint: str = "",
-    names: Sequence[str] | None = None,
-) -> Estimate:
-    """Return an estimate with the covariance of independent errors of the constants.
-
-    `slopes` {name: (k,)} are derivatives by these, with standard deviations `stds` (k,); those of
-    what a condition has alone are under its name. The estimate is that of a `joint`, or has these
-    `names` in the slopes, by default its own.
-    """
-    keys = names or [ParameterName(name, joint) if joint else name for name in estimate.names]
-    keys = [x if x in slopes else ParameterName.of(x).within(condition) for x in keys]
-    change = np.array([slopes[key] for key in keys]).reshape(len(keys), len(stds)) * stds
-    return replace(estimate, covariance=estimate.covariance + change @ change.T)
-
-
 def _rows_at_once(
     regress: Callable[[Robot, Motion], Regression],
     robot: Robot,
@@ -580,7 +635,7 @@ def _rows_at_once(
     motion: Motion,
 ) -> Regression:
     """Return both sides at once, with the derivatives of their residual by the constants."""
-    changed = (regress(constant.robot, constant.scaled(motion)) for constant in constants)
+    changed = (regress(constant.robot, constant.changed(motion)) for constant in constants)
     return with_changes(regress(robot, motion), changed, theta, STEP)
 
 
@@ -588,18 +643,18 @@ def _equations(
     name: str, condition: Condition, sides: RobotEstimate, constants: Sequence[Constant]
 ) -> dict[str, Regress]:
     """Return the functions for the rows of a condition, which propagate errors of the constants."""
-    robot, equations = condition.robot, dict[str, Regress]()
-    if sides.regress is not None:
+    robot, turn, equations = condition.robot, sides.turn, dict[str, Regress]()
+    if turn is None:
+        assert sides.regress is not None
         values = sides.fit.estimate.values
         return {LOAD: partial(_rows_at_once, sides.regress, robot, values, constants)}
+    of_drive = partial(_drive_rows, robot, constants)
     for joint, fit in sides.actuators.items():
-        of_drive = partial(_drive_rows, robot, constants, joint)
-        equations[joint] = partial(of_drive, fit.estimate.of_condition(name), actuator_regression)
-        by_sensor = sides.scaling.get(joint)
-        if by_sensor is not None and STIFFNESS in by_sensor.estimate.names:
-            equations[sensed_spring(joint)] = partial(
-                of_drive, by_sensor.estimate.of_condition(name), spring_regression
-            )
+        estimate = fit.estimate.of_condition(name)
+        equations[joint] = partial(of_drive, joint, estimate, actuator_regression)
+    for joint, fit in turn.by_sensor.items():
+        estimate = fit.estimate.of_condition(name)
+        equations[sensed_spring(joint)] = partial(of_drive, joint, estimate, spring_regression)
     return equations | {LOAD: partial(_load_rows, robot, condition.model, sides, constants)}
 
 
@@ -611,10 +666,13 @@ def _drive_rows(
     regress: Callable[[Robot, Motion, str], Regression],
     motion: Motion,
 ) -> Regression:
-    """Return the rows of a drive's equation with the derivatives of their residual."""
+    """Return the rows of a drive's equation with the derivatives of their residual.
+
+    An offset of an encoder is in the offset of the spring, and in nothing else.
+    """
     rows = regress(robot, motion, joint)
     changed = (
-        regress(constant.robot, constant.scaled(motion), joint)
+        regress(constant.robot, constant.changed(motion), joint)
         if constant.is_in_drive(joint)
         else rows
         for constant in constants
@@ -636,105 +694,18 @@ def _load_rows(
 
     With f_0 = s - b_0 N/r_M in `springs`, the column of the torque offset b_0 is in the residual.
     """
+    theta, in_drives = sides.load_side.values, [x for x in constants if not x.is_offset]
 
     def changes(piece: Motion) -> Array:
-        changed = [(constant.robot, constant.scaled(piece)) for constant in constants]
-        values = sides.springs, sides.load_side.values
-        return torque_changes(robot, piece, model, *values, changed) / STEP
+        changed = [(constant.robot, constant.changed(piece)) for constant in in_drives]
+        return torque_changes(robot, piece, model, sides.springs, theta, changed) / STEP
 
-    return load_regression(robot, motion, model, without_torque(robot, sides.springs), changes)
-
-
-def _two_step_slopes(
-    robot: Robot,
-    sides: RobotEstimate,
-    constants: Sequence[Constant],
-    rows: Mapping[str, Rows],
-    springs: Sequence[str],
-) -> dict[str, Array]:
-    """Return {parameter: its derivatives (k,) by the constants} of both sides.
-
-    `springs` are the parameters whose errors (8) propagates.
-    """
-    own = {joint: _motor_slopes(sides, joint, fit, rows) for joint, fit in sides.actuators.items()}
-    shared_slopes(robot, sides.actuators, own)
-    of_springs = list(map(ParameterName.of, springs))
-
-    def of_load(fit: FittedRows) -> dict[str, Array]:
-        """Return the derivatives of a fit of (8): direct ones, and those through the springs."""
-        by_springs, direct = np.split(fit.slopes(rows[LOAD]), [len(springs)], axis=1)
-        through = np.array([own[name.owner][name.at("")] for name in of_springs])
-        total = direct + by_springs @ through.reshape(len(springs), len(constants))
-        return dict(zip(fit.estimate.names, total, strict=True))
-
-    scales = {
-        joint: _scale_slopes(sides, joint, own[joint], rows, of_load) for joint in sides.scaling
-    }
-    for joint, relative in scales.items():
-        # The values are K x for a motor constant K, and x is at K = 1: d(K x) = K dx + K x dK/K.
-        name, scale = _motor_constant(sides, joint)
-        unit = sides.actuators[joint].estimate
-        for place in np.flatnonzero(scales_with_torque(unit)):
-            own[joint][unit.names[place]] += scale * unit.values[place] * relative
-        own[joint][name] = scale * relative
-    load = of_load(sides.fit)
-    for joint in sides.springs:
-        if ParameterName(TORQUE_OFFSET, joint) in load:
-            _separate(robot, sides, joint, own[joint], load, constants)
-    merged: dict[str, Array] = {
-        ParameterName.of(name).at(joint): own[joint][name] for joint in own for name in own[joint]
-    }
-    return {**merged, **load}
-
-
-def _motor_constant(sides: RobotEstimate, joint: str) -> tuple[str, float]:
-    """Return name and value of the unknown constant of a motor, 1 if it has none."""
-    drive = sides.drives[joint]
-    return next(((name, drive.value(name)) for name in CONSTANTS if name in drive.names), ("", 1.0))
-
-
-def _motor_slopes(
-    sides: RobotEstimate, joint: str, fit: FittedRows, rows: Mapping[str, Rows]
-) -> dict[str, Array]:
-    """Return the derivatives of a drive by (7), for a fixed constant of its motor."""
-    slopes = fit.slopes(rows[joint])
-    if joint in sides.scaling:
-        slopes[scales_with_torque(fit.estimate)] *= _motor_constant(sides, joint)[1]
-    return dict(zip(fit.estimate.names, slopes, strict=True))
-
-
-def _scale_slopes(
-    sides: RobotEstimate,
-    joint: str,
-    own: Mapping[str, Array],
-    rows: Mapping[str, Rows],
-    of_load: Callable[[FittedRows], dict[str, Array]],
-) -> Array:
-    """Return the relative derivatives (k,) of a motor's constant, which bodies or a sensor give."""
-    fit, (name, scale) = sides.scaling[joint], _motor_constant(sides, joint)
-    if ParameterName(name, joint) in fit.estimate.names:
-        return of_load(fit)[ParameterName(name, joint)] / scale
-    # K = k / k_1 with the stiffness k by the sensor and k_1 by (7), for a constant of 1.
-    place = fit.estimate.names.index(STIFFNESS)
-    by_sensor = fit.slopes(rows[sensed_spring(joint)])[place] / fit.estimate.values[place]
-    unit = scale * sides.actuators[joint].estimate.value(STIFFNESS)
-    return np.asarray(by_sensor - own[STIFFNESS] / unit)
-
-
-def _separate(
-    robot: Robot,
-    sides: RobotEstimate,
-    joint: str,
-    own: dict[str, Array],
-    load: dict[str, Array],
-    constants: Sequence[Constant],
-) -> None:
-    """Give a drive the derivatives of f_0 = s - b_0 N/r_M and of b_0, from those of s and (8)."""
-    lever, key = offset_lever(robot, joint), ParameterName(TORQUE_OFFSET, joint)
-    changes = [offset_lever(constant.robot, joint) / lever - 1 for constant in constants]
-    offset = sides.fit.estimate.value(key)
-    for name in own:
-        if parameter_of(name) == "spring_offset":
-            own[name] = own[name] - lever * load[key]
-    # (8) gives b_0 N/r_M: for a larger lever b_0 is smaller.
-    own[TORQUE_OFFSET] = load[key] = load[key] - offset * np.array(changes) / STEP
+    zero, further = without_torque(robot, sides.springs), changes if in_drives else None
+    rows = load_regression(robot, motion, model, zero, further)
+    # An offset turns gravity, and so the columns of the bodies.
+    turned = [x.changed(motion) for x in constants if x.is_offset]
+    if not turned:
+        return rows
+    regress = partial(load_regression, robot, model=model, springs=sides.springs)
+    offsets = with_changes(regress(motion), map(regress, turned), theta, STEP)
+    return replace(rows, propagated=np.hstack([rows.propagated, offsets.propagated]))

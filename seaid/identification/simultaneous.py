@@ -43,24 +43,23 @@ from seaid.estimation import (
     with_drifts_of,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.drive_estimates import (
+from seaid.identification.drive_estimates import without_torque
+from seaid.identification.simulated_joints import check_simultaneous, not_shared
+from seaid.identification.stacked_fits import (
+    LOAD,
     TORQUE_OFFSET,
     RobotEstimate,
     offset_lever,
     spring_of,
-    without_torque,
 )
-from seaid.identification.simulated_joints import check_simultaneous, not_shared
 from seaid.log import Motion
 from seaid.regressor import (
     LoadModel,
-    Regress,
     Regression,
     actuator_equation,
     actuator_regression,
     known_friction,
     load_regression,
-    offset_sensitivity,
     spring_regressor,
     stacked,
 )
@@ -376,7 +375,6 @@ def estimate_simultaneous(
     model: LoadModel,
     start: RobotEstimate,
     estimator: Estimator,
-    encoder_offset_std: float,
     executor: Executor | None,
 ) -> RobotEstimate:
     """Estimate both sides at once; `whole` has the covariance between them.
@@ -394,16 +392,29 @@ def estimate_simultaneous(
     check_simultaneous(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
     of_robot = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
-    regress: Regress = partial(of_robot, robot)
-    rows = rows_in_memory(datasets, {"": regress}, executor)[""]
-    whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
-    zeros: Array | None = None
-    if encoder_offset_std > 0:
-        theta = whole.values
-        shifted = partial(offset_sensitivity, robot, regress=regress, theta=theta)
-        rows = rows_in_memory(datasets, {"": shifted}, executor)[""]
-        zeros = encoder_offset_std**2 * np.eye(robot.n)
-        whole, _ = settled(robot, rows, theta, estimation(estimator, zeros))
+    rows = rows_in_memory(datasets, {LOAD: partial(of_robot, robot)}, executor)[LOAD]
+    cutoff_hz = datasets[0].cutoff_hz
+    fitted = partial(_estimated, robot, model, start, estimator, cutoff_hz, of_robot)
+    return fitted(_values(rows, start), rows, np.zeros((0, 0)))
+
+
+def _estimated(
+    robot: Robot,
+    model: LoadModel,
+    start: RobotEstimate,
+    estimator: Estimator,
+    cutoff_hz: float,
+    of_robot: Callable[[Robot, Motion], Regression],
+    values: Array,
+    rows: Regression,
+    errors: Array,
+) -> RobotEstimate:
+    """Return the estimate of both sides near values (p,), from rows with propagated columns.
+
+    `errors` (k, k) is the covariance of these.
+    """
+    propagated = errors if len(errors) else None
+    whole, _ = settled(robot, rows, values, estimation(estimator, propagated))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
     change = partial(_solved_rows, robot, estimator, whole)
@@ -411,12 +422,11 @@ def estimate_simultaneous(
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
     if estimator.weigh is settled_weights:
-        cutoff_hz = datasets[0].cutoff_hz
         whole = with_drifts_of(solved, weights, solve(qr_factor, weights), whole, cutoff_hz)
-    of_joints = whole.by_owner()
+    of_joints, springs = whole.by_owner(), tuple(start.springs)
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     equal = estimator.weigh is equal_weights
-    both = FittedRows(whole, qr_factor, solved, zeros, weights, equal, change)
+    both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
     optional = [
         name
         for name in whole.names
@@ -432,6 +442,9 @@ def estimate_simultaneous(
         fit=both,
         whole=whole,
         regress=of_robot,
+        refit=partial(
+            _estimated, robot, model, start, estimator, cutoff_hz, of_robot, whole.values
+        ),
     )
 
 

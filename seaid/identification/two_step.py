@@ -6,7 +6,7 @@ with the others, and an identification of one robot is that of one condition wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -26,7 +26,6 @@ from seaid.drives import (
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Change,
-    Estimate,
     Estimator,
     FittedRows,
     ModelChecks,
@@ -49,30 +48,28 @@ from seaid.identification.datasets import (
     rows_of_equations,
 )
 from seaid.identification.drive_estimates import (
-    LOAD,
-    RobotEstimate,
-    has_only_spring_torque,
-    identifiable_offsets,
-    merged_estimates,
-    noise_ratio,
-    offset_places,
-    places_in,
-    sensed_spring,
-    spring_of,
-    with_shared_drives,
-    with_shared_parameters,
-    with_torque_columns,
-    with_torque_offsets,
-    without_torque,
-)
-from seaid.identification.motor_constants import (
     CONSTANTS,
-    STIFFNESS,
     UnknownScaleError,
     check_scale,
-    scaled_by_load,
-    scaled_by_sensor,
+    fit_constants,
+    has_only_spring_torque,
+    noise_ratio,
+    with_shared_parameters,
     with_unit_constant,
+    without_torque,
+)
+from seaid.identification.stacked_fits import (
+    EXACT,
+    LOAD,
+    STIFFNESS,
+    FitsInTurn,
+    KnownErrors,
+    RobotEstimate,
+    identifiable_offsets,
+    offset_places,
+    sensed_spring,
+    spring_of,
+    with_torque_columns,
 )
 from seaid.log import Motion
 from seaid.regressor import (
@@ -85,7 +82,6 @@ from seaid.regressor import (
     joined_rows,
     load_regression,
     motor_regressor,
-    offset_sensitivity,
     shares_of,
     spring_regression,
     spring_regressor,
@@ -129,61 +125,58 @@ class SpecificParameters:
     def of_load(self, name: str) -> bool:
         """Whether the parameter of a column of the load side, or one that it propagates, is."""
         if joint := joint_of(name):
-            # Encoders are zeroed anew when a robot is switched on.
-            quantity = parameter_of(name)
-            return quantity == _ENCODER_OFFSET or self.of_drive(joint, quantity)
+            return self.of_drive(joint, parameter_of(name))
         return BODIES in self.names
 
 
 NOTHING_SPECIFIC = SpecificParameters()
 
-_ENCODER_OFFSET = "encoder_offset"
+ENCODER_OFFSET = "encoder_offset"
 
 
 @dataclass(frozen=True, eq=False)
 class TwoStepFits:
     """The fits of the equations of all conditions, in whose names a condition may be.
 
-    `actuators` are those of the motor equations by joint, `load` that of the load side; `drives`
-    {joint: estimate} have the motor constants and torque offsets, `springs` are the joints whose
-    spring gives the torque on the load, and `shares` {equation: {condition: its rows}}.
+    `shares` are {equation: {condition: its rows}}, and `known` the errors that all estimates have.
     """
 
     conditions: Mapping[str, Condition]
-    actuators: Mapping[str, FittedRows]
-    load: FittedRows
-    drives: Mapping[str, Estimate]
-    springs: tuple[str, ...]
-    scaling: Mapping[str, FittedRows]
+    turn: FitsInTurn
     shares: Mapping[str, Mapping[str, Share]]
+    known: KnownErrors = EXACT
+
+    @property
+    def actuators(self) -> Mapping[str, FittedRows]:
+        """The fits of the motor equations by joint."""
+        return self.turn.actuators
+
+    @property
+    def load(self) -> FittedRows:
+        """The fit of the load side."""
+        load = self.known.fit or self.turn.load
+        assert load is not None
+        return load
 
     def of(self, name: str) -> RobotEstimate:
         """Return the estimate of the robot of one condition."""
         robot, model = self.conditions[name].robot, self.conditions[name].model
-        drives = {joint: estimate.of_condition(name) for joint, estimate in self.drives.items()}
-        # The columns after those of the model are torque offsets.
-        load_side = self.load.estimate.of_condition(name).of_names(model.names)
-        merged = merged_estimates(drives, load_side.by_owner())
+        drives, load_side = self.turn.of_condition(name, model.names, self.known)
         names = self.load.estimate.names
         columns = [names[place] for place in places_of(names, name)]
+        # The columns after those of the model are torque offsets.
         optional = columns[len(model.expressions) : len(model.names)]
+        excluded = {joint: self._excluded(joint, name, x) for joint, x in self.actuators.items()}
         return RobotEstimate(
-            drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
+            drives=drives,
             load=load_side.of_names(model.expressions),
             load_side=load_side,
-            springs={
-                joint: spring_of(robot, drives[joint], joint).values for joint in self.springs
-            },
-            excluded={
-                **{
-                    joint: self._excluded(joint, name, fit) for joint, fit in self.actuators.items()
-                },
-                "load": self._excluded(LOAD, name, self.load),
-            },
+            springs={x: spring_of(robot, drives[x], x).values for x in self.turn.springs},
+            excluded=excluded | {"load": self._excluded(LOAD, name, self.load)},
             checks=_checks(self.actuators, name) | {"load": self.load.checks(optional)},
             fit=self.load,
             actuators=self.actuators,
-            scaling=self.scaling,
+            turn=self.turn,
             shared=self._shared,
         )
 
@@ -201,7 +194,6 @@ class TwoStepFits:
 def estimate_two_step(
     conditions: Mapping[str, Condition],
     estimator: Estimator,
-    encoder_offset_std: float = 0.0,
     executor: Executor | None = None,
     progress: bool = False,
     specific: SpecificParameters = NOTHING_SPECIFIC,
@@ -227,48 +219,17 @@ def estimate_two_step(
         or {**two_step_equations(x.robot, x.model, joints), **_sensed_springs(x.robot, sensed)}
         for name, x in conditions.items()
     }
-    cutoff_hz, known_errors = motions[0].cutoff_hz, [] if further is None else [further[1]]
-    read = partial(
-        rows_of_conditions,
-        conditions,
-        specific,
-        stored=estimator.weigh is not None,
-        executor=executor,
-        progress=progress,
-    )
-    with read(by_condition, propagated_names(robot, joints)) as (rows, shares):
-        side = _Motors(robot, motions, estimator, cutoff_hz, joints, sensed)
-        actuators, estimates, scaling = side.fitted(rows)
-        actuators, estimates, drives_as_one = with_shared_drives(robot, actuators, estimates)
-        springs = {joint: spring_of(robot, estimates[joint], joint) for joint in joints}
-        fit_rows = partial(fit_load, robot, springs, estimator, cutoff_hz, equations is None)
-        of_springs = _covariance_of(drives_as_one, springs)
-        load = fit_rows(_with_columns(rows[LOAD], further), [*of_springs, *known_errors])
-        if encoder_offset_std > 0:
-            # The change of y - H theta by an encoder offset depends on theta, so that a fit without
-            # offsets comes first.
-            shifted = {
-                name: {
-                    LOAD: _with_offsets(x, name, springs, load.estimate, by_condition[name][LOAD])
-                }
-                for name, x in conditions.items()
-            }
-            offsets = [ParameterName(_ENCODER_OFFSET, joint) for joint in robot.joint_names]
-            count = len(offsets) * len(conditions)
-            errors = [*of_springs, encoder_offset_std**2 * np.eye(count), *known_errors]
-            with read(shifted, [*propagated_names(robot, joints), *offsets]) as (again, _):
-                load = fit_rows(_with_columns(again[LOAD], further), errors)
-    # (7) gave s = f_0 + b_0 N/r_M in `springs`, the load side b_0: from here on f_0 replaces s.
-    drives = with_torque_offsets(robot, load, estimates, springs, drives_as_one)
-    return TwoStepFits(conditions, actuators, load, drives, joints, scaling, shares)
-
-
-def _covariance_of(whole: Estimate | None, springs: Mapping[str, Estimate]) -> list[Array]:
-    """Return the covariance of the parameters of springs, if there are any, in that of drives."""
-    if whole is None or not springs:
-        return []
-    places = places_in(whole, springs)
-    return [whole.covariance[np.ix_(places, places)]]
+    stored, propagated = estimator.weigh is not None, propagated_names(robot, joints)
+    with rows_of_conditions(
+        conditions, specific, by_condition, propagated, stored, executor, progress
+    ) as (rows, shares):
+        turn = _Motors(robot, motions, estimator, joints, sensed).fitted(rows)
+        is_plain = equations is None
+        refit = partial(fit_load, turn, estimator, motions[0].cutoff_hz, is_plain, further)
+        turn = replace(
+            turn, load=refit(rows[LOAD], np.zeros((0, 0))), refit=refit if is_plain else None
+        )
+    return TwoStepFits(conditions, turn, shares)
 
 
 def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
@@ -287,12 +248,13 @@ def rows_of_conditions(
     stored: bool,
     executor: Executor | None,
     progress: bool = False,
-    constants: Sequence[str] = (),
+    known: Sequence[str] = (),
 ) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
     """Yield the rows of the equations {condition: {equation: its rows}}, and who has which rows.
 
     Those of one condition may be stored in files. `propagated` are the columns that the load side
-    has besides its own; those of `constants`, which all conditions share, are in every equation.
+    has besides its own; those of `known` errors, which all conditions share but for encoder
+    offsets, are in every equation.
     """
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
@@ -307,31 +269,19 @@ def rows_of_conditions(
         key: {name: rows[key] for name, rows in parts.items()} for key in next(iter(parts.values()))
     }
 
-    def of_load(name: str) -> bool:
-        return name not in constants and specific.of_load(name)
-
     joined: dict[str, Rows] = {}
     for key, rows_of_all in by_equation.items():
-        if key == LOAD:
-            joined[key] = joined_rows(rows_of_all, of_load, [*propagated, *constants])
-        else:
-            drive = partial(specific.of_drive, joint_of(key) or key)
-            joined[key] = joined_rows(rows_of_all, drive, constants)
+        is_load, drive = key == LOAD, partial(specific.of_drive, joint_of(key) or key)
+        of_equation: Callable[[str], bool] = specific.of_load if is_load else drive
+        further = [*propagated, *known] if is_load else known
+        is_specific = partial(_is_specific, of_equation, known)
+        joined[key] = joined_rows(rows_of_all, is_specific, further)
     yield joined, {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
 
 
-def _with_offsets(
-    condition: Condition,
-    name: str,
-    springs: Mapping[str, Estimate],
-    load: Estimate,
-    regress: Regress,
-) -> Regress:
-    """Return the rows of the load side of a condition with columns of its encoder offsets."""
-    # Torque offsets, after the columns of the model, do not matter.
-    theta = load.of_condition(name).values[: len(condition.model.names)]
-    own = {joint: spring.of_condition(name) for joint, spring in springs.items()}
-    return partial(with_offset_columns, condition.robot, condition.model, own, theta, regress)
+def _is_specific(of_equation: Callable[[str], bool], known: Sequence[str], name: str) -> bool:
+    """Whether each condition has a column for itself: encoders are zeroed at each start."""
+    return name.startswith(ENCODER_OFFSET) if name in known else of_equation(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,40 +295,43 @@ class _Motors:
     robot: Robot
     motions: Sequence[Motion]
     estimator: Estimator
-    cutoff_hz: float
-    joints: Sequence[str]
+    joints: tuple[str, ...]
     sensed: Sequence[str]
 
-    def fitted(
-        self, rows: Mapping[str, Rows]
-    ) -> tuple[dict[str, FittedRows], dict[str, Estimate], dict[str, FittedRows]]:
-        """Return fits of the motor equations, estimates with constants, and the fits of these."""
+    def fitted(self, rows: Mapping[str, Rows]) -> FitsInTurn:
+        """Return the fits of the motor equations, and of what gives their constants."""
         robot, estimator, motions = self.robot, self.estimator, self.motions
-        actuators, unscaled, scaling = {}, {}, {}
+        motors, unscaled = dict[str, FittedRows](), dict[str, UnknownScaleError]()
         for joint in robot.elastic_joints:
             try:
-                actuators[joint] = fit_actuator(robot, motions, joint, rows[joint], estimator)
+                motors[joint] = fit_actuator(robot, motions, joint, rows[joint], estimator)
             except UnknownScaleError as problem:
-                # The load would scale each drive of a group for itself.
-                if joint not in (*self.joints, *self.sensed) or groups_of(robot.drives):
-                    raise
-                # With a constant of 1 the input is in y, where its noise does not attenuate
-                # anything: the fit needs no correction for a noisy column.
-                unscaled[joint], part = problem, rows[joint]
-                unit = fit(part, estimator, change=with_unit_constant, cutoff_hz=self.cutoff_hz)
-                actuators[joint] = with_shared_parameters(robot.drives, unit, joint)
-        estimates = {joint: side.estimate for joint, side in actuators.items()}
-        for joint in [joint for joint in unscaled if joint in self.sensed]:
-            spring = _fit_spring(robot, motions, joint, rows[sensed_spring(joint)], estimator)
-            constant, scaling[joint] = unscaled.pop(joint).parameter, spring
-            scaled = scaled_by_sensor(robot, estimates[joint], joint, constant, spring.estimate)
-            estimates[joint] = scaled
-        if unscaled:
-            springs = {x: spring_of(robot, estimates[x], x) for x in self.joints}
-            side = scaled_by_load(robot, estimates, springs, rows[LOAD], estimator, unscaled)
-            estimates |= side[0]
-            scaling |= dict.fromkeys(unscaled, side[1])
-        return actuators, estimates, scaling
+                motors[joint] = self._fitted_for_one(joint, rows[joint], problem)
+                unscaled[joint] = problem
+        by_sensor = {
+            joint: _fit_spring(robot, motions, joint, rows[sensed_spring(joint)], estimator)
+            for joint in unscaled
+            if joint in self.sensed
+        }
+        constants = {x: ParameterName(problem.parameter, x) for x, problem in unscaled.items()}
+        turn = FitsInTurn(robot, motors, self.joints, constants, by_sensor)
+        of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
+        if not of_load:
+            return turn
+        springs = {joint: turn.spring(joint).values for joint in self.joints}
+        scales = fit_constants(robot, springs, rows[LOAD], estimator, of_load)
+        return replace(turn, by_load=scales)
+
+    def _fitted_for_one(self, joint: str, rows: Rows, problem: UnknownScaleError) -> FittedRows:
+        """Return the fit for a motor constant of 1; raises the problem if nothing gives it."""
+        # The load would scale each drive of a group for itself.
+        if joint not in (*self.joints, *self.sensed) or groups_of(self.robot.drives):
+            raise problem
+        # With a constant of 1 the input is in y, where its noise does not attenuate anything: the
+        # fit needs no correction for a noisy column.
+        cutoff_hz = self.motions[0].cutoff_hz
+        unit = fit(rows, self.estimator, change=with_unit_constant, cutoff_hz=cutoff_hz)
+        return with_shared_parameters(self.robot.drives, unit, joint)
 
 
 def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, ModelChecks]:
@@ -389,13 +342,6 @@ def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, Mo
         own = [names[place] for place in places_of(names, condition)]
         optional[joint] = [name for name in own if parameter_of(name) not in _NEEDED]
     return {joint: side.checks(optional[joint]) for joint, side in actuators.items()}
-
-
-def _with_columns(rows: Rows, further: tuple[Array, Array] | None) -> Rows:
-    """Return rows in memory with further columns of propagated errors."""
-    if further is None or not isinstance(rows, Regression):
-        return rows
-    return replace(rows, propagated=np.hstack([rows.propagated, further[0]]))
 
 
 def two_step_equations(
@@ -477,28 +423,44 @@ def _fit_spring(
 
 
 def fit_load(
-    robot: Robot,
-    springs: Mapping[str, Estimate],
+    turn: FitsInTurn,
     estimator: Estimator,
     cutoff_hz: float,
     free: bool,
+    further: tuple[Array, Array] | None,
     rows: Rows,
-    errors: Sequence[Array],
+    errors: Array,
 ) -> FittedRows:
     """Fit (8) from rows without spring torque, with columns of the identifiable torque offsets.
 
-    `errors` are the covariances of propagated columns: those of the springs, then others such as
-    the encoder offsets. Unless `free`, torque offsets are 0.
+    `errors` is the covariance of the last propagated columns, which are used besides those of the
+    springs, and `further` are more columns with theirs. Unless `free`, torque offsets are 0.
     """
-    propagated = linalg.block_diag(*errors) if errors else None
+    robot, springs = turn.robot, {joint: turn.spring(joint) for joint in turn.springs}
+    known = [turn.drives.of_names(turn.spring_names).covariance, errors]
+    if further is not None and isinstance(rows, Regression):
+        rows = replace(rows, propagated=np.hstack([rows.propagated, further[0]]))
+        known.append(further[1])
+    covariance = linalg.block_diag(*known)
+    propagated = covariance if covariance.size else None
     freed = tuple(joint for joint, spring in springs.items() if free and offset_places(spring))
     if freed:
         columns = partial(with_torque_columns, robot, springs, freed)
         # All offsets are tried at once: a column that gravity nearly explains is dropped again.
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
-    change = partial(with_torque_columns, robot, springs, freed)
+    change: Change = partial(with_torque_columns, robot, springs, freed)
+    if errors.size:
+        first = len(turn.spring_names)
+        change = partial(_with_last, change, first, len(covariance) - first)
     fitted = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
     return with_shared_parameters(robot.drives, fitted)
+
+
+def _with_last(change: Change, first: int, last: int, rows: Regression) -> Regression:
+    """Return changed rows with the first and the last of their propagated columns."""
+    propagated = rows.propagated
+    used = np.hstack([propagated[:, :first], propagated[:, propagated.shape[1] - last :]])
+    return change(replace(rows, propagated=used))
 
 
 def fit_inputs(
@@ -528,21 +490,6 @@ def fit_inputs(
         return with_predicted_columns(part if change is None else change(part), theta, noisy)
 
     return fit(rows, estimator, propagated, predicted, cutoff_hz=cutoff_hz)
-
-
-def with_offset_columns(
-    robot: Robot,
-    model: LoadModel,
-    springs: Mapping[str, Estimate],
-    theta: Array,
-    regress: Regress,
-    motion: Motion,
-) -> Regression:
-    """Return the load side with propagated columns of the springs and then of encoder offsets."""
-    plain, values = regress(motion), {joint: spring.values for joint, spring in springs.items()}
-    of_springs = partial(load_regression, robot, model=model, springs=values)
-    offsets = offset_sensitivity(robot, motion, of_springs, theta)
-    return replace(plain, propagated=np.hstack([plain.propagated, offsets.propagated]))
 
 
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:

@@ -12,10 +12,10 @@ from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks import Verdict, verdict_of
 from seaid.drives import between_encoders
 from seaid.errors import by_severity
-from seaid.identification.drive_estimates import TORQUE_OFFSET
+from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.extension import extension_of
-from seaid.identification.motor_constants import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation
+from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
 from seaid.regressor import (
     INPUTS,

@@ -16,6 +16,7 @@ from .base import regressor_at_drives as regressor_at_drives
 from .base import rigid_body_regressor as rigid_body_regressor
 from .base import slopes_of_model as slopes_of_model
 from .base import torque_slopes as torque_slopes
+from .load import OFFSET_STEP as OFFSET_STEP
 from .load import LoadModel as LoadModel
 from .load import LoadSide as LoadSide
 from .load import Springs as Springs
@@ -34,6 +35,7 @@ from .load import load_signals as load_signals
 from .load import load_targets as load_targets
 from .load import load_torques as load_torques
 from .load import offset_sensitivity as offset_sensitivity
+from .load import shifted_encoder as shifted_encoder
 from .load import torque_changes as torque_changes
 from .load import unknown_friction as unknown_friction
 from .load import unknown_frictions as unknown_frictions

@@ -54,6 +54,29 @@ def test_few_degrees_of_freedom_make_intervals_wider_and_errors_not() -> None:
     assert few.standard_errors == pytest.approx(FOUND.standard_errors)
 
 
+def test_further_values_have_the_errors_of_those_that_they_contain() -> None:
+    """d = 2 a - c + e: its covariance with all is that of the linear function, plus that of e."""
+    further = Estimate(("d",), np.array([20.0]), np.array([[0.25]]), ("kg",), 0.2, 1.0)
+    whole = FOUND.with_further(further, ["a", "c"], np.array([[2.0, -1.0]]))
+    J = np.vstack([np.eye(3), [2.0, 0.0, -1.0]])
+    own = np.diag([0.0, 0.0, 0.0, 0.25])
+    assert whole.names == ("a", "b", "c", "d")
+    assert whole.covariance == pytest.approx(J @ COVARIANCE @ J.T + own)
+    assert whole.values == pytest.approx([10.0, -3.0, 0.0, 20.0])
+
+
+def test_functions_of_values_have_their_errors_by_the_slopes() -> None:
+    """(a, b, c) -> (a b, b, c - b), with the noise of white errors apart from that of all."""
+    white = replace(FOUND, white_standard_errors=np.array([1.0, 2.0, 0.5]))
+    slopes = np.array([[-3.0, 10.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 1.0]])
+    changed = white.transformed(np.array([-30.0, -3.0, 3.0]), slopes)
+    assert changed.values == pytest.approx([-30.0, -3.0, 3.0])
+    assert changed.covariance == pytest.approx(slopes @ COVARIANCE @ slopes.T)
+    assert changed.white_standard_errors == pytest.approx(
+        [np.hypot(3.0, 20.0), 2.0, np.hypot(2.0, 0.5)]
+    )
+
+
 @pytest.mark.parametrize("level", [0.0, 1.0, -0.5, 95.0])
 def test_impossible_level_is_refused(level: float) -> None:
     with pytest.raises(SeaidError, match="level must be between 0 and 1"):

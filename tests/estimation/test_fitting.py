@@ -31,8 +31,8 @@ from seaid.estimation.fitting import (
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.datasets import rows_of_equations
-from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
+from seaid.identification.stacked_fits import spring_of
 from seaid.log.long_log import LongLog, open_long_log
 from seaid.log.motion import Motion, motion_of, reconstruct_motion
 from seaid.log.reading import Log, write_log

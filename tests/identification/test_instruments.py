@@ -12,7 +12,6 @@ import pytest
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
-from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import (
     FittedModel,
@@ -22,6 +21,7 @@ from seaid.identification.instrumental import (
     load_with_instruments,
     split_instruments,
 )
+from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.rows import in_band
@@ -157,8 +157,8 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
     with pytest.raises(IdentificationError, match=f"stiffness of {joint} is not positive"):
-        run(replace(sides, drives={**sides.drives, joint: flipped}), 0.0, None)
+        run(replace(sides, drives={**sides.drives, joint: flipped}), None)
     monkeypatch.setattr("seaid.identification.instrumental._MOST_ITERATIONS", 1)
     away = replace(drive, values=0.5 * drive.values)
     with pytest.raises(IdentificationError, match=r"did not converge in 1 iterations: .* changes"):
-        run(replace(sides, drives={**sides.drives, joint: away}), 0.0, None)
+        run(replace(sides, drives={**sides.drives, joint: away}), None)

@@ -72,6 +72,20 @@ def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None
     np.testing.assert_allclose(stated.load.values, plain.load.values)
 
 
+@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+def test_errors_of_constants_and_of_encoder_offsets_add_up(method: str) -> None:
+    constants: dict[str, Any] = {"known_std": {"torque": 0.02, "payload": 0.01}}
+    offsets = {"encoder_offset_std": 2e-3}
+    plain, of_constants, of_offsets, both = (
+        found(method=method, **options).load.covariance
+        for options in ({}, constants, offsets, constants | offsets)
+    )
+    errors = np.sqrt(np.diag(both))
+    rest = (both - (of_constants + of_offsets - plain)) / np.outer(errors, errors)
+    assert np.max(np.abs(rest)) < 1e-3  # both sides at once settle to so many standard errors
+
+
 @pytest.mark.slow  # 0.9 s
 def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     stated, plain = found(known_std={"torque": 0.05, "payload": 0.02}), found()

@@ -826,10 +826,15 @@ def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
     assert len(compared) == 2  # of estimators, and of cutoffs
     for estimate, fit in compared:
         names = list(map(str, fit.rows.names))
-        assert sum(name.startswith("command_delay") for name in names) == delays
         places = [list(map(str, estimate.names)).index(name) for name in names]
         errors = estimate.standard_errors[places]
         assert np.max(np.abs(fit.values - estimate.values[places]) / errors) < 1e-3
+        # The influences of the rows on the delays of both joints: equal ones, or none.
+        of_delays = [k for k, name in enumerate(names) if name.startswith("command_delay")]
+        scaled = fit.inverse / np.outer(errors, errors)
+        assert len(of_delays) == 2
+        tolerance = 1e-6 * float(np.max(np.abs(scaled)))
+        assert np.linalg.matrix_rank(scaled[of_delays], tol=tolerance) == delays
 
 
 @pytest.mark.slow  # a rollout of 40 s in which two joints stick

@@ -13,10 +13,10 @@ from seaid.checks import noise_findings
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
-from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side
+from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
@@ -179,7 +179,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
         raise IdentificationError("the fitted model diverges")
 
     monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
-    found = estimate_instrumental(robot, [motion], model, sides, 0.0, None)
+    found = estimate_instrumental(robot, [motion], model, sides, None)
     (finding,) = found.findings
     assert finding.message.startswith("the instruments of the load side come from the smoothed")
     assert finding.message.endswith("the fitted model diverges")

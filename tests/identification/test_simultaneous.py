@@ -20,7 +20,6 @@ from seaid.estimation.fitting import FittedRows, estimator_named
 from seaid.estimation.least_squares import ordinary, weighted
 from seaid.estimation.qr_factor import QRFactor
 from seaid.excitation.trajectory import Trajectory
-from seaid.identification.drive_estimates import RobotEstimate
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
     _contradiction,
@@ -30,6 +29,7 @@ from seaid.identification.simultaneous import (
     simultaneous_regression,
     whitened,
 )
+from seaid.identification.stacked_fits import RobotEstimate
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.identification.drive_estimates import TORQUE_OFFSET, identifiable_offsets
 from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification
+from seaid.identification.stacked_fits import TORQUE_OFFSET, identifiable_offsets
 from seaid.log.log import Log
 from seaid.regressor.regression import Regression
 from seaid.simulation.simulation import measure
