@@ -5,7 +5,7 @@ Without a sensor behind some springs their motors alone determine them, by simul
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -158,7 +158,7 @@ def identify(
     unseen = without_joint_encoder(robot, in_memory) if len(in_memory) == len(sources) else ()
     if unseen:
         return _identify_from_motors(robot, in_memory, unseen, options)
-    return concluded(solved({"": robot}, {"": sources}, options), "")
+    return _fit(robot, sources, options)
 
 
 _MOST_STEPS = 60
@@ -198,21 +198,13 @@ def _best_of_cutoffs(
     """Return the result of the highest cutoff that shows the springs."""
     check_refinable(robot, joints)
     options.check_without_encoders(joints)
-    fit = partial(
-        identify,
-        robot,
-        torque_joints=options.torque_joints,
-        method="two-step",  # the simulated angles of the joints come from the springs
-        estimator=options.estimator,
-        encoder_offset_std=options.encoder_offset_std,
-        known_std=options.known_std,
-        executor=options.executor,
-    )
+    # The simulated angles of the joints come from the springs: both sides at once add nothing.
+    options = replace(options, method="two-step", feasible=False, progress=False)
     proposed_hz, problem = cutoff_of(robot, logs, joints, options.cutoff_hz), None
     for part in _LOWER if options.cutoff_hz is None else (1.0,):
         try:
-            cutoff_hz = part * proposed_hz
-            second = fit(_simulated(robot, logs, joints, cutoff_hz, fit), cutoff_hz=cutoff_hz)
+            at = replace(options, cutoff_hz=part * proposed_hz)
+            second = _fit(robot, _simulated(robot, logs, joints, at), at)
             result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
             if problem is None or not any(finding.code == _HIDDEN for finding in result.findings):
                 return result
@@ -225,13 +217,12 @@ def _best_of_cutoffs(
 _HIDDEN = "hidden-resonance"
 
 
-def _simulated(
-    robot: Robot,
-    logs: list[Log],
-    joints: Sequence[str],
-    cutoff_hz: float,
-    fit: Callable[..., Identification],
-) -> list[Log]:
+def _fit(robot: Robot, logs: Sequence[Source], options: Options) -> Identification:
+    """Return the identification of logs that have the joint position of each spring."""
+    return concluded(solved({"": robot}, {"": logs}, options), "")
+
+
+def _simulated(robot: Robot, logs: list[Log], joints: Sequence[str], options: Options) -> list[Log]:
     """Return the logs with the angles of joints as the best of the first estimates simulates them.
 
     A search of the stiffness gives the angles for a first regression, and its refinement these, for
@@ -239,10 +230,11 @@ def _simulated(
     """
     problem = None
     tried: list[FirstEstimate] = []
-    for initial in starts_by_regression(robot, logs, joints, cutoff_hz):
+    assert options.cutoff_hz is not None
+    for initial in starts_by_regression(robot, logs, joints, options.cutoff_hz):
         for consistent in (False, True):  # an inertia as estimated may not be one to simulate
             try:
-                start = fit(initial, cutoff_hz=cutoff_hz, feasible=consistent)
+                start = _fit(robot, initial, replace(options, feasible=consistent))
                 tried.append(first_estimate(start, logs))
                 break
             except (IdentificationError, ExcitationError, LogError) as reason:
