@@ -197,7 +197,8 @@ def _best_of_cutoffs(
 ) -> Identification:
     """Return the result of the highest cutoff that shows the springs."""
     check_refinable(robot, joints)
-    options.check_without_encoders(joints)
+    if options.limits is not None:
+        options.limits.refuse_unseen(joints)
     # The simulated angles of the joints come from the springs: both sides at once add nothing.
     options = replace(options, method="two-step", feasible=False, progress=False)
     proposed_hz, problem = cutoff_of(robot, logs, joints, options.cutoff_hz), None

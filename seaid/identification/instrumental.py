@@ -32,7 +32,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.simulated_joints import check_instruments, driven_motion, linear_spring
+from seaid.identification.simulated_joints import BY_INSTRUMENTS, driven_motion, linear_spring
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
@@ -47,7 +47,7 @@ from seaid.regressor import (
     load_regression,
     with_known_friction,
 )
-from seaid.robot import Robot, at_drives, check_held
+from seaid.robot import Robot, at_drives
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
@@ -147,12 +147,6 @@ def load_with_instruments(
     Z = load_columns(robot, made, model, springs)[2]
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
     Z = in_band(made, with_known_friction(motion, joints, Z))
-    check_held(
-        robot,
-        'estimator="iv"',
-        IdentificationError,
-        why="its instruments are a simulation, and seaid does not simulate contacts",
-    )
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])
@@ -194,6 +188,7 @@ def estimate_instrumental(
     effect (all drives stiff) are flagged too. Raises IdentificationError if the former do not
     converge, and as `instrumental` does.
     """
+    BY_INSTRUMENTS.check(robot, [x for x in model.torque_joints if x in robot.elastic_joints])
     run = partial(_settled, robot, datasets, model, executor=executor)
     estimate = run(start, make=instrument_motion)
     try:
@@ -251,7 +246,6 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
         for joint in model.torque_joints
         if joint in robot.elastic_joints
     }
-    check_instruments(robot, springs)
     bad = [
         joint
         for joint, values in springs.items()

@@ -45,8 +45,8 @@ from seaid.checks import (
     without_echoes,
     without_setup_echoes,
 )
-from seaid.drives import Drive, ParameterName, check_groups, groups_of, places_of
-from seaid.errors import Finding, IdentificationError, listed, unknown_name
+from seaid.drives import Drive, ParameterName, check_groups, places_of
+from seaid.errors import Finding, IdentificationError, unknown_name
 from seaid.estimation import (
     Estimator,
     EstimatorName,
@@ -90,6 +90,7 @@ from seaid.identification.result import (
     with_value_findings,
 )
 from seaid.identification.sensitivity import (
+    TYPICAL_STD,
     Given,
     encoder_offsets,
     exact_constants,
@@ -97,7 +98,12 @@ from seaid.identification.sensitivity import (
     scaled_by_bodies,
     sensitivity_findings,
 )
-from seaid.identification.simulated_joints import with_passed_reversals
+from seaid.identification.simulated_joints import (
+    AT_ONCE,
+    BY_INSTRUMENTS,
+    Limits,
+    with_passed_reversals,
+)
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.stacked_fits import LOAD, RobotEstimate
 from seaid.identification.two_step import (
@@ -114,23 +120,12 @@ from seaid.log import Log, Motion, stretches, with_commanded_torque
 from seaid.regressor import check_offset_std, is_linear, load_model_of
 from seaid.robot import Robot
 
-KNOWN_STD = {
-    "torque": "the torques, with one scale error common to all",
-    "payload": "the mass of the payloads",
-    "bodies": "the known bodies, each with a scale of its own",
-    "motor_inertia_kg_m2": "rotor inertias",
-    "gear_ratio": "gear ratios",
-    "motor_pulley_radius_m": "motor pulley radii",
-    "load_pulley_radius_m": "load pulley radii",
-}
-"""Names in `known_std`: relative standard deviations of what."""
-
 
 def check_known_std(known_std: Mapping[str, float]) -> None:
     """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
     for name, std in known_std.items():
-        if name not in KNOWN_STD:
-            wrong = unknown_name("constant", name, KNOWN_STD)
+        if name not in TYPICAL_STD:
+            wrong = unknown_name("constant", name, TYPICAL_STD)
             raise IdentificationError(f"known_std=: {wrong}", "known_std=")
         if not 0 <= std <= 1:
             raise IdentificationError(
@@ -170,39 +165,22 @@ class Options:
         check_known_std(self.known_std)
 
     @property
-    def beyond_two_steps(self) -> str:
-        """The option that asks for more than linear two steps, "" without one."""
+    def limits(self) -> Limits | None:
+        """The limits of a method that goes on from linear two steps, if it is asked for."""
         if self.estimator == "iv":
-            return 'estimator="iv"'
-        return 'method="simultaneous"' if self.method == "simultaneous" else ""
+            return BY_INSTRUMENTS
+        return AT_ONCE if self.method == "simultaneous" else None
 
     def check_shared(self, robot: Robot) -> None:
         """Raise an error for drives that cannot share, or do not by a method that was chosen."""
         check_groups(robot.drives, robot.name, is_whole=False)
-        groups, refused = groups_of(robot.drives), self.beyond_two_steps
-        if groups and refused:
-            raise IdentificationError(
-                f"{refused} estimates each drive alone, and drives share parameters "
-                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
-                "the groups (shared = ... in the drives file, share=)",
-                refused,
-            )
+        if self.limits is not None:
+            self.limits.check_alone(robot)
 
     @property
     def linear_estimator(self) -> Estimator:
         """The estimator of two steps, from which instruments continue too."""
         return estimator_named("wls" if self.estimator == "iv" else self.estimator)
-
-    def check_without_encoders(self, joints: Sequence[str]) -> None:
-        """Raise IdentificationError for options that do nothing if `joints` have no encoder."""
-        if refused := self.beyond_two_steps:
-            raise IdentificationError(
-                f"{refused} needs the joint position of each spring, and the logs have none of "
-                f"{listed(joints)}: these springs are found by a refinement that simulates the "
-                f"motors, whatever the first estimate is; remove {refused}, or log the joint "
-                "position",
-                refused,
-            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -353,8 +353,9 @@ TYPICAL_STD = {
     "motor_pulley_radius_m": 0.005,
     "load_pulley_radius_m": 0.005,
 }
-"""Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, of
-masses by CAD, and of turned pulleys with their cable."""
+"""The names in `known_std`, with the values that the output proposes: tolerances of data sheets (of
+K_t, of inertias), of scales, of masses by CAD, and of turned pulleys with their cable. The torques
+have one scale error common to all, each known body has its own."""
 
 STEP = 1e-5
 """Relative change of a constant in difference quotients of residuals."""

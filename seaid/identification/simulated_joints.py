@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from seaid._arrays import Array, safely, white_noise
-from seaid.drives import PARAMETERS, Drive, ParameterName, buses_of, is_stated, states
-from seaid.errors import IdentificationError
+from seaid.drives import PARAMETERS, Drive, ParameterName, buses_of, groups_of, is_stated, states
+from seaid.errors import IdentificationError, listed
 from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import with_values
@@ -51,6 +51,7 @@ from seaid.robot import (
     Robot,
     at_drives,
     at_joints,
+    check_held,
     group_of,
 )
 from seaid.simulation import (
@@ -406,37 +407,71 @@ def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSp
     return LinearSpring(*(known.get(name, 0.0) for name in names))
 
 
-def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs that method="simultaneous" cannot share."""
-    reason = not_shared(robot, springs)
-    if reason:
+@dataclass(frozen=True)
+class Limits:
+    """What a method that goes on from two steps cannot do.
+
+    `why` it needs a base that is held. Springs have the parameters `needed`, and are linear: `what`
+    says so, and `instead` is the option for others.
+    """
+
+    option: str
+    instead: str
+    why: str
+    needed: frozenset[str]
+    what: str
+
+    def reason(self, robot: Robot, springs: Iterable[str]) -> str:
+        """Return which of the springs the method cannot have, "" if it can have all."""
+        for joint in springs:
+            if not self.needed <= {*spring_regressor(robot, joint).names} <= _LINEAR:
+                return f"the spring of {joint} {_kind(robot, joint)}"
+        return ""
+
+    def check(self, robot: Robot, springs: Iterable[str]) -> None:
+        """Raise IdentificationError for a floating base, and for springs that are refused."""
+        check_held(robot, self.option, IdentificationError, why=self.why)
+        if reason := self.reason(robot, springs):
+            options = self.option, self.instead
+            raise IdentificationError(
+                f"{self.option} {self.what}: {reason}; use {self.instead}", *options
+            )
+
+    def check_alone(self, robot: Robot) -> None:
+        """Raise IdentificationError for drives that share parameters."""
+        if groups := groups_of(robot.drives):
+            raise IdentificationError(
+                f"{self.option} estimates each drive alone, and drives share parameters "
+                f'({listed(groups)}): use method="two-step" with a linear estimator, or remove '
+                "the groups (shared = ... in the drives file, share=)",
+                self.option,
+            )
+
+    def refuse_unseen(self, joints: Sequence[str]) -> NoReturn:
+        """Raise IdentificationError for joints without encoder, where the method does nothing."""
         raise IdentificationError(
-            'method="simultaneous" shares springs of unknown stiffness and offset: '
-            f'{reason}; use method="two-step"',
-            'method="simultaneous"',
-            'method="two-step"',
+            f"{self.option} needs the joint position of each spring, and the logs have none of "
+            f"{listed(joints)}: these springs are found by a refinement that simulates the motors, "
+            f"whatever the first estimate is; remove {self.option}, or log the joint position",
+            self.option,
         )
 
 
-def not_shared(robot: Robot, springs: Iterable[str]) -> str:
-    """Return why (7) and (8) cannot share the springs of some joints, "" if they can."""
-    for joint in springs:
-        names = set(spring_regressor(robot, joint).names)
-        if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
-            return f"the spring of {joint} {_kind(robot, joint)}"
-    return ""
+AT_ONCE = Limits(
+    option='method="simultaneous"',
+    instead='method="two-step"',
+    why="without contact forces each equation has the deflections of several springs",
+    needed=frozenset({"stiffness", "spring_offset"}),
+    what="shares springs of unknown stiffness and offset",
+)
 
-
-def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs for which instruments cannot be computed."""
-    for joint in springs:
-        if not set(spring_regressor(robot, joint).names) <= _LINEAR:
-            raise IdentificationError(
-                f'estimator="iv" supports springs of one stiffness; that of {joint} '
-                f'{_kind(robot, joint)}: use estimator="wls"',
-                'estimator="iv"',
-                'estimator="wls"',
-            )
+BY_INSTRUMENTS = Limits(
+    option='estimator="iv"',
+    instead='estimator="wls"',
+    why="its instruments are a simulation, and seaid does not simulate contacts",
+    needed=frozenset(),
+    what="supports springs of one stiffness",
+)
 
 
 def check_refinable(robot: Robot, unseen: Iterable[str] = ()) -> None:

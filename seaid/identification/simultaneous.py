@@ -44,7 +44,7 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.simulated_joints import check_simultaneous, not_shared
+from seaid.identification.simulated_joints import AT_ONCE
 from seaid.identification.stacked_fits import (
     LOAD,
     TORQUE_OFFSET,
@@ -63,7 +63,7 @@ from seaid.regressor import (
     spring_regressor,
     stacked,
 )
-from seaid.robot import Robot, check_held
+from seaid.robot import Robot
 
 MOST_ITERATIONS = 50
 
@@ -326,7 +326,7 @@ def _obstacle(
         return "a log is read in pieces"
     if lacking:
         return f"the equations lack something ({_named(lacking)})"
-    return not_shared(robot, start.springs)
+    return AT_ONCE.reason(robot, start.springs)
 
 
 def _named(findings: Iterable[tuple[str, str]]) -> str:
@@ -383,13 +383,7 @@ def estimate_simultaneous(
     shared.
     """
     springs = tuple(start.springs)
-    check_held(
-        robot,
-        'method="simultaneous"',
-        IdentificationError,
-        why="without contact forces each equation has the deflections of several springs",
-    )
-    check_simultaneous(robot, springs)
+    AT_ONCE.check(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
     of_robot = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
     rows = rows_in_memory(datasets, {LOAD: partial(of_robot, robot)}, executor)[LOAD]

@@ -527,7 +527,7 @@ def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str
             ({"known": ("stiffness",)}, {}),
             r"the spring of two has a known stiffness",
         ),
-        ({"estimator": "iv"}, SPRINGS["cubic"], r'that of two has cubic.*estimator="wls"'),
+        ({"estimator": "iv"}, SPRINGS["cubic"], r'spring of two has cubic.*estimator="wls"'),
     ],
 )
 def test_methods_that_cannot_take_a_spring_say_which_can(
