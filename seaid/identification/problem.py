@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from seaid._arrays import FrozenMapping
+from seaid._arrays import BoolArray, FrozenMapping
 from seaid.checks import (
     CODES,
     Experiment,
@@ -641,6 +641,18 @@ _DIFFERENT = (
 )
 
 
+def _own_rows(problem: Problem, name: str) -> tuple[BoolArray | None, dict[int, int]]:
+    """Return the rows of a condition in the load side, None for all, and {run: number of log}."""
+    moved, rows = problem.cases[name].run.moved, problem.two_step[name].fit.rows
+    numbers = list(chain(*([number] * len(group) for number, group in enumerate(moved, 1))))
+    if problem.only is not None or rows is None:
+        return None, dict(enumerate(numbers))
+    own = np.zeros(len(rows.y), dtype=bool)
+    own[problem.fits.shares[LOAD][name].rows] = True
+    runs = np.unique(rows.run[own]).astype(int).tolist()
+    return own, dict(zip(runs, numbers, strict=False))
+
+
 def _with_fit(
     problem: Problem,
     name: str,
@@ -659,15 +671,7 @@ def _with_fit(
     # Rows of both sides at once have no torque of a spring as a target, of which errors are a part.
     fit, actuators = sides.fit, sides.actuators
     bodies = result.robot.parameters + robot.payload_parameters
-    numbers: Sequence[int] = list(
-        chain(*([number] * len(group) for number, group in enumerate(run.moved, 1)))
-    )
-    logs, own = dict(enumerate(numbers)), None
-    if not only and fit.rows is not None:
-        own = np.zeros(len(fit.rows.y), dtype=bool)
-        own[problem.fits.shares[LOAD][name].rows] = True
-        runs = np.unique(fit.rows.run[own]).astype(int).tolist()
-        logs = dict(zip(runs, numbers, strict=False))
+    own, logs = _own_rows(problem, name)
     shown = robot.joint_names, fit, actuators, experiment, bodies, own
     explains = robot_fit(*shown, locked=run.locked, weak=weak, lacking=lacking, logs=logs)
     predicted = prediction_errors(experiment, case.condition.model.base, result.load)
