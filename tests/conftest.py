@@ -165,6 +165,17 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{module}.joint_checks", lambda *_: {})
 
 
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of the module with the small arm, its plans and its logs."""
+    from tests.cli.small_arm import experiment
+
+    folder = tmp_path_factory.mktemp("arm")
+    for name, content in experiment().items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
 @pytest.fixture
 def write_urdf(tmp_path: Path) -> Callable[[str], Path]:
     """Return a function that writes the inside of a <robot name="test"> and returns the path."""

@@ -11,7 +11,7 @@ import pytest
 
 import seaid
 from seaid.cli.kinds import contact_text, contacts_of
-from tests.cli.test_cli import done, refused, run
+from tests.cli.small_arm import done, refused
 from tests.legged.test_floating_base import STANDING, swayed
 
 FEET = "FL_foot,FR_foot,RL_foot,RR_foot"
@@ -25,9 +25,6 @@ def test_contacts_are_those_of_their_text() -> None:
     assert found[3].radius_m == 0.02
     assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
     assert [one for each in found for one in contacts_of(contact_text(each))] == found
-    said = run("inspect", "go2", "--base", "floating", "--contact", "FL_foot:0,1")
-    assert said.code == 2
-    assert "is not link:x,y,z:flat or" in " ".join(said.err.split())
     assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
     assert "did you mean 'FL_foot'" in refused("inspect", *GO2[:-1], "FL_fot")
     assert "no base is named 'float'" in refused("inspect", "go2", "--base", "float")
@@ -42,22 +39,6 @@ def test_inspect_shows_what_stances_determine() -> None:
     assert "together" in text.splitlines()[-2]
     assert " 94 " in text.splitlines()[-2]
     assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
-
-
-@pytest.mark.parametrize(
-    ("robot", "option", "value"),
-    [
-        (GO2, "--sensors", "motor_position,motor_torque"),
-        (GO2, "--plan", "plan.json"),
-        (("go2",), "--stance", "air"),
-    ],
-)
-def test_inspect_refuses_what_is_not_for_the_base(
-    robot: tuple[str, ...], option: str, value: str
-) -> None:
-    said = run("inspect", *robot, option, value)
-    assert said.code == 2
-    assert f"leave {option} out" in said.err
 
 
 @pytest.mark.slow  # simulates and identifies a quadruped

@@ -1,14 +1,25 @@
-"""Formal mistakes on the line: each error names the place, what is allowed, and the option."""
+"""Mistakes at the command line: each error names the place, what is allowed, and the option.
+
+Those in files are named by the library; those that need physics are the severe ones of the
+gauntlet, on the leg, handed over as files.
+"""
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import tomli_w
 
-from tests.cli.test_cli import arm, refused, run
-
-__all__ = ["arm"]
+from scripts.gauntlet_mistakes import Case, Setup, mistakes
+from scripts.gauntlet_robots import subjects
+from tests.cli.small_arm import refused, run
+from tests.plants import write_columns
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -59,6 +70,22 @@ MISTAKES = {
     ),
     "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
     "identify arm.urdf run.csv --method twostep": "--method: no method is named 'twostep'; did you",
+    "inspect no.urdf": "no URDF file at 'no.urdf'",
+    "inspect arm.urdf --drives no.toml": "cannot read drives 'no.toml'",
+    "identify arm.urdf no.csv -o {}/o": "no log file at 'no.csv'",
+    "identify arm.urdf . -o {}/o": "'.'",
+    "simulate arm.urdf no.json -o {}/o.csv": "cannot read trajectory 'no.json'",
+    "report --run runs/latest": "no saved run at 'runs/latest'",
+    "run": "cannot read the project 'seaid.toml'",
+    "check arm.urdf run.csv --known-body base": "no moving joint",
+    "identify arm.urdf run.csv --estimator best": "no estimator is named 'best'",
+    # options before any file is read
+    "identify no.urdf no.csv --method twostep": "--method: no method is named 'twostep'; did",
+    "validate no.urdf no.csv --from no.csv --estimator hube": "did you mean 'huber'?",
+    "excite no.urdf --basis furier -o {}/o.json": "--basis: no basis is named 'furier'; did you",
+    "excite no.urdf --criterion condition -o {}/o.json": "did you mean 'condition_number'?",
+    "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
+    "describe run_plan.json": "no column looks like the position of a joint",
     # values out of range
     "inspect arm.urdf --payload lower:-1": "payload on 'lower' must have a mass of more than zero",
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
@@ -83,7 +110,8 @@ MISTAKES = {
     # results
     "identify arm.urdf run.csv -o run.csv": "'run.csv' is read by this command: name another file",
     "describe run.csv -o log.toml": "'log.toml' is there already: name another file, or add",
-    "describe run.csv -o {}": "is a folder: name a file in it",
+    "export arm.urdf --from run.csv -o arm.urdf --force": "is read by this command",
+    "identify arm.urdf run.csv -o {}": "is a folder: name a file in it",
 }
 """{line: words of its error}; {} is an empty folder."""
 
@@ -109,25 +137,208 @@ def test_a_name_that_is_too_long_for_a_file_is_refused(command: str) -> None:
         assert "File name too long" in refused(command, path, *logs)
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("identfy arm.urdf run.csv", "No such command 'identfy'. Did you mean 'identify'?"),
-        ("inspect arm.urdf --drive arm.toml", "No such option: --drive"),
-        ("inspect arm.urdf --payload lower=1", "is not link:mass:x,y,z, as foot:2.0:0.15,0,0"),
-        ("inspect arm.urdf --gravity 9.81", "'9.81' is not x,y,z, as 0,0,-9.81"),
-        ("identify arm.urdf run.csv --known-std 3%", "a list as torque=0.03,payload=0.01"),
-        ("identify arm.urdf run.csv --cutoff-hz six", "Invalid value for '--cutoff-hz'"),
-        ("excite arm.urdf --velocity fast", "a list as knee=2,hip=1"),
-        ("simulate arm.urdf run_plan.json -o a.mat", "'a.mat' must end in .csv or .npz"),
-        ("identify arm.urdf --condition run.csv", "'run.csv' is not NAME=VALUE, as warm=run.csv"),
-        ("compare a.json", "Invalid value for RUN: it is missing: name it"),
-    ],
-)
-def test_wrong_usage_names_its_option(
-    arm: Path, monkeypatch: pytest.MonkeyPatch, line: str, words: str
+USAGE = {
+    "inspect": "URDF: it is missing: name it, or have a seaid.toml here",
+    "identify arm.urdf": "LOG: it is missing",
+    "compare a.json": "Invalid value for RUN: it is missing: name it",
+    "identfy arm.urdf run.csv": "No such command 'identfy'. Did you mean 'identify'?",
+    "inspect arm.urdf --drive arm.toml": "No such option: --drive",
+    # texts that are no value
+    "inspect arm.urdf --payload lower": "is not link:mass:x,y,z, as foot:2.0:0.15,0,0",
+    "inspect arm.urdf --payload lower=1": "is not link:mass:x,y,z",
+    "inspect arm.urdf --payload lower:1:0,0": "is not link:mass:x,y,z",
+    "inspect arm.urdf --payload lower:1:0,0,0:5": "is not link:mass:x,y,z",
+    "inspect arm.urdf --gravity 9.81": "'9.81' is not x,y,z, as 0,0,-9.81",
+    "inspect go2 --base floating --contact FL_foot:0,1": "is not link:x,y,z:flat or",
+    "identify arm.urdf run.csv --known-std 3%": "a list as torque=0.03,payload=0.01",
+    "identify arm.urdf run.csv --cutoff-hz six": "Invalid value for '--cutoff-hz'",
+    "excite arm.urdf --velocity fast": "is neither a number nor a list as knee=2,hip=1",
+    "excite arm.urdf --rate-hz 0": "is not more than zero",
+    "identify arm.urdf --condition run.csv": "'run.csv' is not NAME=VALUE, as warm=run.csv",
+    "identify arm.urdf --condition =run.csv": "is not NAME=VALUE",
+    # endings of results
+    "excite arm.urdf -o plan.csv": "must end in .json",
+    "simulate arm.urdf run_plan.json -o a.mat": "'a.mat' must end in .csv or .npz",
+    "export arm.urdf --from run.csv -o a.toml": "must end in .urdf or .xml or .usda or .py or .c",
+    "report arm.urdf --from run.csv -o report.pdf": "must end in .html or .htm",
+    "check arm.urdf run.csv --delays -o found.toml": "must end in .csv or .npz",
+    # options that do not go together
+    "identify arm.urdf run.csv --in-pieces --repair": "no --repair, no --description",
+    "identify arm.urdf run.csv --in-pieces --find-contacts": "no --find-contacts",
+    "validate arm.urdf run.csv": "--from, --run: give one of the two",
+    "report arm.urdf": "--from, --run: give one of the two",
+    "export arm.urdf -o found.urdf": "--from, --run: give one of the two",
+    "export arm.urdf --from run.csv --parameters p -o found.urdf": "give one of them",
+    "check arm.urdf run.csv --delays --terms": "--delays, --terms: give one of them",
+    "check arm.urdf run.csv other.csv --delays": "--delays: give one log",
+    "check arm.urdf run.csv --of elbow": "--of: it needs --terms",
+    "check arm.urdf run.csv -o found.toml": "--output: it needs --delays or --terms",
+    "identify arm.urdf run.csv --iterations 3": "--iterations: it needs --refine",
+    "identify arm.urdf run.csv --refine --feasible": "--feasible: it is no option of",
+    "identify arm.urdf run.csv --specific bodies": "--specific: it needs --condition",
+    "identify arm.urdf --condition a=run.csv --condition b=other.csv --method simultaneous": (
+        "--method: it does not go with --condition"
+    ),
+    "identify arm.urdf --condition a=run.csv --condition a=other.csv": (
+        "it takes two conditions at least, found a"
+    ),
+    "identify arm.urdf --condition a=x --condition b=y --condition-payload c=lower:1": (
+        "'c' is no condition: they are a, b"
+    ),
+    "validate arm.urdf run.csv --from other.csv --parts 3": "--parts: it needs --cross",
+    "validate arm.urdf run.csv other.csv --from run.csv": "LOG: give one log, or add --cross",
+    "validate arm.urdf run.csv --cross --from other.csv": "--from: --cross identifies from",
+    "compare run_plan.json a.npz": "give two runs, or two files of parameters",
+    "compare run_plan.json run_plan.json -o a.html": "give runs, for a page",
+    # options of another kind of base
+    "inspect go2 --stance air": "leave --stance out",
+    "inspect go2 --base floating --contact FL_foot --plan plan.json": "leave --plan out",
+    "inspect go2 --base floating --contact FL_foot --sensors motor_position": "leave --sensors out",
+}
+"""{line: words of what is wrong with its usage}."""
+
+
+@pytest.mark.parametrize("line", USAGE)
+def test_wrong_usage_has_its_own_exit_code(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:
     monkeypatch.chdir(arm)
     said = run(*line.split())
     assert said.code == 2
-    assert words in " ".join(said.err.split())
+    assert USAGE[line] in " ".join(said.err.split())
+
+
+def written(name: str, content: str | bytes) -> Callable[[Path], None]:
+    """Return what writes a file."""
+    data = content.encode() if isinstance(content, str) else content
+
+    def write(folder: Path) -> None:
+        (folder / name).write_bytes(data)
+
+    return write
+
+
+def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
+    """Return what replaces a text in a file."""
+    return lambda folder: written(name, (folder / name).read_text().replace(old, new))(folder)
+
+
+def at_row(row: int, column: int, value: Callable[[np.ndarray], float]) -> Callable[[Path], None]:
+    """Return what replaces a number in run.csv, by the numbers of its column."""
+
+    def write(folder: Path) -> None:
+        file = folder / "run.csv"
+        header = file.read_text().splitlines()[0]
+        values = np.loadtxt(file, delimiter=",", skiprows=1)
+        values[row, column] = value(values[:, column])
+        np.savetxt(file, values, delimiter=",", header=header, comments="", fmt="%.9g")
+
+    return write
+
+
+IDENTIFY = "identify arm.urdf run.csv --drives arm.toml"
+FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "floating joint": (
+        changed("arm.urdf", 'type="revolute"', 'type="floating"'),
+        "inspect arm.urdf",
+        r"joint 'shoulder' is floating.*--joints",
+    ),
+    "URDF cut off": (
+        changed("arm.urdf", "</robot>", ""),
+        "inspect arm.urdf",
+        r"arm.urdf.*line \d+",
+    ),
+    "no limits of velocity": (
+        changed("arm.urdf", ' velocity="3"', ""),
+        "excite arm.urdf --duration 2 -o plan.json",
+        r"velocity",
+    ),
+    "key of a drive": (
+        changed("arm.toml", "stiffness_Nm_per_rad", "stiffness"),
+        "inspect arm.urdf --drives arm.toml",
+        r"arm.toml: \[elbow\]: no key is named 'stiffness'; did you mean 'stiffness_Nm_per_rad'",
+    ),
+    "column": (
+        changed("run.csv", "elbow.motor_torque_Nm", "elbow.torque"),
+        IDENTIFY,
+        r"'run.csv'.*elbow.motor_torque_Nm",
+    ),
+    "times that go back": (at_row(50, 0, lambda t: t[40]), IDENTIFY, r"time.*--repair"),
+    "a hole in a channel": (at_row(80, 2, lambda _: np.nan), IDENTIFY, r"run.csv.*--repair"),
+    "unit in the description": (
+        written("run.toml", '[joints.elbow]\nmotor_torque = { column = "t", unit = "lbf" }\n'),
+        IDENTIFY,
+        r"run.toml.*'lbf'",
+    ),
+    "key of the project": (
+        written("seaid.toml", 'urdf = "arm.urdf"\ndrive = "arm.toml"\n'),
+        "run",
+        r"'seaid.toml': no key is named 'drive'; did you mean 'drives'",
+    ),
+    "project that is there": (
+        written("seaid.toml", ""),
+        "init arm.urdf run.csv",
+        r"'seaid.toml' is there already",
+    ),
+}
+"""{what is wrong: how files are written, a line, and words of its error, as an expression}."""
+
+
+@pytest.fixture
+def folder(arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("arm.urdf", "arm.toml", "run.csv", "run_plan.json"):
+        shutil.copy(arm / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_mistake_in_a_file_is_named_with_its_place(name: str, folder: Path) -> None:
+    change, line, words = FILES[name]
+    change(folder)
+    before = {*folder.iterdir()}
+    assert re.search(words, refused(*line.split()))
+    assert {*folder.iterdir()} == before
+
+
+def test_a_spreadsheet_with_semicolons_and_decimal_commas_is_read(folder: Path) -> None:
+    plain = json.loads(run(*IDENTIFY.split(), "--json").out)["result"]
+    (folder / "parameters.json").unlink()
+    text = (folder / "run.csv").read_text().replace(",", ";").replace(".", ",")
+    (folder / "run.csv").write_text(text.replace(",m", ".m").replace(",j", ".j"))
+    assert json.loads(run(*IDENTIFY.split(), "--json").out)["result"] == plain
+
+
+def handed_over(setup: Setup, folder: Path) -> list[str]:
+    """Write a set-up as files, and return the arguments of a command with them."""
+    (folder / "robot.urdf").write_text(setup.urdf)
+    line = ["robot.urdf"]
+    for number, (log, description) in enumerate(zip(setup.logs, setup.descriptions, strict=True)):
+        line.append(str(write_columns(folder / f"run{number}.csv", log, "%.17g")))
+        if description:
+            (folder / f"run{number}.toml").write_text(tomli_w.dumps(description))
+    if setup.drives is not None:
+        (folder / "drives.toml").write_text(tomli_w.dumps(setup.drives))
+        line += ["--drives", "drives.toml"]
+    for payload in setup.payloads:
+        line += ["--payload", payload]
+    return [*line, "--gravity", ",".join(map(str, setup.gravity))]
+
+
+SEVERE = {one.name: one for one in mistakes() if one.form == "severe"}
+
+
+@pytest.mark.slow  # each simulates and identifies a leg
+@pytest.mark.parametrize("name", [*SEVERE])
+def test_a_mistake_of_the_set_up_is_named(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mistake, case = SEVERE[name], Case(subjects()["leg"])
+    setup = mistake.change(case, case.setup(mistake.truth, mistake.logs))
+    assert setup is not None
+    monkeypatch.chdir(tmp_path)
+    said = run("identify", *handed_over(setup, tmp_path))
+    text = " ".join((said.err + said.out).split())
+    named = any(f" {code}: " in text for code in mistake.codes)
+    refused = said.code == 1 and any(word in text for word in mistake.words)
+    assert named or refused, text[:1500]

@@ -10,7 +10,7 @@ import pytest
 
 import seaid
 from scripts.benchmarks.motor_side import ANYDRIVE, robot_of, simulated_together
-from tests.cli.test_cli import done
+from tests.cli.small_arm import done
 
 
 @pytest.mark.slow  # four identifications and two logs of a plant in Python

@@ -15,7 +15,7 @@ import seaid
 from seaid.errors import LogError, RobotError, SeaidError
 from seaid.log.readers.opening import open_table
 from tests import experiments
-from tests.cli.test_cli import done, run
+from tests.cli.small_arm import done, run
 from tests.measured import LOGS
 
 GO2 = LOGS / "go2_commands" / "go2_second_half.npz"

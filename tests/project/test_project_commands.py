@@ -9,11 +9,9 @@ from pathlib import Path
 import pytest
 
 import seaid
-from tests.cli.test_cli import arm, done, refused
-from tests.cli.test_cli import run as run_command
-from tests.cli.test_json import KEYS
-
-__all__ = ["arm"]
+from tests.cli.small_arm import done, refused
+from tests.cli.small_arm import run as run_command
+from tests.cli.test_commands import KEYS
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +37,6 @@ def project(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def here(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(project)
     return tmp_path
-
-
-@pytest.mark.slow  # a project from its files to its report
-def test_three_words_are_enough(here: Path) -> None:
-    text = done("run").out
-    assert text.startswith("small_arm: ")
-    assert "Log other.csv" in text
-    assert Path("runs/latest/report.html").stat().st_size > 1e5
 
 
 @pytest.mark.slow  # 3.6 s
@@ -198,20 +188,3 @@ def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project:
     options = ("--payload", "lower:0.5:0,0,-0.2", "--gravity", "0,9.81,0")
     own = done("check", "arm.urdf", "run.csv", "--drives", "arm.toml", *options, "--json").out
     assert json.loads(found)["result"] == json.loads(own)["result"]
-
-
-def test_identify_saves_the_whole_result(here: Path) -> None:
-    done("identify", "-o", here / "whole.npz")
-    found = seaid.load_run(here / "whole.npz").identification
-    assert found.robot.name == "small_arm"
-
-
-def test_without_project_and_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    said = run_command("identify")
-    assert said.code == 2
-    assert "URDF: it is missing: name it, or have a seaid.toml here (seaid init)" in said.err
-    assert "cannot read the project 'seaid.toml'" in refused("run")
-    message = refused("identify", "run.csv", "other.csv")
-    assert "'run.csv' stands where the URDF belongs, and is a log by its name" in message
-    assert "or a seaid.toml here names it" in message
