@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from copy import deepcopy
 from dataclasses import replace
@@ -48,17 +47,6 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
     robot, log = CASES[case][0](), CASES[case][1](seed)
     assert seaid.check(robot, log).warnings == ()
     assert seaid.check(robot.without_nominal(), log).warnings == ()
-
-
-@pytest.mark.slow  # 1.1 s
-@pytest.mark.parametrize("seed", range(4))
-def test_nominal_bodies_that_are_a_fifth_off_are_no_mistake(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    for make, log in CASES.values():
-        robot = make()
-        factors = np.repeat(random.uniform(0.8, 1.2, robot.n), 10)
-        other = robot.with_values(robot.parameters * factors, robot.drives)
-        assert [one for one in seaid.check(other, log()).warnings if one.severity != "note"] == []
 
 
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
@@ -136,10 +124,6 @@ def test_exchanged_joints(i: int, j: int, channels: str) -> None:
     assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
 
 
-def with_drive(robot: Robot, joint: str, **values: Any) -> Robot:
-    return robot.with_drives({joint: replace(robot.drives[joint], **values)})
-
-
 def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:
     """Write a log with custom columns, in degrees and mN m with other signs; return its TOML."""
     columns, joints = {"t": log.time}, dict[str, Any]()
@@ -206,35 +190,10 @@ def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path)
     }
 
 
-@pytest.mark.slow  # 1.0 s
-@pytest.mark.parametrize("joint", quick_first(["knee_pitch", "hip_yaw", "ankle_pitch"]))
-def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str) -> None:
-    robot = leg(TEST_MASS)
-    drive = robot.drives[joint]
-    finding = worst(with_drive(robot, joint, gear_ratio=drive.ratio / 2), leg_log())
-    assert (finding.code, finding.joint) == ("gear-ratio", joint)
-    assert f"gear_ratio = {drive.ratio:.6g}" in finding.remedy
-    inertia = drive.values["motor_inertia"]
-    finding = worst(with_drive(robot, joint, motor_inertia_kg_m2=10 * inertia), leg_log())
-    assert (finding.code, finding.joint) == ("rotor-inertia", joint)
-    value = float(finding.remedy.rsplit("=", 1)[1])
-    assert value == pytest.approx(inertia, rel=0.2)
-
-
 def with_gravity(robot: Robot, *gravity: float) -> Robot:
     model = robot.model.copy()
     model.gravity.linear = np.array(gravity)
     return replace(robot, model=model)
-
-
-@pytest.mark.slow  # 0.5 s
-@pytest.mark.parametrize(
-    "gravity", quick_first([[9.81, 0, 0], [0, -9.81, 0], [0, 0, 9.81], [0, 2.54, -9.48]])
-)
-def test_another_direction_of_gravity(gravity: list[float]) -> None:
-    finding = worst(with_gravity(leg(TEST_MASS), *gravity), leg_log())
-    assert finding.code == "gravity"
-    assert finding.remedy.startswith("option: --gravity 0,0,-9.8")
 
 
 def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
@@ -302,16 +261,6 @@ def test_a_payload_is_estimated_where_nominal_masses_matter_least() -> None:
     assert finding.code == "payload"
     mass = float(finding.remedy.split(":")[2])
     assert mass == pytest.approx(2.0, rel=0.02)
-
-
-@pytest.mark.slow  # 0.8 s
-def test_two_mistakes_are_both_named() -> None:
-    wrong = of_joint(of_joint(leg_log(), 1, motor_torque=1e3), 3, joint_position=-1.0)
-    warnings = seaid.check(leg(TEST_MASS), wrong).warnings
-    assert {(one.code, one.joint) for one in warnings} == {
-        ("unit", "hip_roll"),
-        ("sign", "knee_pitch"),
-    }
 
 
 @pytest.mark.slow  # several checks of the leg or the arm
@@ -463,36 +412,6 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
-
-
-def with_masses_times(factor: float, folder: Path) -> Robot:
-    """Return the leg of a robot file whose bodies have other masses and inertias by a factor."""
-    text = (MODELS / "tulip_leg.urdf").read_text("utf-8")
-    for name in ("mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
-        pattern = rf'({name})="([^"]+)"'
-        text = re.sub(pattern, lambda x: f'{x[1]}="{factor * float(x[2])}"', text)
-    path = folder / "leg.urdf"
-    path.write_text(text, "utf-8")
-    return load_robot(path, MODELS / "tulip_leg.toml", payloads=(TEST_MASS,))
-
-
-@pytest.mark.slow  # 1.5 s
-@pytest.mark.parametrize("factor", [0.8, 1.25])
-def test_a_robot_that_is_heavier_than_its_file_is_a_note_and_no_torque_scale(
-    factor: float, tmp_path: Path
-) -> None:
-    found = seaid.identify(with_masses_times(factor, tmp_path), leg_log(3))
-    (note,) = (one for one in found.warnings if one.code != "gear-compliance")
-    assert (note.code, note.severity) == ("nominal-values", "note")
-    keys = ("bodies over those of the file", "standard error")
-    times, error = (note.evidence[key] for key in keys)
-    assert times == pytest.approx(1 / factor, abs=2 * error)
-    assert error < 0.05
-    assert "or a payload has another mass than the one named" in note.message
-    assert "scale =" not in note.remedy
-    assert found.verdict.level == "good"
-    right = seaid.identify(leg(TEST_MASS), leg_log(3)).warnings
-    assert "nominal-values" not in {one.code for one in right}
 
 
 @pytest.mark.slow  # 3 s

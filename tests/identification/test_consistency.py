@@ -28,8 +28,8 @@ from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 from seaid.robot.robot import Payload, Robot, load_robot
-from seaid.simulation.simulation import measure, simulate_motion
-from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion
 from tests.measured import LOGS
 from tests.representatives import quick_first
 
@@ -96,14 +96,6 @@ def test_without_noise_the_base_parameters_are_the_truth(
     truth = true_values(robot, model_of(robot))
     np.testing.assert_allclose(result.values, truth, rtol=1e-6, atol=1e-9)
     assert_possible(result)
-
-
-@pytest.mark.slow  # 0.6 s
-def test_without_covariance_the_base_parameters_are_the_truth() -> None:
-    estimate = estimated(leg(), 0.0)
-    assert not np.any(estimate.covariance)
-    result = found(leg().without_nominal(), estimate)
-    np.testing.assert_allclose(result.values, estimate.values, rtol=1e-6, atol=1e-9)
 
 
 def test_what_the_data_leave_open_is_that_of_the_file(robot: Robot) -> None:
@@ -180,15 +172,6 @@ def test_prior_near_the_truth_makes_the_estimate_better() -> None:
     ]
     assert away[1] < 0.5 * away[0]
     assert result.freedom < len(truth)
-
-
-@pytest.mark.slow  # identifications of the leg with possible bodies
-def test_possible_robot_simulates() -> None:
-    result = found(leg(), estimated(leg(), 0.1))
-    motion = wiggle(leg(), 0.6, (0.0, 0.0, -0.2, 0.7, 0.0), (0.1,) * 5)
-    moved = simulate_motion(result.robot, motion)
-    assert np.all(np.isfinite(moved.motor_torque))
-    assert np.ptp(moved.joint_position) > 0.1
 
 
 # Drives
@@ -270,18 +253,6 @@ def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str)
     assert result.feasible.nearest_chi_square > 1000
 
 
-@pytest.mark.slow  # identifications of the leg with possible bodies
-def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
-    here, elsewhere = TEST_MASS, Payload("thigh", 3.0, (0.0, 0.0, -0.2))
-    log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
-    right = identify(leg(here), log, feasible=True).feasible
-    assert right is not None
-    assert right.warnings == ()
-    wrong = identify(leg(here, elsewhere), log, feasible=True).feasible
-    assert wrong is not None
-    assert "without the payload of 3 kg on thigh" in str(wrong.warnings[0])
-
-
 def test_known_bodies_that_the_data_contradict_are_named() -> None:
     estimate = estimated(leg(), 1e-4)
     result = found(leg(), replace(estimate, values=-estimate.values))
@@ -305,7 +276,7 @@ def test_options_that_no_body_can_keep(options: dict[str, object], message: str)
         found(leg(), estimated(leg(), 0.01), **options)
 
 
-def test_estimates_that_do_not_fit() -> None:
+def test_estimates_and_priors_that_do_not_fit() -> None:
     estimate = estimated(leg(), 0.01)
     with pytest.raises(IdentificationError, match=r"lacks .*give the one that has the columns"):
         found(leg(), estimate.part(range(1, 5), estimate.names[1:5]))
@@ -316,9 +287,6 @@ def test_estimates_that_do_not_fit() -> None:
     drive = Estimate((name,), np.ones(1), np.eye(1), ("",), 1.0, 1.0)
     with pytest.raises(IdentificationError, match="estimated twice, in load_side and in drives"):
         found(leg(), estimate, drives={joint: drive})
-
-
-def test_prior_of_another_shape() -> None:
     with pytest.raises(RobotError, match="prior= must be the 50 standard parameters"):
         found(leg(), estimated(leg(), 0.01), prior=np.ones(10))
 
@@ -360,14 +328,6 @@ def test_bodies_of_the_file_that_cannot_be_are_mended_a_little_and_named(
     if kind == "degenerate":
         assert np.max(np.abs(bodies[2] - body)) < 0.01 * max(np.max(np.abs(body)), 1.0)
     assert np.array_equal(np.delete(bodies, 2, 0), np.delete(given_bodies, 2, 0))
-
-
-def test_massless_body_in_the_file_still_gives_a_possible_robot() -> None:
-    given_bodies = leg().parameters.copy()
-    given_bodies[:10] = 0.0
-    result = found(leg(), estimated(leg(), 0.05), prior=given_bodies)
-    assert "hip_yaw_link is degenerate" in result.notes[0]
-    assert_possible(result)
 
 
 def test_balls_lie_along_the_links(robot: Robot) -> None:

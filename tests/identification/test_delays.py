@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-import seaid
 from seaid.checks import experiment_of
 from seaid.errors import LogError
 from seaid.identification.delays import Delay, correct_delays, estimate_delays
@@ -19,12 +18,11 @@ from seaid.log.motion import reconstruct_motions
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
-from tests.experiments import LEG_SENSORS, leg, leg_motion, true_value
+from tests.experiments import LEG_SENSORS, leg, leg_motion
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
-ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
 
 
 @cache
@@ -81,17 +79,6 @@ def test_a_late_motor_position_is_found(joint: str, delay: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("joint", "delay"), quick_first([("knee_pitch", 0.0017), ("hip_pitch", 0.008)])
-)
-def test_a_late_motor_torque_is_found(joint: str, delay: float) -> None:
-    found = of(
-        estimate_delays(known(), late_log({(joint, "motor_torque"): delay})), joint, "motor_torque"
-    )
-    assert found.delay_s == pytest.approx(delay, abs=3e-4)
-    assert found.is_significant
-
-
-@pytest.mark.parametrize(
     ("joint", "delay"),
     quick_first([("knee_pitch", 0.005), ("hip_pitch", 0.001), ("hip_roll", 0.02)]),
 )
@@ -114,18 +101,6 @@ def test_a_relation_that_explains_little_determines_no_delay() -> None:
     torques = [one for one in found if one.channel == "motor_torque"]
     assert [math.isinf(one.standard_error_s) for one in torques] == [True] * 5
     assert "not determined" in str(torques[0])
-
-
-@pytest.mark.slow  # estimates of delays in long logs
-def test_a_late_torque_of_a_stiff_drive_is_found_as_well_as_it_says() -> None:
-    found = of(
-        estimate_delays(known(), late_log({("hip_yaw", "motor_torque"): 0.008})),
-        "hip_yaw",
-        "motor_torque",
-    )
-    assert found.delay_s == pytest.approx(0.008, abs=4 * found.standard_error_s)
-    assert found.standard_error_s < 1e-3
-    assert found.is_significant
 
 
 @pytest.mark.slow  # 60 estimates of ten delays
@@ -163,25 +138,6 @@ def test_a_torque_sensor_at_the_spring_tells_both() -> None:
     assert motor.against == "joint torque"
     assert not motor.is_significant
     assert not of(found, "ankle_pitch", "joint_torque").is_significant
-
-
-@pytest.mark.slow  # estimates of delays in long logs
-def test_what_an_uncorrected_delay_costs() -> None:
-    late = late_log({("knee_pitch", "motor_position"): 0.008}, torque_std=5e-3)
-    found = estimate_delays(known(), late)
-    repaired = correct_delays(late, found)
-    errors = []
-    for log in (late, repaired):
-        estimate = seaid.identify(known(), log)
-        drive = estimate.drives["knee_pitch"]
-        place = drive.names.index("viscous_friction")
-        off = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
-        load = seaid.validate(estimate, log).load.relative_error[3]
-        errors.append((off / drive.standard_errors[place], load))
-    assert errors[0][0] > 5.0  # friction, in standard errors
-    assert abs(errors[1][0]) < 2.0
-    assert errors[0][1] > 0.3  # torque on the knee
-    assert errors[1][1] < 0.005
 
 
 @pytest.mark.slow  # estimates of delays in long logs

@@ -41,7 +41,7 @@ def found(geared: bool) -> Identification:
     return identify(robot.without_nominal(), log())
 
 
-def test_series_of_spring_and_gear() -> None:
+def test_springs_and_gears_are_in_series() -> None:
     drive = SeriesElasticDrive(
         gear_ratio=100.0, stiffness_Nm_per_rad=300.0, gear_stiffness_Nm_per_rad=1500.0
     )
@@ -49,10 +49,7 @@ def test_series_of_spring_and_gear() -> None:
     assert drive.values["stiffness"] == pytest.approx(1 / (1 / 300 + 1 / 1500))
     again = drive.with_values(drive.values)
     assert again.stiffness_Nm_per_rad == pytest.approx(300.0, rel=1e-14)
-
-
-def test_pulleys_see_the_gear_through_their_radius() -> None:
-    """A pulley of radius r turns the gear's N m/rad into N/m by 1/r^2."""
+    # A pulley of radius r turns the gear's N m/rad into N/m by 1/r^2.
     drive = SeriesElasticDrive(
         gear_ratio=100.0,
         motor_pulley_radius_m=0.01,
@@ -61,9 +58,6 @@ def test_pulleys_see_the_gear_through_their_radius() -> None:
         gear_stiffness_Nm_per_rad=100.0,
     )
     assert drive.values["stiffness"] == pytest.approx(1 / (1 / 2e5 + 0.01**2 / 100))
-
-
-def test_gear_in_a_table_of_drives() -> None:
     table = {
         "type": "series_elastic",
         "gear_ratio": 100.0,

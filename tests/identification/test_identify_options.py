@@ -96,12 +96,6 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     assert "a ball of 1 kg replaces" in text
 
 
-@pytest.mark.slow  # 0.6 s
-def test_possible_bodies_of_both_sides_at_once() -> None:
-    possible = identify(KNOWN, log(), method="simultaneous", feasible=True)
-    assert all(is_physical(body, 0.0) for body in possible.robot.parameters.reshape(-1, 10))
-
-
 @pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("suffix", quick_first([".csv", ".npz"]))
 def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) -> None:
@@ -140,14 +134,6 @@ def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path)
     assert_same(there.load, here.load)
     for joint in ELASTIC:
         assert_same(there.drives[joint], here.drives[joint])
-
-
-@pytest.mark.slow  # 0.8 s
-def test_two_logs_tell_more_than_one() -> None:
-    two = identify(KNOWN, [log(), log(2)])
-    one = identify(KNOWN, log())
-    ratio = two.load.standard_errors / one.load.standard_errors
-    assert 0.5 < np.median(ratio) < 0.7
 
 
 def test_checks_say_that_each_term_is_worth_having() -> None:
@@ -209,18 +195,6 @@ def test_an_identification_can_be_sent_to_a_process() -> None:
 def test_what_is_no_log(logs: Any, words: str) -> None:
     with pytest.raises(IdentificationError, match=words):
         identify(KNOWN, logs)
-
-
-def test_a_file_that_is_not_there() -> None:
-    with pytest.raises(LogError, match=r"nowhere\.csv"):
-        identify(KNOWN, "nowhere.csv")
-
-
-def test_unknown_choices_offer_the_nearest() -> None:
-    with pytest.raises(IdentificationError, match="did you mean 'simultaneous'"):
-        identify(KNOWN, log(), method="simultanous")  # type: ignore[arg-type]
-    with pytest.raises(IdentificationError, match=r"estimator=: .*did you mean 'wls'"):
-        identify(KNOWN, log(), estimator="wlss")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

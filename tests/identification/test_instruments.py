@@ -99,16 +99,6 @@ def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:
         assert np.max(np.abs(residual)) < 1e-9 * np.max(np.abs(rows.y[mine]))
 
 
-@pytest.mark.slow  # 1.4 s
-def test_perfect_sensors_give_the_same_as_least_squares() -> None:
-    log = perfect_log(arm(), arm_motion())
-    errors = [
-        drive_errors(identify(arm().without_nominal(), log, estimator=name), arm(), "stiffness")
-        for name in ("wls", "iv")
-    ]
-    assert max(map(abs, errors[1].values())) < max(2e-3, 2 * max(map(abs, errors[0].values())))
-
-
 @pytest.mark.slow  # four logs, each by a search for instruments
 def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     """A wide pass band lets their noise into the deflection; the mean error of some draws."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import Drive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
@@ -33,7 +33,6 @@ from tests.experiments import (
     leg,
     leg_motion,
     perfect_log,
-    true_value,
 )
 from tests.representatives import quick_first
 
@@ -44,21 +43,6 @@ def found(scale: float = 1.0, **options: Any) -> Identification:
     log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
     log = replace(log, motor_torque=scale * log.motor_torque)
     return identify(TRUTH.without_nominal(), log, cutoff_hz=4.0, **options)
-
-
-def worst(result: Identification) -> float:
-    true = result.base.project(TRUTH.parameters)
-    return float(np.max(np.abs(result.load.values - true) / result.load.standard_errors))
-
-
-@pytest.mark.slow  # several identifications of the leg
-def test_a_wrong_scale_of_all_torques_is_within_the_stated_errors() -> None:
-    assert worst(found(1.03)) > 6.0
-    stated = found(1.03, known_std={"torque": 0.03})
-    assert worst(stated) < 3.5
-    for joint in ELASTIC:
-        error = stated.drives[joint].value("stiffness") - true_value(TRUTH, joint, "stiffness")
-        assert abs(error) < 3 * stated.drives[joint].standard_error("stiffness")
 
 
 @pytest.mark.slow  # several identifications of the leg
@@ -103,16 +87,6 @@ def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     assert "taken as exact" not in everything.summary()
 
 
-@pytest.mark.slow  # 0.6 s
-def test_a_payload_of_uncertain_mass_moves_the_foot() -> None:
-    stated, plain = found(known_std={"payload": 0.1}), found()
-    ratio = stated.load.standard_errors / plain.load.standard_errors
-    assert np.max(ratio) > 2
-    change = np.sqrt(np.diag(stated.load.covariance - plain.load.covariance))
-    true = plain.base.project(0.1 * TRUTH.payload_parameters)
-    assert change == pytest.approx(np.abs(true), rel=0.02, abs=0.01 * np.max(np.abs(true)))
-
-
 @pytest.mark.parametrize(
     ("known_std", "message"),
     [
@@ -151,21 +125,6 @@ def test_a_drive_has_its_own_standard_deviations_in_its_table() -> None:
 def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], message: str) -> None:
     with pytest.raises(RobotError, match=message):
         StiffDrive(gear_ratio=10.0, std=std)
-
-
-@pytest.mark.slow  # several identifications of the leg
-def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
-    drive = TRUTH.without_nominal().drives["knee_pitch"]
-    assert isinstance(drive, SeriesElasticDrive)
-    assert drive.motor_inertia_kg_m2
-    doubted = replace(drive, std={"motor_inertia_kg_m2": 0.2 * drive.motor_inertia_kg_m2})
-    log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
-    robot = TRUTH.without_nominal().with_drives({"knee_pitch": doubted})
-    stated, plain = identify(robot, log, method="two-step", cutoff_hz=4.0), found(method="two-step")
-    for joint in ELASTIC:
-        ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
-        ratio = ratio[:3]  # by (7); (8) couples the torque offsets
-        assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
 
 
 @pytest.mark.slow  # several identifications of the leg
@@ -342,11 +301,30 @@ def check_moved(
     assert np.all(np.abs(added - quotients) < 0.03 * quotients + 0.04 * errors)
 
 
-@pytest.mark.parametrize("name", quick_first(CONSTANTS, 2))
-def test_errors_of_a_constant_are_those_of_whole_identifications(name: str) -> None:
+Options = dict[str, Any]
+OLS: Options = {"estimator": "ols"}
+BOTH_SIDES: Options = {"estimator": "ols", "method": "simultaneous"}
+CURRENT, SENSED = partial(by_current, is_sensed=False), partial(by_current, is_sensed=True)
+KNEE = "knee_pitch"
+MOVED: list[tuple[Callable[[], Experiment], str, str, Options]] = [
+    *((by_torque, name, "" if name in ("torque", "payload") else KNEE, OLS) for name in CONSTANTS),
+    *((by_torque, name, "hip_yaw", OLS) for name in ("gear_ratio", "torque_scale")),
+    *((by_torque, name, "", BOTH_SIDES) for name in ("torque", "payload")),
+    (by_torque, "motor_pulley_radius_m", KNEE, BOTH_SIDES),
+    # constants of motors, whose scale is that of known bodies or of sensors
+    *((CURRENT, "payload", "", OLS), (CURRENT, "gear_ratio", KNEE, OLS)),
+    (SENSED, "gear_ratio", KNEE, OLS),
+    *((by_torque, "payload", "", {"estimator": estimator}) for estimator in ("huber", "iv")),
+]
+"""Experiments with a constant of a joint, "" for all, and how they are identified."""
+
+
+@pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED, 2))
+def test_errors_of_a_constant_are_those_of_whole_identifications(
+    experiment: Callable[[], Experiment], name: str, joint: str, options: Options
+) -> None:
     """The noise-free log has no residual by which weights or columns could move the estimate."""
-    joint = "" if name in ("torque", "payload") else "knee_pitch"
-    check_moved(by_torque(), name, joint, estimator="ols")
+    check_moved(experiment(), name, joint, **options)
 
 
 @pytest.mark.parametrize("name", quick_first(CONSTANTS, 1))
@@ -365,28 +343,6 @@ def test_conditions_with_different_standard_deviations_are_refused() -> None:
         identify_conditions(pairs, cutoff_hz=4.0)
 
 
-@pytest.mark.slow  # several identifications of the leg
-@pytest.mark.parametrize("name", ["gear_ratio", "torque_scale"])
-def test_errors_of_a_constant_of_a_stiff_drive(name: str) -> None:
-    check_moved(by_torque(), name, "hip_yaw", estimator="ols")
-
-
-@pytest.mark.slow  # several identifications of the leg
-@pytest.mark.parametrize("name", ["torque", "payload", "motor_pulley_radius_m"])
-def test_errors_of_a_constant_with_both_sides_at_once(name: str) -> None:
-    joint = "knee_pitch" if name == "motor_pulley_radius_m" else ""
-    check_moved(by_torque(), name, joint, estimator="ols", method="simultaneous")
-
-
-@pytest.mark.slow  # several identifications of the leg
-@pytest.mark.parametrize(
-    ("name", "is_sensed"), [("payload", False), ("gear_ratio", False), ("gear_ratio", True)]
-)
-def test_errors_of_a_constant_reach_the_constants_of_motors(name: str, is_sensed: bool) -> None:
-    joint = "knee_pitch" if name == "gear_ratio" else ""
-    check_moved(by_current(is_sensed=is_sensed), name, joint, estimator="ols")
-
-
 @pytest.mark.slow  # identifications of a log in pieces
 def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None:
     """A scale of the torques needed logs in memory while it repeated the identification."""
@@ -400,12 +356,6 @@ def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None
     for joint in ELASTIC:
         of_pieces, of_whole = pieces.drives[joint], whole.drives[joint]
         np.testing.assert_allclose(of_pieces.standard_errors, of_whole.standard_errors, rtol=1e-6)
-
-
-@pytest.mark.slow  # several identifications of the leg
-@pytest.mark.parametrize("estimator", ["huber", "iv"])
-def test_errors_of_a_payload_by_other_estimators(estimator: Any) -> None:
-    check_moved(by_torque(), "payload", "", estimator=estimator)
 
 
 @pytest.mark.slow  # refinements of the leg

@@ -168,21 +168,6 @@ def test_a_width_of_coulomb_friction_is_recommended() -> None:
     assert width == pytest.approx(15.0, rel=0.2)
 
 
-@pytest.mark.slow  # a comparison of all terms
-def test_a_hardening_spring_is_found_at_once() -> None:
-    """A cubic part of a tenth of the force at the largest deflection."""
-    log, motion, index = plain_log(), leg_motion(TEST_MASS), 2
-    drive = leg().drives["hip_pitch"]
-    lever = drive.motor_radius / drive.ratio
-    stretch = lever * motion.motor_position[:, index]
-    stretch = stretch - drive.load_radius * motion.joint_position[:, index]
-    force = 0.2 * drive.values["stiffness"] * stretch**3 / np.max(np.abs(stretch)) ** 2
-    torque = log.motor_torque.copy()
-    torque[:, index] += lever * force
-    found = compare_terms(ROBOT, replace(log, motor_torque=torque), joints=["hip_pitch"])
-    assert dict(found.recommended) == {"hip_pitch": (("spring", "cubic"),)}
-
-
 def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
     log, motion = plain_log(), leg_motion(TEST_MASS)
     motor, sensed = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)

@@ -164,27 +164,19 @@ def test_stiffness_and_resonance_from_the_motor_alone(found: Identification) -> 
 
 
 @pytest.mark.slow  # a plant of 10 s in Python
-def test_the_method_is_said_and_a_right_set_up_has_no_doubt(found: Identification) -> None:
+def test_the_result_says_its_method_in_tables_report_and_file(
+    found: Identification, tmp_path: Path
+) -> None:
     notes = [one for one in found.warnings if one.code == "motor-side"]
     assert len(notes) == 1
     assert "by output error" in notes[0].message
     assert [one for one in found.warnings if one.severity != "note"] == []
     assert found.drives["arm"].value("spring_offset") == 0.0
-
-
-@pytest.mark.slow  # a plant of 10 s in Python
-def test_tables_report_and_file_have_the_known_offset(
-    found: Identification, tmp_path: Path
-) -> None:
     assert "spring_offset" in str(short_text(found, found.known, True))
     assert "motor-side" in str(found.summary())
     found.save(tmp_path / "parameters.json")
     seaid.write_report(found, tmp_path / "report.html")
     assert "no sensor behind the spring" in (tmp_path / "report.html").read_text("utf-8")
-
-
-@pytest.mark.slow  # a plant of 10 s in Python
-def test_refine_of_the_same_log_stays(found: Identification) -> None:
     again = refine(found, log_of(ANYDRIVE)).drives["arm"]
     error = again.values - found.drives["arm"].values
     assert np.all(np.abs(error) <= 0.1 * found.drives["arm"].standard_errors + 1e-12)
@@ -303,10 +295,6 @@ def test_a_spring_that_the_motor_does_not_show_is_said(robot: Robot) -> None:
     assert finding.severity == "doubtful"
     assert "Hz" in finding.remedy
     assert "amplitude" in finding.remedy
-
-
-@pytest.mark.slow  # no start ends at the noise, so that all are tried
-def test_message_of_a_spring_without_any_trace(robot: Robot) -> None:
     stiff = replace(ANYDRIVE, k=200 * ANYDRIVE.k, highest_hz=2.0)
     message = r"does not determine the stiffness of arm \(the refinement did not converge .*\)\."
     with pytest.raises(IdentificationError, match=message):
@@ -341,7 +329,7 @@ def test_bodies_are_physically_consistent_if_wanted(robot: Robot, tmp_path: Path
 
 
 @pytest.mark.slow  # a plant of 10 s in Python
-def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> None:
+def test_other_logs_are_predicted_by_their_motor_torque_or_named(found: Identification) -> None:
     result = seaid.validate(found, log_of(ANYDRIVE, seed=1))
     assert result.actuator.relative_error[0] < 0.01
     assert np.isnan(result.load.relative_error[0])
@@ -350,10 +338,6 @@ def test_another_log_is_predicted_by_its_motor_torque(found: Identification) -> 
     assert "no measured torque on its load" in note.message
     assert note.severity == "note"
     assert "motor-side" in str(result.summary())
-
-
-@pytest.mark.slow  # a plant of 10 s in Python
-def test_another_joint_is_not_predicted(found: Identification) -> None:
     result = seaid.validate(found, log_of(HEAVIER, seed=1))
     (finding,) = [one for one in result.warnings if one.code == "unseen-motion"]
     assert "torque of the motor of arm" in finding.message
@@ -420,12 +404,3 @@ def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
     assert abs(error["resonance"]) < 0.005
     assert abs(error["J"]) < 0.02
     assert [one for one in result.warnings if one.severity != "note"] == []
-
-
-@pytest.mark.slow  # three plants of 10 s in Python, and three searches
-@pytest.mark.parametrize("name", JOINTS)
-def test_published_drives_within_three_percent(name: str, tmp_path: Path) -> None:
-    joint = JOINTS[name]
-    error = errors(joint, identify(robot_of(joint, tmp_path), simulated(joint, seed=5)))
-    assert abs(error["k"]) < 0.03
-    assert abs(error["resonance"]) < 0.02

@@ -29,7 +29,7 @@ from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.structural_identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import with_named_friction
-from tests.representatives import quick_only
+from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
@@ -193,22 +193,30 @@ def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
 SINGLE = ("smooth", "dahl", "asymmetric", "quadratic", "stribeck")
 """Terms of friction that other cases have together with more."""
 
+EXACT = {
+    **{("two", term): case for term, case in FRICTION.items()},
+    **{("spring of two", term): case for term, case in SPRINGS.items()},
+    ("beside two", "joint friction"): JOINT_FRICTION,
+    **{("one", term): case for term, case in STIFF_FRICTION.items()},
+}
+"""{(where, term): what the drive then has, and the true values}."""
+SLOW = [("two", term) for term in SINGLE] + [place for place in EXACT if place[0] == "one"]
 
-@pytest.mark.parametrize("term", quick_only(FRICTION, {*FRICTION} - {*SINGLE}))
-def test_friction_of_an_elastic_drive_is_found(term: str) -> None:
-    truth = robot(STIFF, with_terms(ELASTIC, *FRICTION[term]))
-    found = identified(truth, exact_motion(truth))
-    assert set(FRICTION[term][1]) <= set(found.drives["two"].names)
-    check_values(found, truth, "two")
-    check_bodies(found, truth)
 
-
-@pytest.mark.parametrize("term", SPRINGS)
-def test_springs_are_found(term: str) -> None:
-    truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
-    found = identified(truth, exact_motion(truth, {"two": free_stretch(0.15)}), ["one"])
-    assert set(SPRINGS[term][1]) <= set(found.drives["two"].names)
-    check_values(found, truth, "two")
+@pytest.mark.parametrize(("place", "term"), quick_only(EXACT, {*EXACT} - {*SLOW}))
+def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
+    """Without noise, with the bodies where springs are loaded by them."""
+    case, joint, is_free = EXACT[place, term], place.split()[-1], place.startswith("spring")
+    drives = {joint: with_terms(STIFF if joint == "one" else ELASTIC, *case)}
+    truth = robot(**drives)
+    motion = exact_motion(truth, {"two": free_stretch(0.15)} if is_free else None)
+    found = identified(truth, motion, ["one"] if is_free else None)
+    assert set(case[1]) <= set(found.drives[joint].names)
+    check_values(found, truth, joint)
+    if not is_free:
+        check_bodies(found, truth)
+    if place.startswith("beside"):  # the joint's standstill too
+        assert found.excluded["load"] > identified(robot(), plain_motion()).excluded["load"]
 
 
 @pytest.mark.parametrize("zero", [-0.2, 0.2])
@@ -221,27 +229,6 @@ def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its
     truth = robot(STIFF, drive)
     found = identified(truth, exact_motion(truth, {"two": free_stretch(0.05)}), ["one"])
     check_values(found, truth, "two", rel=1e-3)
-
-
-@pytest.mark.slow  # 0.5 s
-@pytest.mark.parametrize("term", STIFF_FRICTION)
-def test_terms_of_a_stiff_drive_are_found(term: str) -> None:
-    truth = robot(with_terms(STIFF, *STIFF_FRICTION[term]))
-    found = identified(truth, exact_motion(truth))
-    assert set(STIFF_FRICTION[term][1]) <= set(found.drives["one"].names)
-    check_values(found, truth, "one")
-    check_bodies(found, truth)
-
-
-def test_what_acts_beside_a_spring_is_found_on_the_load_side() -> None:
-    truth = robot(STIFF, with_terms(ELASTIC, *JOINT_FRICTION))
-    motion = exact_motion(truth)
-    found = identified(truth, motion)
-    assert {"stiffness", *JOINT_FRICTION[1]} <= set(found.drives["two"].names)
-    check_values(found, truth, "two")
-    check_bodies(found, truth)
-    plain = identified(robot(), plain_motion())
-    assert found.excluded["load"] > plain.excluded["load"]  # the joint's standstill too
 
 
 @pytest.mark.parametrize("kind", ["current", "voltage"])
@@ -346,18 +333,6 @@ NONLINEAR = ("shifted", "load", "stribeck")
 NONLINEAR_SPRINGS = ("cubic", "dead zone", "damping")
 
 
-@pytest.mark.slow  # 2.4 s
-@pytest.mark.parametrize("term", [*NONLINEAR, "dahl"])
-def test_friction_is_inside_its_interval(term: str) -> None:
-    for joint, drives in (
-        ("one", (with_terms(STIFF, *FRICTION[term]), ELASTIC)),
-        ("two", (STIFF, with_terms(ELASTIC, *FRICTION[term]))),
-    ):
-        truth = robot(*drives)
-        log = noisy_log(exact_motion(truth), 0.003, 2e-5)
-        check_intervals(found_in(log, truth), truth, joint)
-
-
 @pytest.mark.parametrize("term", [*NONLINEAR_SPRINGS, "dahl"])
 def test_springs_are_inside_their_intervals(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
@@ -405,43 +380,50 @@ def test_errors_of_hysteresis_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, band=1.2)
 
 
-@pytest.mark.parametrize("term", ["asymmetric", "quadratic", "load"])
-def test_friction_that_is_not_there_is_found_to_be_nothing(term: str) -> None:
-    terms, values = FRICTION[term]
-    known = robot(with_terms(STIFF, terms, {}), with_terms(ELASTIC, terms, {}))
-    found = found_in(noisy("plain"), known)
-    for joint in ("one", "two"):
-        check_intervals(found, robot(), joint)
-        name = next(iter(values)).replace("_", " ")
-        assert any(
-            f"{name} of {joint} is poorly identified" in one for one in map(str, found.warnings)
+ABSENT: list[tuple[str, str, str, tuple[str, ...]]] = [
+    # what the log has no trace of, its parameter, and those whose intervals hold the truth
+    *(
+        ("friction", term, name, ())
+        for term, name in (
+            ("asymmetric", "asymmetric friction"),
+            ("quadratic", "quadratic friction"),
+            ("load", "load friction"),
         )
-
-
-@pytest.mark.parametrize("term", NONLINEAR_SPRINGS)
-def test_spring_terms_that_are_not_there_are_found_to_be_nothing(term: str) -> None:
-    known = robot(STIFF, with_terms(ELASTIC, SPRINGS[term][0], {}))
-    found = found_in(noisy("free"), known, ["one"])
-    check_intervals(found, robot(), "two")
-    name = next(iter(SPRINGS[term][1])).replace("_", " ")
-    assert any(f"{name} of two is poorly identified" in one for one in map(str, found.warnings))
-
-
-@pytest.mark.slow  # 1.1 s
-@pytest.mark.parametrize("term", ["smooth", "shifted", "stribeck"])
-def test_bent_friction_that_is_not_there_is_flagged(term: str) -> None:
-    terms = FRICTION[term][0]
-    known = robot(with_terms(STIFF, terms, {}), with_terms(ELASTIC, terms, {}))
-    found = found_in(noisy("plain"), known)
-    nonlinear = {"stribeck": "stribeck friction"}.get(term, "coulomb width")
-    for joint in ("one", "two"):
-        assert any(
-            f"{nonlinear} of {joint} is poorly identified" in one
-            for one in map(str, found.warnings)
+    ),
+    ("spring", "cubic", "cubic stiffness", ()),
+    ("spring", "dead zone", "dead zone", ()),
+    ("spring", "damping", "spring damping", ()),
+    *(
+        ("friction", term, name, ("viscous_friction",))
+        for term, name in (
+            ("smooth", "coulomb width"),
+            ("shifted", "coulomb width"),
+            ("stribeck", "stribeck friction"),
         )
-        for name in ("viscous_friction",):
-            told, true = found.drives[joint], robot().drives[joint].values[name]
-            assert abs(told.value(name) - true) < 3.3 * told.standard_error(name)
+    ),
+]
+
+
+@pytest.mark.parametrize(("field", "term", "name", "certain"), quick_first(ABSENT, 6))
+def test_a_term_that_is_not_there_is_found_to_be_nothing(
+    field: str, term: str, name: str, certain: tuple[str, ...]
+) -> None:
+    terms = (SPRINGS if field == "spring" else FRICTION)[term][0]
+    drives = {"two": with_terms(ELASTIC, terms, {})}
+    if field == "friction":
+        drives["one"] = with_terms(STIFF, terms, {})
+    is_free = field == "spring"
+    found = found_in(
+        noisy("free" if is_free else "plain"), robot(**drives), ["one"] if is_free else None
+    )
+    for joint in drives:
+        poor = [x.message for x in found.warnings if x.code == "poorly-identified"]
+        assert any(f"{name} of {joint} " in message for message in poor)
+        if not certain:
+            check_intervals(found, robot(), joint)
+        for parameter in certain:
+            told, true = found.drives[joint], robot().drives[joint].values[parameter]
+            assert abs(told.value(parameter) - true) < 3.3 * told.standard_error(parameter)
 
 
 def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:

@@ -161,23 +161,6 @@ def test_odd_channels_give_an_error_of_ours_or_numbers(
         assert found.summary()
 
 
-def test_a_cutoff_far_below_the_rate_is_one_for_which_the_log_is_too_short(
-    pendulum: Robot,
-) -> None:
-    log = log_of(ANGLE, 1e-12 * TIME, motor_torque=ANGLE)
-    with pytest.raises(LogError, match="fewer than 10 periods of the cutoff, 3 Hz"):
-        seaid.reconstruct_motion(pendulum, log, 3.0)
-
-
-def test_two_samples_and_equal_or_reversed_times_are_refused() -> None:
-    good = log_of(ANGLE, motor_torque=ANGLE)
-    for time, words in ((TIME[::-1], "goes backwards"), (np.zeros(2000), "repeats")):
-        with pytest.raises(LogError, match=words):
-            replace(good, time=time)
-    with pytest.raises(LogError, match="a log needs 50 samples or more, found 2"):
-        log_of(ANGLE[:2], TIME[:2], motor_torque=ANGLE[:2])
-
-
 def two_pendulums(folder: Path, drives: dict[str, Any], upper: float = 3.0) -> Robot:
     """Return two pendulums side by side, whose second one has another limit."""
     rod = PENDULUM[PENDULUM.index('  <link name="rod">') : PENDULUM.index("</robot>")]

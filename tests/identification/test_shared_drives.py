@@ -204,18 +204,6 @@ def test_conditions_share_what_their_drives_share() -> None:
     assert len({x[y].value("stiffness") for x in (cold, warm) for y in ("ankle", "elbow")}) == 1
 
 
-def test_errors_of_known_constants_are_those_of_the_shared_values() -> None:
-    """One scale of all torques moves a shared stiffness by as much as that of each joint."""
-    robot = pendulums(ELASTIC, ELASTIC)
-    log = log_of(robot)
-    plain = found(robot, log, *JOINTS[:2])
-    stated = found(robot, log, *JOINTS[:2], known_std={"torque": 0.1})
-    errors = [x.drives["ankle"].standard_error("stiffness") for x in (plain, stated)]
-    of_scale = np.sqrt(errors[1] ** 2 - errors[0] ** 2)
-    # The known rotor inertia does not scale: a part of the torque is as it is.
-    assert of_scale == pytest.approx(0.1 * plain.drives["ankle"].value("stiffness"), rel=0.05)
-
-
 def test_methods_that_cannot_share_refuse() -> None:
     robot = pendulums(ELASTIC, ELASTIC)
     log = log_of(robot)
@@ -284,16 +272,3 @@ def test_groups_that_cannot_be_are_refused_by_name() -> None:
     )
     with pytest.raises(RobotError, match=r"\[ankle\] and \[elbow\] share 'motor' and differ"):
         found(unlike, log)
-
-
-def test_the_truth_is_inside_the_intervals_of_several_draws() -> None:
-    """Of shared values and of the bodies behind them, whose torque is that of shared springs."""
-    robot = pendulums(ELASTIC, ELASTIC)
-    for seed in range(4):
-        shared = found(robot, log_of(robot, seed), *JOINTS[:2])
-        drive = shared.drives["ankle"]
-        part = drive.part([drive.names.index(name) for name in TRUTH], list(TRUTH))
-        truth = shared.base.project(robot.parameters)
-        for estimate, values in ((part, [*TRUTH.values()]), (shared.load, truth)):
-            lower, upper = estimate.interval(0.999).T
-            assert np.all((lower < values) & (values < upper))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import seaid
 from seaid._arrays import Array
-from seaid.cli.commands import app
 from seaid.errors import IdentificationError
 from seaid.identification.static_calibration import (
     StaticCalibration,
@@ -256,18 +253,3 @@ def test_the_page_has_the_law_and_what_it_leaves(tmp_path: Path) -> None:
     assert "cubic stiffness" in page
     assert "hysteresis 2 %" in page
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
-
-
-def test_the_command_prints_the_values_of_the_library(tmp_path: Path) -> None:
-    rows = "".join(f"{a},{b}\n" for a, b in zip(WEIGHTS, anydrive(0).statics.reading, strict=True))
-    (tmp_path / "weights.csv").write_text(f"load_Nm,deflection_rad\n{rows}")
-    page = tmp_path / "weights.html"
-    command = ["calibrate", str(tmp_path / "weights.csv"), "-o", str(page), "--json"]
-    said = CliRunner().invoke(app, command)
-    assert said.exit_code == 0, said.output
-    content = json.loads(said.stdout)["result"]
-    stiffness = content["parameters"]["stiffness"]
-    assert stiffness["value"] == pytest.approx(anydrive(0).estimate.value("stiffness"))
-    assert stiffness["unit"] == "N m/rad"
-    assert page.exists()
-    assert CliRunner().invoke(app, [*command[:2], "--joint", "knee"]).exit_code == 2

@@ -79,19 +79,6 @@ def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None
     assert not any(one.severity == "wrong" for one in found().warnings)
 
 
-@pytest.mark.slow  # 1.4 s
-def test_the_temperature_of_another_run_is_predicted() -> None:
-    """The error of the torque at 60 degC is that of the noise only with the terms."""
-    hot = log_at(ramp(58.0, 62.0), seed=2)
-    index = leg().index(KNEE)
-    errors = [
-        seaid.validate(one, hot).actuator.relative_error[index]
-        for one in (found(), seaid.identify(robot_of(TERMS[:2]), log_at(ramp())))
-    ]
-    assert errors[0] < 0.04
-    assert errors[1] > 3 * errors[0]
-
-
 @pytest.mark.slow  # 1.6 s
 @pytest.mark.parametrize(
     ("slopes", "expected"),
@@ -273,16 +260,6 @@ def test_warm_up_is_selected_and_recovered_within_its_intervals(tmp_path: Path, 
     drive = found.robot.drives["arm"]
     assert drive.at_temperature().friction == ("viscous", "coulomb")
     assert not {*COLD} & {*drive.at_temperature().values}
-
-
-def test_the_start_of_another_log_is_predicted(tmp_path: Path) -> None:
-    robot = cold_arm(tmp_path)
-    log, other = cold_log(robot), cold_log(robot, seed=2).between(0.0, 10.0)
-    errors = [
-        seaid.validate(seaid.identify(one, log), other).load.relative_error[0]
-        for one in (robot.without_nominal(), without_terms(robot))
-    ]
-    assert errors[0] < 0.5 * errors[1]
 
 
 def test_without_a_warm_up_none_is_selected_and_short_logs_are_not_searched(tmp_path: Path) -> None:

@@ -139,12 +139,6 @@ def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> 
     assert not [one for one in result.warnings if one.code == "no-fit"]
 
 
-def test_without_the_sensor_the_error_names_it() -> None:
-    log = replace(with_sensors(perfect_log(truth(), leg_motion(TEST_MASS))), joint_torque=None)
-    with pytest.raises(IdentificationError, match="a torque sensor behind the gear"):
-        identify(by_current(), log, cutoff_hz=6.0, torque_joints=["hip_yaw", "hip_roll"])
-
-
 @pytest.mark.slow  # identifications of two logs of the leg
 def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
     """The currents alone leave every torque up to scale, in each log."""
@@ -162,33 +156,6 @@ def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None
         bodies = each.robot.parameters.reshape(-1, 10)
         assert all(is_physical(body) for body in bodies)
     assert set(both.differences) == {f"spring_offset of {joint}" for joint in ELASTIC}
-
-
-@pytest.mark.slow  # eight identifications of two logs of the leg
-def test_standard_errors_of_constants_by_a_test_mass() -> None:
-    scores = []
-    for seed in range(8):
-        conditions = with_and_without_mass(seed)
-        both = identify_conditions(conditions, torque_joints=ELASTIC, cutoff_hz=6.0)
-        for joint, constant in CONSTANTS.items():
-            found, true = (
-                both.identifications["loaded"].drives[joint],
-                {"torque_constant": constant},
-            )
-            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
-                true[name] = true_value(truth(), joint, name)
-            scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
-    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.3
-
-
-@pytest.mark.slow  # identifications of two logs of the leg
-def test_the_same_mass_in_both_logs_gives_no_constant() -> None:
-    """It could be part of the foot."""
-    robot, log = with_and_without_mass(None)["loaded"]
-    with pytest.raises(IdentificationError, match=r"logs with and without a payload \(identify_co"):
-        identify_conditions(
-            {"one": (robot, log), "other": (robot, log)}, torque_joints=ELASTIC, cutoff_hz=6.0
-        )
 
 
 def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() -> None:

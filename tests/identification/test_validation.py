@@ -139,21 +139,6 @@ def test_a_motor_that_sticks_half_of_the_time_is_predicted() -> None:
     assert all(explained_as(row.relative_error) == "good" for row in errors)
 
 
-def test_perfect_model_and_sensors_leave_almost_nothing() -> None:
-    exact = identify(arm().without_nominal(), perfect_log(arm(), arm_motion()), cutoff_hz=20.0)
-    fit = validate(exact, perfect_log(arm(), arm_motion(seed=5))).load
-    assert np.max(fit.relative_error) < 0.01
-
-
-def test_wrong_parameters_show() -> None:
-    wrong = replace(
-        arm_found(),
-        load_side=replace(arm_found().load_side, values=1.5 * arm_found().load_side.values),
-    )
-    log = arm_log(2, motion_seed=5)
-    assert np.max(validate(wrong, log).load.relative_error) > 0.3
-
-
 def test_other_encoder_zeros_of_the_motor_are_not_forgiven() -> None:
     """The offset belongs to one mounting: a log with other zeros is another robot."""
     log = measure(arm(), arm_motion(seed=5), Noise(motor_offset_rad=(0.0, 50.0, 0.0, 0.0)))
