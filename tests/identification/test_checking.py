@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from itertools import product
@@ -52,36 +53,59 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
 
 
-FLIPPED = [  # each channel of a spring, and each kind of joint
-    *(("leg", 2, "t"), ("leg", 2, "q"), ("leg", 2, "m"), ("leg", 2, "tqm"), ("leg", 0, "t")),
-    *(("leg", 4, "q"), ("arm", 1, "t"), ("arm", 2, "m"), ("arm", 3, "tqm")),
+def flipped(j: int, channels: str) -> Callable[[Log], Log]:
+    """Return what turns the sign of channels of joint j."""
+    return lambda log: of_joint(log, j, **{CHANNELS[one]: -1.0 for one in channels})
+
+
+def in_degrees(j: int, channels: str) -> Callable[[Log], Log]:
+    """Return what writes the angles of joint j in degrees."""
+    return lambda log: of_joint(log, j, **{CHANNELS[one]: 180 / np.pi for one in channels})
+
+
+def in_unit(factor: float, j: int | None = None) -> Callable[[Log], Log]:
+    """Return what writes torques in another unit, of joint j or of all."""
+    if j is None:
+        return lambda log: changed(log, {"motor_torque": factor})
+    return lambda log: of_joint(log, j, motor_torque=factor)
+
+
+def exchanged(i: int, j: int, channels: str) -> Callable[[Log], Log]:
+    """Return what exchanges channels of two joints."""
+
+    def change(log: Log) -> Log:
+        order = np.arange(len(log.joint_names))
+        order[[i, j]] = order[[j, i]]
+        return replace(log, **{CHANNELS[x]: getattr(log, CHANNELS[x])[:, order] for x in channels})
+
+    return change
+
+
+PLANTED: list[tuple[str, str, int | None, Callable[[Log], Log]]] = [
+    # each channel of a spring and each kind of joint: code, joint, and what is done to the log
+    *(("leg", "sign", j, flipped(j, x)) for j, x in ((2, "t"), (2, "q"), (2, "m"), (2, "tqm"))),
+    *(("leg", "sign", j, flipped(j, x)) for j, x in ((0, "t"), (4, "q"))),
+    *(("arm", "sign", j, flipped(j, x)) for j, x in ((1, "t"), (2, "m"), (3, "tqm"))),
+    *((case, "unit", 2, in_unit(factor, 2)) for case in CASES for factor in (1e3, 1e-3)),
+    *((case, "unit", None, in_unit(factor)) for case in CASES for factor in (1e3, 1e-3)),
+    *(("leg", "unit", j, in_degrees(j, x)) for j, x in ((3, "q"), (3, "m"), (0, "qm"))),
+    *(
+        ("leg", "swapped-joints", None, exchanged(*places))
+        for places in ((0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm"))
+    ),
 ]
 
 
 @pytest.mark.slow  # 0.7 s
-@pytest.mark.parametrize(("case", "j", "channels"), quick_first(FLIPPED))
-def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
-    case: str, j: int, channels: str
+@pytest.mark.parametrize(("case", "code", "j", "change"), PLANTED)
+def test_a_mistake_of_springs_is_named_and_the_remedy_repairs_it(
+    case: str, code: str, j: int | None, change: Callable[[Log], Log]
 ) -> None:
-    robot, log = CASES[case][0](), CASES[case][1]()
-    wrong = of_joint(log, j, **{CHANNELS[one]: -1.0 for one in channels})
+    robot, wrong = CASES[case][0](), change(CASES[case][1]())
     finding = worst(robot, wrong)
-    assert (finding.code, finding.severity) == ("sign", "wrong")
-    assert finding.joint == robot.joint_names[j]
+    assert (finding.code, finding.severity) == (code, "wrong")
+    assert j is None or finding.joint == robot.joint_names[j]
     assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
-
-
-@pytest.mark.slow  # 1.6 s
-@pytest.mark.parametrize(("unit", "factor"), quick_first([("mNm", 1e3), ("kNm", 1e-3)]))
-@pytest.mark.parametrize("case", quick_first(CASES))
-def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
-    robot, log = CASES[case][0](), CASES[case][1]()
-    for wrong in (of_joint(log, 2, motor_torque=factor), changed(log, {"motor_torque": factor})):
-        finding = worst(robot, wrong)
-        assert finding.code == "unit"
-        assert unit in finding.message
-        assert f"scale = {1 / factor:g} }}" in finding.remedy
-        assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
 
 
 @pytest.mark.slow  # 1.5 s
@@ -98,30 +122,6 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     unknown = np.full_like(sensed, np.nan)
     right = replace(leg_log(), motor_torque=unknown, joint_torque=sensed)
     assert seaid.check(robot, right).warnings == ()
-
-
-@pytest.mark.slow  # 0.7 s
-@pytest.mark.parametrize(("j", "channels"), quick_first([(3, "q"), (3, "m"), (0, "qm")]))
-def test_angles_in_degrees(j: int, channels: str) -> None:
-    wrong = of_joint(leg_log(), j, **{CHANNELS[one]: 180 / np.pi for one in channels})
-    finding = worst(leg(TEST_MASS), wrong)
-    assert (finding.code, finding.joint) == ("unit", leg().joint_names[j])
-    assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
-
-
-@pytest.mark.slow  # 0.8 s
-@pytest.mark.parametrize(
-    ("i", "j", "channels"), quick_first([(0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm")])
-)
-def test_exchanged_joints(i: int, j: int, channels: str) -> None:
-    log = leg_log()
-    order = np.arange(5)
-    order[[i, j]] = order[[j, i]]
-    names = [CHANNELS[one] for one in channels]
-    wrong = replace(log, **{name: getattr(log, name)[:, order] for name in names})
-    finding = worst(leg(TEST_MASS), wrong)
-    assert finding.code == "swapped-joints"
-    assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
 
 
 def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:

@@ -81,16 +81,6 @@ def test_links_are_where_pinocchio_has_them(
     assert largest_difference(link_placements(picture, q), expected) < 1e-9
 
 
-def test_links_are_where_yourdfpy_has_them(tulip_leg: Robot) -> None:
-    from yourdfpy import URDF
-
-    urdf = URDF.load(str(tulip_leg.urdf), load_meshes=False)
-    q = posture(tulip_leg, 2)
-    urdf.update_cfg(dict(zip(tulip_leg.joint_names, q, strict=True)))
-    for link, placement in link_placements(picture_of(tulip_leg), q).items():
-        np.testing.assert_allclose(placement.homogeneous, urdf.get_transform(link), atol=1e-9)
-
-
 def test_order_of_joints_and_locked_ones_count(
     example_path: Callable[[str], Path], load_quietly: Load
 ) -> None:
@@ -244,9 +234,23 @@ def test_note_on_a_missing_mesh_has_its_remedy(
     assert f"mesh '{name}1' is not found (link 'arm'), and 2 others likewise: {remedy}" in note
 
 
-def test_folder_that_is_not_there_is_refused(write_urdf: Callable[[str], Path]) -> None:
+def test_what_cannot_be_shown_is_refused(
+    write_urdf: Callable[[str], Path], tulip_leg: Robot, tulip_urdf: Path, tmp_path: Path
+) -> None:
     with pytest.raises(RobotError, match="package_dirs: there is no folder"):
         shown(write_urdf, visual('<box size="1 1 1"/>'), package_dirs="nowhere")
+    with pytest.raises(RobotError, match=r"joint positions must have shape \(5\)"):
+        placements(tulip_leg, np.zeros(4))
+    with pytest.raises(RobotError, match="joint positions must be finite"):
+        placements(tulip_leg, np.full(5, np.nan))
+    with pytest.raises(RobotError, match="has no URDF to show"):
+        picture_of(replace(tulip_leg, urdf=None))
+    with pytest.raises(RobotError, match="no URDF file at"):
+        picture_of(replace(tulip_leg, urdf=tmp_path / "gone.urdf"))
+    changed = tmp_path / "changed.urdf"
+    changed.write_text(tulip_urdf.read_text().replace('"knee_pitch"', '"knee"'))
+    with pytest.raises(RobotError, match=r"has no joint knee_pitch any more.*load it again"):
+        picture_of(replace(tulip_leg, urdf=changed))
 
 
 def ends_of(line: pin.GeometryObject) -> list[Array]:
@@ -315,15 +319,6 @@ def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
         assert note.endswith(remedy)
 
 
-def test_one_inconsistent_body_is_named(tulip_leg: Robot) -> None:
-    values = np.array(tulip_leg.parameters)
-    values[10] = -3.0
-    (note,) = picture_of(tulip_leg.with_values(values, tulip_leg.drives)).notes
-    name = tulip_leg.body_names[1]
-    assert f"nominal body '{name}' is physically inconsistent, marked by a cross: '{name}' " in note
-    assert "has a negative mass, -3 kg; correct" in note
-
-
 def test_up_is_against_gravity(tulip_urdf: Path) -> None:
     for gravity, up in (
         ((-9.81, 0.0, 0.0), (1.0, 0.0, 0.0)),
@@ -355,21 +350,3 @@ def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
 
 def test_home_is_zero_within_the_limits(tulip_leg: Robot) -> None:
     np.testing.assert_array_equal(rest_posture(tulip_leg), [0.0, 0.0, 0.0, 0.05, 0.0])
-
-
-def test_positions_of_another_shape_are_refused(tulip_leg: Robot) -> None:
-    with pytest.raises(RobotError, match=r"joint positions must have shape \(5\)"):
-        placements(tulip_leg, np.zeros(4))
-    with pytest.raises(RobotError, match="joint positions must be finite"):
-        placements(tulip_leg, np.full(5, np.nan))
-
-
-def test_robot_needs_its_file_as_it_was(tulip_leg: Robot, tulip_urdf: Path, tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match="has no URDF to show"):
-        picture_of(replace(tulip_leg, urdf=None))
-    with pytest.raises(RobotError, match="no URDF file at"):
-        picture_of(replace(tulip_leg, urdf=tmp_path / "gone.urdf"))
-    changed = tmp_path / "changed.urdf"
-    changed.write_text(tulip_urdf.read_text().replace('"knee_pitch"', '"knee"'))
-    with pytest.raises(RobotError, match=r"has no joint knee_pitch any more.*load it again"):
-        picture_of(replace(tulip_leg, urdf=changed))

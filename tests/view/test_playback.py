@@ -110,7 +110,7 @@ def test_joint_without_any_encoder_is_refused(robot: Robot) -> None:
         playback_of(robot, log_of(robot, joint, joint), "run")
 
 
-def test_coupled_drives_tell_their_joints(write_chain: Callable[..., Path]) -> None:
+def test_coupled_drives_tell_their_joints_and_deflections(write_chain: Callable[..., Path]) -> None:
     both = {"a": 1.0, "b": 1.0}
     drives = {
         "a": StiffDrive(10.0, transmission=both),
@@ -122,9 +122,6 @@ def test_coupled_drives_tell_their_joints(write_chain: Callable[..., Path]) -> N
     motor = 10.0 * np.column_stack([joint.sum(axis=1), joint[:, 0] - joint[:, 1]])
     played = playback_of(robot, log_of(robot, np.full(joint.shape, np.nan), motor), "run")
     np.testing.assert_allclose(played.position, joint, atol=1e-12)
-
-
-def test_deflection_behind_coupled_drives_is_the_drives(write_chain: Callable[..., Path]) -> None:
     spring = SeriesElasticDrive(10.0, stiffness_Nm_per_rad=100.0)
     drives = {
         "a": replace(spring, transmission={"a": 1.0, "b": 1.0}),

@@ -91,19 +91,6 @@ def test_options_reach_the_robot(opened: list[View]) -> None:
     assert len(picture.objects("payloads")) == 1
 
 
-def test_missing_meshes_are_notes(tmp_path: Path) -> None:
-    text = (MODELS / "tulip_leg.urdf").read_text()
-    box = '<box size="0.12 0.20 0.10"/>'
-    assert box in text
-    (tmp_path / "leg.urdf").write_text(text.replace(box, '<mesh filename="package://a/b.stl"/>'))
-    said = run(tmp_path / "leg.urdf", *AT_ONCE)
-    assert said.exit_code == 0
-    assert said.stderr == (
-        "note: mesh 'package://a/b.stl' is not found (link 'trunk'): name the folder that contains "
-        "the package 'a' with --package-dir (package_dirs=), or set ROS_PACKAGE_PATH\n"
-    )
-
-
 def test_identified_parameters_are_compared(tmp_path: Path, opened: list[View]) -> None:
     found = arm_found()
     found.save(tmp_path / "parameters.json")
@@ -176,25 +163,6 @@ def test_browser_opens_where_somebody_sees_it(
     said = run(*LEG, *AT_ONCE, *options)
     assert said.exit_code == 0, said.stderr
     assert visited == [said.stdout.strip()] * count
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("no.urdf",), "no URDF file at 'no.urdf'"),
-        ((*LEG, "--log", "no.csv"), "no log file at 'no.csv'"),
-        ((*LEG, "--trajectory", "no.json"), "cannot read trajectory 'no.json'"),
-        ((*LEG, "--package-dir", "nowhere"), "there is no folder"),
-        ((*LEG, "--port", "99999"), "port must be a whole number of 0 to 65535"),
-        ((*LEG, "--host", "192.0.2.1"), "of host '192.0.2.1'"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_one_line(arguments: tuple[str, ...], words: str) -> None:
-    said = run(*arguments, *(() if "--port" in arguments else AT_ONCE))
-    assert said.exit_code == 1
-    (line,) = said.stderr.splitlines()
-    assert line.startswith("error: ")
-    assert words in line
 
 
 @pytest.mark.slow  # a process of its own, with its window

@@ -101,7 +101,7 @@ def click(handle: Any) -> None:
     handle.value = True
 
 
-def test_bodies_are_where_the_robot_has_them(view: View, leg: Robot) -> None:
+def test_all_is_at_its_place_at_any_time(view: View, leg: Robot) -> None:
     data = leg.model.createData()
     for time_s in (0.0, 0.7, 1.333, 2.0):
         view.seek(time_s)
@@ -111,9 +111,6 @@ def test_bodies_are_where_the_robot_has_them(view: View, leg: Robot) -> None:
             name, part = node_of(view, body)
             expected = data.oMi[body] * part.placement
             np.testing.assert_allclose(pose(view, name), expected.homogeneous, atol=1e-9)
-
-
-def test_joints_have_the_colours_of_deflections(view: View) -> None:
     view.seek(2.0)
     _, deflection = view.playbacks[0].at(2.0)
     expected = deflection_colors(deflection, view.limits)
@@ -122,9 +119,6 @@ def test_joints_have_the_colours_of_deflections(view: View) -> None:
     assert len(set(expected[2:])) == 3
     largest = np.nanmax(np.abs([np.nanmax(np.abs(one.deflection)) for one in view.playbacks]))
     np.testing.assert_allclose(view.limits, largest)
-
-
-def test_numbers_are_those_of_the_time(view: View) -> None:
     view.seek(1.0)
     position, deflection = view.playbacks[0].at(1.0)
     assert f"{position[3]:+.3f} rad" in view.panel.table.content
@@ -219,13 +213,26 @@ def test_bodies_are_compared_in_a_table(leg: Robot) -> None:
     assert "identified" not in bodies_table(picture_of(leg))
 
 
-def test_identified_robot_with_other_joints_is_refused(leg: Robot) -> None:
+def test_what_cannot_be_opened_is_said(leg: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(
+            SeaidError, match=rf"cannot open port {port} of host '127.0.0.1'.*in use"
+        ):
+            view_robot(leg, port=port)
+    with pytest.raises(SeaidError, match=r"cannot open port 0 of host '192.0.2.1'"):
+        view_robot(leg, host="192.0.2.1", port=0)  # an address for documents only
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(SeaidError, match=r"pip install 'seaid\[view\]'"):
+        view_robot(leg, port=0)
     other = load_robot(leg.urdf, joints=["knee_pitch"]) if leg.urdf else leg
     with pytest.raises(RobotError, match="load both with the same joints="):
         view_robot(leg, identified=other, port=0)
 
 
-def test_another_motion_is_shown_within_its_time(view: View) -> None:
+def test_another_motion_is_shown_within_its_time_and_beside(view: View) -> None:
     assert view.playback is view.playbacks[0]
     view.seek(1.8)
     view.show("plan")
@@ -238,9 +245,6 @@ def test_another_motion_is_shown_within_its_time(view: View) -> None:
     view.show("run")
     assert view.panel.time.max == 2.0
     assert view.panel.notes.content == ""
-
-
-def test_another_motion_is_seen_beside(view: View) -> None:
     ghost, (name, line) = view.stage.ghost, node_of(view, 4, "lines")
     name = name.replace("robot", "ghost")
     assert tuple(node(view, name).color) == GHOST
@@ -253,6 +257,9 @@ def test_another_motion_is_seen_beside(view: View) -> None:
     np.testing.assert_allclose(pose(view, name), expected.homogeneous, atol=1e-9)
     view.compare(None)
     assert not ghost.visualRootFrame.visible
+    for asked in (view.show, view.compare):
+        with pytest.raises(SeaidError, match="did you mean 'plan'"):
+            asked("plann")
 
 
 @pytest.mark.slow  # 0.7 s
@@ -272,17 +279,7 @@ def test_time_goes_on_while_it_plays(view: View) -> None:
     assert view.time == still
 
 
-def test_speed_is_that_of_the_clock(view: View) -> None:
-    view.panel.speed.value = "0.5x"
-    begin = time.monotonic()
-    view.play()
-    assert in_time(lambda: view.time > 0.2)
-    view.pause()
-    elapsed = time.monotonic() - begin
-    assert view.time < 0.5 * (elapsed + 0.1)
-
-
-def test_without_motions_joints_have_sliders(leg: Robot) -> None:
+def test_without_motions_joints_have_sliders_and_no_plots(leg: Robot) -> None:
     with view_robot(leg, port=0) as shown:
         assert shown.playback is None
         assert shown.time == 0.0
@@ -302,12 +299,8 @@ def test_without_motions_joints_have_sliders(leg: Robot) -> None:
         with pytest.raises(SeaidError, match="no motion is named 'x'; allowed: none"):
             shown.show("x")
         shown.pause()
-
-
-def test_names_of_motions_are_checked(view: View) -> None:
-    for asked in (view.show, view.compare):
-        with pytest.raises(SeaidError, match="did you mean 'plan'"):
-            asked("plann")
+    with view_robot(leg, port=0) as shown:
+        assert shown.panel.plots is None
 
 
 def test_motions_without_names_get_some(leg: Robot) -> None:
@@ -418,12 +411,9 @@ def test_plots_are_of_the_selected_joint_and_motion(view: View) -> None:
     np.testing.assert_allclose(plots.torque.data[3][0], nominal[0])
 
 
-def test_without_motions_there_are_no_plots(leg: Robot) -> None:
-    with view_robot(leg, port=0) as shown:
-        assert shown.panel.plots is None
-
-
-def test_page_is_served_until_the_end_and_nothing_stays(leg: Robot) -> None:
+def test_a_window_begins_and_ends_without_a_trace(
+    leg: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
     before = set(threading.enumerate())
     with view_robot(leg, log_of(leg), port=0) as shown:
         port = shown.server.get_port()
@@ -436,6 +426,11 @@ def test_page_is_served_until_the_end_and_nothing_stays(leg: Robot) -> None:
     with view_robot(leg, port=port):  # the port is free again
         pass
     shown.stop()  # again, for nothing
+    with view_robot(leg, port=0):
+        pass
+    assert capsys.readouterr() == ("", "")
+    with view_robot(leg, host="0.0.0.0", port=0) as shown:
+        assert shown.url.startswith("http://localhost:")
 
 
 def test_wait_ends_with_the_window(leg: Robot) -> None:
@@ -450,43 +445,10 @@ def test_wait_ends_with_the_window(leg: Robot) -> None:
     assert in_time(lambda: not shown._clock.is_alive())
 
 
-def test_nothing_is_printed(leg: Robot, capsys: pytest.CaptureFixture[str]) -> None:
-    with view_robot(leg, port=0):
-        pass
-    assert capsys.readouterr() == ("", "")
-
-
-def test_a_port_in_use_is_told(leg: Robot) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        with pytest.raises(
-            SeaidError, match=rf"cannot open port {port} of host '127.0.0.1'.*in use"
-        ):
-            view_robot(leg, port=port)
-
-
 @pytest.mark.parametrize("port", [-1, 65536, 80.5, True])
 def test_a_port_that_cannot_be_is_refused(leg: Robot, port: Any) -> None:
     with pytest.raises(SeaidError, match="port must be a whole number of 0 to 65535, found"):
         view_robot(leg, port=port)
-
-
-def test_a_host_that_is_not_this_machine_is_refused(leg: Robot) -> None:
-    with pytest.raises(SeaidError, match=r"cannot open port 0 of host '192.0.2.1'"):
-        view_robot(leg, host="192.0.2.1", port=0)  # an address for documents only
-
-
-def test_address_for_the_network_is_shown_as_this_machine(leg: Robot) -> None:
-    with view_robot(leg, host="0.0.0.0", port=0) as shown:
-        assert shown.url.startswith("http://localhost:")
-
-
-def test_missing_viser_is_told(leg: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(SeaidError, match=r"pip install 'seaid\[view\]'"):
-        view_robot(leg, port=0)
 
 
 def test_failure_while_it_opens_closes_the_server(
