@@ -167,19 +167,6 @@ def test_a_contact_is_named_with_its_time() -> None:
     assert "exclude_s = [[" in contact.remedy
 
 
-@pytest.mark.slow  # an identification of the leg from two logs and its checks
-def test_a_contact_is_named_with_its_log() -> None:
-    """Windows of all logs once counted as those of one, and the remedy named none of them."""
-    clean, log = leg_log(), leg_log(seed=2)
-    torque = log.motor_torque.copy()
-    touched = (log.time > 2.0) & (log.time < 2.6)
-    torque[touched, 0] += 0.5 * np.ptp(torque[:, 0])
-    found = seaid.identify(leg(), [clean, replace(log, motor_torque=torque)])
-    (contact,) = [one for one in found.warnings if one.code == "contact"]
-    assert " s of log 2 the torques of hip_yaw" in contact.message
-    assert contact.remedy.startswith("in the description of log 2:\nexclude_s = [[")
-
-
 def test_contacts_of_several_logs_have_their_own_times() -> None:
     """Of both together less than half of the windows are between the first and the last one."""
     rng, instants, starts_s = np.random.default_rng(0), 800, (4.0, 30.0)

@@ -264,6 +264,10 @@ def test_long_combinations_are_cut() -> None:
     )
     assert found.text(5).endswith(" and 2 more")
     assert found.text(5).startswith("f - ")
+    H[:, 4] = 0.0
+    H[:, 5] = np.sum(H[:, :4], axis=1) + 1e-4 * H[:, 5]
+    of_five = qr_factor_of(regression(H[:, [0, 1, 2, 3, 5]], np.zeros(200))).weighted_factor()
+    assert directions(of_five, tuple("abcdf")).text(4).endswith(" and 1 more")
 
 
 def test_correlation_has_ones_on_its_diagonal() -> None:

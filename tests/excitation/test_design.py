@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, SeaidWarning
@@ -61,28 +59,6 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.condition_number == pytest.approx(kappa, rel=1e-2)
     assert len(found.base.columns) == len(base_parameters(slider_arm).columns)
     assert found.trajectory.prismatic_joints == ("rail",)
-
-
-@pytest.mark.slow  # a search for each of ten limits
-@settings(derandomize=True, max_examples=10, deadline=None)
-@given(
-    seed=st.integers(0, 10**6),
-    basis=st.sampled_from([("bspline", 9), ("bspline", 20), ("polynomial", 14), ("fourier", 15)]),
-    rest=st.booleans(),
-    which=st.sampled_from(["slider_arm", "leg"]),
-)
-def test_limits_hold_at_every_instant(
-    seed: int, basis: tuple[str, int], rest: bool, which: str, slider_arm: Robot, leg: Robot
-) -> None:
-    robot = {"slider_arm": slider_arm, "leg": leg}[which]
-    rng = np.random.default_rng(seed)
-    lower, width = rng.uniform(-1, 1, robot.n), 10 ** rng.uniform(-1.5, 0.5, robot.n)
-    limits = Limits(
-        lower, lower + width, 10 ** rng.uniform(-1, 1, robot.n), 10 ** rng.uniform(-1, 1.5, robot.n)
-    )
-    duration = float(10 ** rng.uniform(-0.3, 0.7))
-    options = {"basis": basis[0], "coefficients": basis[1], "rest_to_rest": rest, "seed": seed}
-    kept(robot, plan(robot, duration, limits=limits, **options), limits)
 
 
 @pytest.mark.slow  # 3.1 s
@@ -277,20 +253,6 @@ def test_expected_standard_errors_are_those_of_white_noise(elastic_leg: Robot) -
     H = stacked_regressor(target, time, found.trajectory.sample(time))
     expected = 0.5 * np.sqrt(np.diag(np.linalg.inv(H.T @ H)))
     np.testing.assert_allclose(found.standard_errors, expected, rtol=0.02)
-
-
-@pytest.mark.slow  # several searches for a motion
-def test_given_ends_are_kept(elastic_leg: Robot) -> None:
-    start = EndState(position=dict.fromkeys(elastic_leg.joint_names, 0.2))
-    end = EndState(position=[0.1, 0.0, -0.3, 0.9, 0.2], velocity=0.5, acceleration=None)
-    found = longer(elastic_leg, start=start, end=end)
-    q, v, a = found.trajectory.sample([0.0, 6.0])
-    np.testing.assert_allclose(q[0], 0.2, atol=1e-12)
-    np.testing.assert_allclose(q[1], [0.1, 0.0, -0.3, 0.9, 0.2], atol=1e-12)
-    np.testing.assert_allclose(v, [[0.0] * 5, [0.5] * 5], atol=1e-11)
-    np.testing.assert_allclose(a[0], 0.0, atol=1e-10)
-    assert min(found.margins.position) >= -1e-9
-    assert np.isfinite(found.condition_number)
 
 
 @pytest.mark.slow  # three searches for a motion of the leg

@@ -394,22 +394,6 @@ def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
     assert sum("least with the measured one times -1" in text for text in texts) == 4
 
 
-@pytest.mark.slow  # fits of a whole quadruped
-def test_bodies_are_validated_and_written_with_the_base(tmp_path: Path) -> None:
-    found = seaid.identify(STANDING, swayed(), cutoff_hz=4.0, feasible=True)
-    validation = seaid.validate(found, swayed())
-    assert np.max(validation.load.relative_error) < 0.01
-    path = tmp_path / "go2.urdf"
-    seaid.write_urdf(found, path)
-    again = seaid.load_robot(path, base="floating", contacts=GO2.feet)
-    np.testing.assert_allclose(
-        found.base.project(again.parameters), found.base.project(found.robot.parameters), atol=1e-6
-    )
-    assert "base" in seaid.robot.load_robot(path, base="floating").body_names
-    assert "floating base" in repr(found.robot)
-    assert "free" in found.robot._repr_html_()
-
-
 HELD: dict[str, Callable[[], Any]] = {
     "replay": lambda: seaid.replay(STANDING, swayed()),
     "refine": lambda: seaid.refine(found_standing(), swayed()),

@@ -48,16 +48,6 @@ def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> Non
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
-def test_mass_and_center_of_the_whole_robot_have_values_only_where_determined() -> None:
-    identified = found_standing()
-    values = {one.name: one for one in whole_body(identified)}
-    assert len(values) == 8
-    # four feet that always stand hide a mass at each of them
-    assert not any(one.is_determined for one in values.values())
-    assert "not determined" in str(identified.summary())
-
-
-@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     robot = STANDING
     rng = np.random.default_rng(5)

@@ -244,14 +244,6 @@ def test_elastic_joint_may_have_the_motor_side_alone(
     assert np.all(np.isnan(log.joint_position))
 
 
-@pytest.mark.parametrize("typo", ["arm.motor_torque_nm", "arm.motor_torque", "arm.motortorque_Nm"])
-def test_column_with_nearly_the_name_is_pointed_at(
-    arm: Robot, write_csv: Callable[..., Path], typo: str
-) -> None:
-    text = read_error(write_csv([*NAMES[:3], typo]), arm)
-    assert f"'{typo}' in the file is similar to 'arm.motor_torque_Nm'" in text
-
-
 # Log itself
 
 

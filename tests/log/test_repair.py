@@ -740,22 +740,6 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     )
 
 
-@pytest.mark.slow  # output error of a whole leg
-def test_a_refinement_leaves_the_hole_out() -> None:
-    log = with_hole(3.0, 3.3)
-    refined = seaid.refine(seaid.identify(leg().without_nominal(), log), log)
-    for joint in ELASTIC:
-        stiffness = refined.drives[joint].value("stiffness")
-        assert stiffness == pytest.approx(true_value(leg(), joint, "stiffness"), rel=0.03)
-
-
-def test_a_log_that_is_mostly_a_hole_is_refused() -> None:
-    log = with_hole(0.5, 5.5)
-    for use in (seaid.identify, seaid.reconstruct_motion, seaid.replay):
-        with pytest.raises(LogError, match=r"holes in time .* of 5 s at t = 0\.5 s"):
-            use(leg(), log)
-
-
 def test_unrepaired_clocks_would_have_been_seen() -> None:
     """A clock that was set back by five samples, left so, gives no such estimate."""
     robot = leg().without_nominal()

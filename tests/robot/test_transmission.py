@@ -573,31 +573,6 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     check_scores(scores, band=1.2)
 
 
-@pytest.mark.slow  # 0.5 s
-@pytest.mark.parametrize(
-    "name", quick_first(["stiff differential", "mixed differential", "parallelogram"])
-)
-def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Instruments have no torque offsets."""
-    monkeypatch.setattr("seaid.identification.two_step.identifiable_offsets", lambda *_: ())
-    case = CASES[name]()
-    log = log_of(true_motion(case), torque=0.01, angle=1e-6)
-    one, other = (
-        identify(
-            case.robot.without_nominal(), log, cutoff_hz=8.0, method="two-step", estimator=estimator
-        )
-        for estimator in ("wls", "iv")
-    )
-    for plain, freed in zip(
-        (one.load, *one.drives.values()), (other.load, *other.drives.values()), strict=True
-    ):
-        assert freed.standard_errors == pytest.approx(plain.standard_errors, rel=0.05)
-        # standard errors without the factor for few rows, which was in them when 0.1 was chosen
-        assert np.all(np.abs(freed.values - plain.values) < 0.12 * plain.standard_errors)
-
-
 def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
     case = stiff_differential()
     log = without(log_of(true_motion(case)), "motor_torque", 2)
@@ -672,23 +647,6 @@ def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
     check_scores(scores, 0.91, band=1.2)
 
 
-@pytest.mark.slow  # 0.5 s
-@pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
-def test_a_shifted_zero_is_inside_the_intervals(method: str) -> None:
-    case = elastic_differential()
-    log = log_of(true_motion(case), torque=0.003)
-    moved = replace(log, joint_position=log.joint_position + np.array([0.0, 0.02, 0.0]))
-    options: dict[str, Any] = {"cutoff_hz": 10.0, "method": method}
-    plain = identify(case.robot.without_nominal(), moved, **options)
-    told = identify(case.robot.without_nominal(), moved, encoder_offset_std=0.02, **options)
-    scores = [
-        np.max(np.abs(one.load.values - true_load(case, one)) / one.load.standard_errors)
-        for one in (plain, told)
-    ]
-    assert scores[0] > 8.0
-    assert scores[1] < 3.0
-
-
 def truth_of(case: Case) -> tuple[LoadModel, dict[str, Array], Array]:
     """Return the load model, springs and values of its columns as they truly are."""
     known = case.robot.without_nominal()
@@ -745,18 +703,6 @@ def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
     log = log_of(true_motion(case)).between(0.6, 0.8)
     again = replay(case.robot, log)
     assert again.motor_position[0] == pytest.approx(log.motor_position[0], abs=1e-9)
-
-
-@pytest.mark.slow  # an identification with possible bodies
-def test_possible_bodies_of_a_coupled_robot() -> None:
-    case = mixed_differential()
-    log = log_of(true_motion(case), torque=0.003)
-    found = identify(case.robot, log, cutoff_hz=10.0, feasible=True)
-    assert found.feasible is not None
-    np.testing.assert_array_equal(found.feasible.robot.transmission, case.C)
-    assert found.base.project(found.feasible.parameters) == pytest.approx(
-        true_load(case, found), abs=0.01
-    )
 
 
 def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> None:
