@@ -62,11 +62,6 @@ CALLS: dict[str, Call] = {
         lambda x: ([str(x.path), x.log], {}),
         r"robot= must be a Robot, found the text '.*leg\.urdf'; make one with seaid\.load_robot\(",
     ),
-    "a Path for the robot": (
-        "replay",
-        lambda x: ([x.path, x.log], {}),
-        r"robot= must be a Robot, found the path '.*'; make one with seaid\.load_robot\(",
-    ),
     "robot and log swapped": (
         "identify",
         lambda x: ([x.log, x.robot], {}),
@@ -87,11 +82,6 @@ CALLS: dict[str, Call] = {
         lambda x: ([x.robot, x.log], {"torque_joints": 3}),
         "torque_joints= must be a name or a list of names, found 3",
     ),
-    "a joint that is not there": (
-        "identify",
-        lambda x: ([x.robot, x.log], {"torque_joints": "sholder"}),
-        "no joint is named 'sholder'; did you mean 'shoulder'",
-    ),
     "an unknown method": (
         "identify",
         lambda x: (["leg.urdf", None], {"method": "twostep"}),
@@ -101,11 +91,6 @@ CALLS: dict[str, Call] = {
         "identify",
         lambda x: ([x.robot, "nowhere.csv"], {"method": "twostep"}),
         r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step",
-    ),
-    "a misspelled estimator": (
-        "identify",
-        lambda x: ([x.robot, "nowhere.csv"], {"estimator": "hubert"}),
-        "estimator=: no estimator is named 'hubert'; did you mean 'huber'",
     ),
     "an estimator that conditions do not have": (
         "identify_conditions",
@@ -142,35 +127,10 @@ CALLS: dict[str, Call] = {
         lambda x: (["leg.urdf"], {"payloads": seaid.Payload("foot", 2.0)}),
         r"payloads= must be a list of Payloads, found a Payload; put it into a list: payloads=\[",
     ),
-    "one joint": (
-        "load_robot",
-        lambda x: (["leg.urdf"], {"joints": "knee"}),
-        r"joints= must be a list of names, found the text 'knee'; put it into a list: joints=\[",
-    ),
     "a robot for its drives": (
         "write_drives",
         lambda x: ([x.robot, "drives.toml"], {}),
         "drives= must be a mapping, found a Robot",
-    ),
-    "a log for a trajectory": (
-        "simulate",
-        lambda x: ([x.robot, x.log], {}),
-        r"trajectory= must be a Trajectory, found a Log; make one with seaid\.load_trajectory\(",
-    ),
-    "a robot for a log": (
-        "validate",
-        lambda x: ([x.found, x.robot], {}),
-        r"log= must be a Log, found a Robot; make one with seaid\.read_log\(path, robot\)",
-    ),
-    "validate swapped": (
-        "validate",
-        lambda x: ([x.log, x.found], {}),
-        r"identification and log are swapped; write validate\(identification, log\)",
-    ),
-    "write_urdf swapped": (
-        "write_urdf",
-        lambda x: (["leg.urdf", x.found], {}),
-        r"found= must be .*: found and path are swapped; write write_urdf\(found, path\)",
     ),
     "write_log swapped": (
         "write_log",
@@ -181,21 +141,6 @@ CALLS: dict[str, Call] = {
         "read_log",
         lambda x: (["run.csv"], {}),
         r"robot is missing: write read_log\(path, robot\); make it with seaid\.load_robot\(",
-    ),
-    "a motion without its duration": (
-        "design_excitation",
-        lambda x: ([x.robot], {}),
-        r"duration is missing: write design_excitation\(robot, duration\)",
-    ),
-    "a misspelled basis": (
-        "design_excitation",
-        lambda x: ([x.robot, 5.0], {"basis": "furier"}),
-        "basis=: no basis is named 'furier'; did you mean 'fourier'",
-    ),
-    "a misspelled criterion": (
-        "design_excitation",
-        lambda x: ([x.robot, 5.0], {"criterion": "condition"}),
-        "criterion=: no criterion is named 'condition'; did you mean 'condition_number'",
     ),
     "one sensor": (
         "identifiability",
