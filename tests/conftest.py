@@ -145,7 +145,7 @@ def tulip_leg(tulip_urdf: Path) -> Robot:
 def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out findings that need fits or spectra of their own, for statistics over many draws.
 
-    They take up to half of the time of `identify`, and change no estimate: test_recovery.py.
+    They take up to half of the time of `identify`, and change no estimate: test_two_step.py.
     Terms are selected only where nobody named those of a drive, which may add one to it.
     """
     from seaid.checks import selections

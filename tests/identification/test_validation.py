@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+import seaid
 from seaid.errors import LogError
 from seaid.excitation.trajectory import load_trajectory
 from seaid.identification.identification import identify, validate
-from seaid.identification.validation import compared
+from seaid.identification.result import Identification, Validation
+from seaid.identification.validation import compared, verdict_with
 from seaid.log.filtering import low_pass
 from seaid.log.rows import row_samples
 from seaid.regressor.regression import known_friction, motor_regressor
@@ -20,13 +23,16 @@ from seaid.report.tables import error_rows
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,
+    LEG_SENSORS,
     MODELS,
+    TEST_MASS,
     arm,
     arm_found,
     arm_log,
     arm_motion,
     arm_result,
     leg,
+    leg_motion,
     perfect_log,
 )
 
@@ -165,3 +171,55 @@ def test_log_that_does_not_fit_is_refused() -> None:
         validate(arm_found(), replace(log, motor_torque=nothing))
     with pytest.raises(LogError, match="too short"):
         validate(arm_found(), log.between(0.0, 0.5))
+
+
+# Validation: what another motion says of a result.
+
+
+@cache
+def identified() -> Identification:
+    robot = leg(TEST_MASS)
+    return identify(robot, measure(robot, leg_motion(TEST_MASS), LEG_SENSORS, 0))
+
+
+def validated(change: float = 1.0) -> Validation:
+    """Validate on another motion, with the torques of one joint multiplied."""
+    robot = leg(TEST_MASS)
+    log = measure(robot, leg_motion(TEST_MASS, seed=1), LEG_SENSORS, 1)
+    torque = np.array(log.motor_torque)
+    torque[:, 0] *= change
+    return validate(identified(), replace(log, motor_torque=torque))
+
+
+@pytest.mark.slow  # simulates the leg twice
+def test_a_motion_that_is_predicted_changes_no_verdict() -> None:
+    result = validated()
+    assert result.warnings == ()
+    assert str(verdict_with(identified(), [result])) == str(identified().verdict)
+
+
+@pytest.mark.slow  # simulates the leg twice
+@pytest.mark.parametrize(
+    ("change", "severity", "level"),
+    [(-1.0, "wrong", "do not use"), (0.6, "doubtful", "usable with care")],
+)
+def test_a_motion_that_contradicts_does(change: float, severity: str, level: str) -> None:
+    result = validated(change)
+    (one,) = result.warnings
+    assert (one.code, one.joint, one.severity) == ("unseen-motion", "hip_yaw", severity)
+    expected = abs(1 - change) / abs(change)
+    assert one.evidence["error"] == pytest.approx(expected, rel=0.1)
+    assert verdict_with(identified(), [result]).level == level
+    assert "unseen-motion" in result.summary()
+    assert seaid.identification.verdict_with(identified(), [validated(), result]).level == level
+
+
+@pytest.mark.slow  # simulates the leg twice
+def test_what_the_own_logs_do_not_explain_either_is_no_contradiction() -> None:
+    robot = leg(TEST_MASS)
+    log = measure(robot, leg_motion(TEST_MASS), LEG_SENSORS, 0)
+    torque = np.array(log.motor_torque)
+    torque[:, 0] = np.random.default_rng(0).permutation(torque[:, 0])
+    noisy = replace(log, motor_torque=torque)
+    found = identify(robot, noisy, torque_joints=robot.joint_names)
+    assert all(one.joint != "hip_yaw" for one in validate(found, noisy).warnings)

@@ -16,7 +16,7 @@ from seaid.report.formats import Cell, Column, Measured, Table, figures, shares,
 from seaid.report.html_traces import Run
 from tests.experiments import arm, arm_found, arm_result
 from tests.report.test_comparison import made, of_loads
-from tests.report.test_html_numbers import read
+from tests.report.test_formats import read
 
 MAKERS: dict[str, Callable[[], Table]] = {
     "drives": lambda: tables.drive_table(arm_found(), arm()),

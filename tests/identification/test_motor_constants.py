@@ -1,0 +1,426 @@
+"""Unknown motor constants of elastic joints: by a torque sensor, or by a known test mass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.errors import IdentificationError, LogError
+from seaid.identification.conditions import identify_conditions
+from seaid.identification.identification import identify
+from seaid.log.log import Log
+from seaid.project import load_project, write_first_project
+from seaid.project.first_project import inferred_drives
+from seaid.robot.inertia import is_physical
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    MODELS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+    perfect_log,
+    true_value,
+)
+
+CONSTANTS = {"hip_pitch": 0.03, "knee_pitch": 0.026, "ankle_pitch": 0.04}
+SENSOR_STD_NM = 0.02
+BOUNDS = {
+    "stiffness": 6.4e-6,
+    "viscous_friction": 2.6e-3,
+    "coulomb_friction": 7e-3,
+    "motor_inertia": 4.8e-3,
+}
+"""Relative errors without noise: those of friction near standstill, at 6 Hz."""
+
+
+@cache
+def truth() -> Robot:
+    return leg(TEST_MASS)
+
+
+@cache
+def by_current() -> Robot:
+    robot = truth().without_nominal()
+    return robot.with_drives(
+        {
+            joint: replace(robot.drives[joint], motor_input="current", motor_inertia_kg_m2=None)
+            for joint in ELASTIC
+        }
+    )
+
+
+def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
+    """Return a log with currents and torque sensors at the elastic joints."""
+    places = [log.joint_names.index(joint) for joint in ELASTIC]
+    torque, unknown = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)
+    current, sensed = unknown.copy(), unknown.copy()
+    current[:, places] = torque[:, places] / [CONSTANTS[joint] for joint in ELASTIC]
+    noise = std_Nm * np.random.default_rng(seed).normal(size=(len(log.time), len(places)))
+    sensed[:, places] = leg_motion(TEST_MASS).joint_torque[:, places] + noise
+    torque[:, places] = np.nan
+    return replace(log, motor_torque=torque, motor_current=current, joint_torque=sensed)
+
+
+def by_current_alone(log: Log) -> Log:
+    """Return a log with currents in place of the torques of the elastic joints."""
+    return replace(with_sensors(log), joint_torque=None)
+
+
+def with_and_without_mass(seed: int | None) -> dict[str, tuple[Robot, Log]]:
+    """Return the leg with a bare foot and with the test mass, and its logs of currents."""
+    found = dict[str, tuple[Robot, Log]]()
+    for name, payloads in (("bare", []), ("loaded", [TEST_MASS])):
+        drives = dict(by_current().drives)
+        robot = load_robot(MODELS / "tulip_leg.urdf", drives, payloads=payloads)
+        plant, motion = leg(*payloads), leg_motion(*payloads)
+        log = perfect_log(plant, motion)
+        if seed is not None:
+            log = measure(plant, motion, LEG_SENSORS, seed + 100 * len(found))
+        found[name] = robot, by_current_alone(log)
+    return found
+
+
+@pytest.mark.slow  # 0.5 s
+def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
+    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
+    result = identify(by_current(), log, cutoff_hz=6.0)
+    for joint in ELASTIC:
+        found = result.drives[joint]
+        assert found.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=3.3e-3)
+        for name, error in BOUNDS.items():
+            true = true_value(truth(), joint, name)
+            assert found.value(name) == pytest.approx(true, rel=error), (joint, name)
+    assert not {"unused-channel"} & {one.code for one in result.warnings}
+
+
+@pytest.mark.slow  # ten identifications of the leg
+def test_standard_errors_contain_those_of_the_sensor() -> None:
+    """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
+    scores = []
+    for seed in range(10):
+        log = measure(truth(), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+        result = identify(by_current(), with_sensors(log, SENSOR_STD_NM, seed), cutoff_hz=6.0)
+        for joint, constant in CONSTANTS.items():
+            found, true = result.drives[joint], {"torque_constant": constant}
+            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
+                true[name] = true_value(truth(), joint, name)
+            scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
+    assert 0.88 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def with_known_bodies() -> Robot:
+    return load_robot(
+        MODELS / "tulip_leg.urdf",
+        dict(by_current().drives),
+        payloads=[TEST_MASS],
+        known_bodies=truth().body_names,
+    )
+
+
+@pytest.mark.parametrize("is_sensed", [False, True])
+def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> None:
+    """The load side has no parameter then; what it explains is the torque of the known bodies."""
+    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
+    given = log if is_sensed else replace(log, joint_torque=None)
+    result = identify(with_known_bodies(), given, cutoff_hz=6.0, torque_joints=ELASTIC)
+    assert len(result.load.values) == 0
+    for joint in ELASTIC:
+        fit = result.joint_fits[joint]
+        assert fit.own < 0.01, joint
+        assert result.drives[joint].value("torque_constant") == pytest.approx(
+            CONSTANTS[joint], rel=6e-3
+        )
+    assert not [one for one in result.warnings if one.code == "no-fit"]
+
+
+@pytest.mark.slow  # identifications of two logs of the leg
+def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
+    """The currents alone leave every torque up to scale, in each log."""
+    both = identify_conditions(
+        with_and_without_mass(None), torque_joints=ELASTIC, feasible=True, cutoff_hz=6.0
+    )
+    found = both.identifications["bare"].drives
+    for joint in ELASTIC:
+        one = found[joint]
+        assert one.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=7e-4)
+        for name, error in BOUNDS.items():
+            true = true_value(truth(), joint, name)
+            assert one.value(name) == pytest.approx(true, rel=max(error, 4.6e-3)), (joint, name)
+    for each in both.identifications.values():
+        bodies = each.robot.parameters.reshape(-1, 10)
+        assert all(is_physical(body) for body in bodies)
+    assert set(both.differences) == {f"spring_offset of {joint}" for joint in ELASTIC}
+
+
+def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() -> None:
+    """An equation without a known torque gets a larger weight the closer all of it is to zero."""
+    robot = arm().without_nominal()
+    drives = {
+        joint: replace(
+            drive,
+            motor_input="current",
+            motor_inertia_kg_m2=None if drive.is_elastic else drive.motor_inertia_kg_m2,
+        )
+        for joint, drive in robot.drives.items()
+    }
+    noise = Noise(motor_resolution_rad=1e-3, joint_resolution_rad=1e-4, torque_std_Nm=0.01)
+    log = measure(arm(), arm_motion(), noise, seed=0)
+    unknown = np.full_like(log.motor_torque, np.nan)
+    log = replace(log, motor_current=log.motor_torque / 0.05, motor_torque=unknown)
+    with pytest.raises(
+        IdentificationError,
+        match=r"torque constant of shoulder is unidentifiable: only the current",
+    ):
+        identify(robot.with_drives(drives), log)
+
+
+# A horizontal axis: a motor with a current, a screw, and a spring in front of the carriage.
+
+
+MASS_KG, SCREW_RAD_PER_M = 12.0, 2 * np.pi / 0.01
+TRUTH = {
+    "viscous_friction": 2e-4,
+    "coulomb_friction": 0.05,
+    "stiffness": 4e3,
+    "motor_inertia": 6e-5,
+    "torque_constant": 0.11,
+}
+TIME = np.arange(0, 40, 0.004)
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("axis") / "axis.urdf"
+    path.write_text(
+        f"""<robot name="axis"><link name="frame"/><link name="carriage"><inertial>
+        <mass value="{MASS_KG}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+        </inertial></link><joint name="x_axis" type="prismatic"><parent link="frame"/>
+        <child link="carriage"/><axis xyz="1 0 0"/>
+        <limit lower="-0.5" upper="0.5" effort="800" velocity="2"/></joint></robot>"""
+    )
+    return path
+
+
+def robot_of(urdf: Path, ratio: float = 1.0) -> seaid.Robot:
+    drive = seaid.SeriesElasticDrive(
+        gear_ratio=ratio, motor_pulley_radius_m=1 / SCREW_RAD_PER_M, motor_input="current"
+    )
+    return seaid.load_robot(urdf, {"x_axis": drive}, known_bodies="all")
+
+
+def signals(seed: int, noise: float) -> tuple[Array, Array, Array]:
+    """Return motor angle, position and current of a multisine, from its analytic derivatives."""
+    rng = np.random.default_rng(seed)
+    q = np.zeros((5, len(TIME)))  # the position and its derivatives
+    for k in range(1, 11):
+        w, phase = 2 * np.pi * k / 10, rng.uniform(0, 2 * np.pi)
+        for order in range(5):
+            q[order] += 0.03 * w**order * np.sin(w * TIME + phase + order * np.pi / 2)
+    stiffness, N = TRUTH["stiffness"], SCREW_RAD_PER_M
+    force = MASS_KG * q[2]
+    angle, speed, rate = (N * (q[i] + MASS_KG * q[i + 2] / stiffness) for i in range(3))
+    torque = TRUTH["motor_inertia"] * rate + TRUTH["viscous_friction"] * speed + force / N
+    current = (torque + TRUTH["coulomb_friction"] * np.sign(speed)) / TRUTH["torque_constant"]
+    encoder, scale, sensor = rng.normal(size=(3, len(TIME))) * noise
+    return angle + 1e-3 * encoder, q[0] + 1e-6 * scale, current + 0.02 * sensor
+
+
+def log_of(seed: int, noise: float) -> seaid.Log:
+    angle, position, current = signals(seed, noise)
+    unknown = np.full((len(TIME), 1), np.nan)
+    return seaid.Log(
+        time=TIME,
+        joint_names=("x_axis",),
+        joint_position=position[:, None],
+        motor_position=angle[:, None],
+        motor_torque=unknown,
+        motor_current=current[:, None],
+        is_prismatic=(True,),
+    )
+
+
+def test_a_current_is_scaled_by_the_mass_that_the_spring_moves(urdf: Path) -> None:
+    found = seaid.identify(robot_of(urdf), log_of(0, 0.0), cutoff_hz=8.0).drives["x_axis"]
+    for name, value in TRUTH.items():
+        assert found.value(name) == pytest.approx(value, rel=3e-3), name
+
+
+@pytest.mark.slow  # 1.7 s
+def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Path) -> None:
+    """Scores of all values; without the error of the spring in (7) that of the constant is 2500."""
+    scores = []
+    for seed in range(12):
+        found = seaid.identify(robot_of(urdf), log_of(seed, 1.0)).drives["x_axis"]
+        values = np.array([found.value(name) for name in TRUTH])
+        errors = np.array([found.standard_error(name) for name in TRUTH])
+        scores.append((values - list(TRUTH.values())) / errors)
+    sizes = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert np.max(sizes) < 1.5
+    assert np.min(sizes) > 0.35
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.002])
+def test_the_ratio_of_a_spring_comes_from_a_current_of_unknown_scale(
+    urdf: Path, ratio: float
+) -> None:
+    one = seaid.check(robot_of(urdf, ratio), log_of(1, 1.0)).joints["x_axis"]
+    assert abs(one.gear_ratio - 1) < 3 * one.gear_ratio_error < 1e-3
+
+
+def test_the_first_project_of_an_axis_with_a_screw_and_a_spring(urdf: Path, tmp_path: Path) -> None:
+    angle, position, current = signals(2, 1.0)
+    columns = {
+        "Timestamp (s)": TIME,
+        "x_axis motor pos [rev]": angle / (2 * np.pi),
+        "x_axis scale [mm]": 1e3 * position,
+        "x_axis motor current [A]": current,
+    }
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(
+        tmp_path / "run.csv",
+        table,
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+        fmt="%.9g",
+    )
+    made = write_first_project(urdf, [tmp_path / "run.csv"], folder=tmp_path / "p")
+    assert not any("does not fit the type" in one for one in made.doubts)
+    (said,) = (
+        one for one in made.doubts if one.startswith("x_axis: motor_pulley_radius_m = 0.0015")
+    )
+    assert "+- 5.6e-07 from both encoders, which differ by 0.0041 m (rms); 100% of that" in said
+    drive = load_project(tmp_path / "p").robot().drives["x_axis"]
+    assert isinstance(drive, seaid.SeriesElasticDrive)
+    radius, error = drive.motor_pulley_radius_m, drive.std["motor_pulley_radius_m"]
+    assert radius is not None
+    assert abs(radius - 1 / SCREW_RAD_PER_M) < 3 * error < 1.2e-3 * radius
+
+
+# A spring whose output is held from outside, as on a test bench.
+
+
+URDF = """\
+<robot name="bench"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>
+<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="100" velocity="5"/></joint></robot>
+"""
+K, N, ROTOR, VISCOUS, COULOMB, K_T = 300.0, 100.0, 5e-5, 1e-4, 0.02, 0.05
+TRUE = {
+    "stiffness": K,
+    "motor_inertia": ROTOR,
+    "viscous_friction": VISCOUS,
+    "coulomb_friction": COULOMB,
+}
+RATE_HZ, STEPS = 1000, 4
+
+
+@cache
+def bench_log() -> Log:
+    """Return a bench under a position controller, integrated here, at the rate of its encoder."""
+    time = np.arange(0.0, 10.0, 1 / RATE_HZ)
+    tones = ((0.3, 0.0), (0.9, 1.0), (1.7, 2.0), (3.1, 0.4))
+    goal = 4.0 * np.sum([np.sin(2 * np.pi * hz * time + phase) for hz, phase in tones], axis=0)
+    angle = speed = 0.0
+    dt, found = 1 / RATE_HZ / STEPS, []
+    for one in goal.tolist():
+        current = (0.02 * (one - angle) - 0.001 * speed) / K_T
+        found.append((angle, current))
+        for _ in range(STEPS):
+            friction = VISCOUS * speed + COULOMB * np.tanh(speed / 0.2)
+            speed += dt * (K_T * current - friction - K * angle / N**2) / ROTOR
+            angle += dt * speed
+    motor, current = np.array(found).T[:, :, None]
+    random, step = np.random.default_rng(1), 2 * np.pi / 2048
+    return Log(
+        time=time,
+        joint_names=("elbow",),
+        motor_position=step * np.round(motor / step),
+        joint_position=np.zeros_like(motor),
+        motor_torque=K_T * current + 5e-4 * random.normal(size=motor.shape),
+        joint_torque=K * motor / N + 0.05 * random.normal(size=motor.shape),
+    )
+
+
+def bench(tmp_path: Path, **options: object) -> Robot:
+    (tmp_path / "bench.urdf").write_text(URDF)
+    drive = replace(SeriesElasticDrive(gear_ratio=N), **options)  # type: ignore[arg-type]
+    return load_robot(tmp_path / "bench.urdf", {"elbow": drive})
+
+
+@pytest.mark.parametrize("is_current", [False, True])
+def test_the_drive_of_a_locked_output_is_identified(tmp_path: Path, is_current: bool) -> None:
+    log, input_of = bench_log(), "current" if is_current else "torque"
+    if is_current:
+        unknown = np.full_like(log.motor_torque, np.nan)
+        log = replace(log, motor_torque=unknown, motor_current=log.motor_torque / K_T)
+    found = identify(bench(tmp_path, motor_input=input_of), log)
+    true = TRUE | ({"torque_constant": K_T} if is_current else {})
+    drive = found.drives["elbow"]
+    for name, value in true.items():  # friction near standstill is that of tanh
+        assert drive.value(name) == pytest.approx(value, rel=0.035), name
+    assert drive.value("stiffness") == pytest.approx(K, rel=2e-3)
+    assert found.verdict.level == "good", found.summary()
+    (note,) = [one for one in found.warnings if one.code == "locked-output"]
+    assert (note.joint, note.severity) == ("elbow", "note")
+    assert np.isnan(found.joint_fits["elbow"].own)
+    assert found.joint_fits["elbow"].motor < 0.05
+    assert seaid.check(bench(tmp_path, motor_input=input_of), log).warnings[0].code == note.code
+
+
+def test_what_holds_an_output_may_yield(tmp_path: Path) -> None:
+    log = bench_log()
+    yields = replace(log, joint_position=0.01 * log.motor_position / N)
+    found = identify(bench(tmp_path), yields)
+    assert [one.code for one in found.warnings if one.code != "gear-compliance"] == [
+        "locked-output"
+    ]
+    assert found.drives["elbow"].value("stiffness") == pytest.approx(K / 0.99, rel=2e-3)
+
+
+def test_an_encoder_that_does_not_follow_a_wide_motion_is_dead(tmp_path: Path) -> None:
+    log = bench_log()
+    wide = replace(log, motor_position=5 * log.motor_position)
+    with pytest.raises(LogError, match=r"the joint position of 'elbow' is 0 all the time"):
+        identify(bench(tmp_path), wide)
+
+
+def test_a_current_alone_gives_no_scale(tmp_path: Path) -> None:
+    log = bench_log()
+    unknown = np.full_like(log.motor_torque, np.nan)
+    alone = replace(log, motor_torque=unknown, motor_current=log.motor_torque, joint_torque=None)
+    message = "the torque constant of elbow is unidentifiable: .* and its output is locked"
+    with pytest.raises(IdentificationError, match=message):
+        identify(bench(tmp_path, motor_input="current"), alone)
+    known = {"stiffness_Nm_per_rad": K, "known": ("stiffness",), "motor_input": "current"}
+    drive = identify(bench(tmp_path, **known), alone).drives["elbow"]
+    assert drive.value("torque_constant") == pytest.approx(1.0, rel=2e-3)
+
+
+def test_a_first_project_asks_for_the_gear_ratio_of_a_locked_output(tmp_path: Path) -> None:
+    robot = bench(tmp_path).with_drives({"elbow": StiffDrive(gear_ratio=1.0)})
+    tables, (doubt,) = inferred_drives(robot, [bench_log()])
+    assert tables == {"elbow": {"type": "series_elastic", "gear_ratio": 1.0}}
+    assert "gear_ratio = 1.0 is a placeholder: write that of the data sheet" in doubt
+
+
+def test_a_locked_output_that_slides_gets_a_drive_that_can_be_read(tmp_path: Path) -> None:
+    (tmp_path / "bench.urdf").write_text(URDF.replace('"revolute"', '"prismatic"'))
+    robot = load_robot(tmp_path / "bench.urdf")
+    tables, (doubt,) = inferred_drives(robot, [replace(bench_log(), is_prismatic=(True,))])
+    assert "motor_pulley_radius_m = 1.0 is a placeholder" in doubt
+    assert load_robot(tmp_path / "bench.urdf", tables).drives["elbow"].is_elastic
