@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -270,62 +269,6 @@ def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
     assert re.search(r"\barm +antiresonance_damping ", text)
     assert "hidden-resonance" in text
     assert repr(found).startswith("FrequencyResponse(joints arm: ")
-
-
-MUJOCO = """<mujoco><option timestep="2e-4" gravity="0 0 -9.81" integrator="RK4"/><worldbody>
-<body name="rotor"><joint name="motor" type="hinge" axis="0 1 0" damping="{friction}"/>
-<inertial pos="0 0 0" mass="0.1" diaginertia="{rotor} {rotor} {rotor}"/></body>
-<body name="link"><joint name="arm" type="hinge" axis="0 1 0"/>
-<inertial pos="0 0 {center}" mass="1" diaginertia="{inertia} {inertia} {inertia}"/></body>
-</worldbody><tendon><fixed name="spring" stiffness="{stiffness}" damping="{damping}"
-springlength="0"><joint joint="motor" coef="{ratio}"/>
-<joint joint="arm" coef="-1"/></fixed></tendon>
-</mujoco>"""
-
-
-def mujoco_log(torque: Array, plant: TwoMass) -> Log:
-    """Return what the motor of the plant shows in MuJoCo, which knows nothing of seaid."""
-    length = plant.gravity / 9.81
-    model = mujoco.MjModel.from_xml_string(
-        MUJOCO.format(
-            friction=plant.friction,
-            rotor=plant.motor_inertia,
-            center=-length,
-            inertia=plant.load - length**2,
-            stiffness=plant.stiffness,
-            damping=plant.damping,
-            ratio=1 / plant.gear_ratio,
-        )
-    )
-    data, steps = mujoco.MjData(model), round(1 / (RATE_HZ * model.opt.timestep))
-    place = np.arange(len(torque) * steps) / steps
-    fine = np.interp(place + 0.5 / steps, np.arange(len(torque)), torque)
-    angle = np.empty(len(torque))
-    for step, one in enumerate(fine):
-        if step % steps == 0:
-            angle[step // steps] = data.qpos[0]
-        data.qfrc_applied[0] = one
-        mujoco.mj_step(model, data)
-    return Log(
-        time=np.arange(len(torque)) / RATE_HZ,
-        joint_names=("arm",),
-        motor_position=angle[:, None],
-        joint_position=np.full((len(torque), 1), np.nan),
-        motor_torque=torque[:, None],
-    )
-
-
-@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
-def test_the_spring_of_a_plant_in_mujoco_is_found(tmp_path: Path) -> None:
-    """Another simulator, without nominal values of the drive; its pendulum swings up to 0.2 rad."""
-    plant = replace(PLANT, gravity=3.0)
-    log = mujoco_log(multisine_torque(0.02, periods=2), plant)
-    found = frequency_response(plant.robot(tmp_path, nominal=False), log, period_s=4.0)
-    assert values(found, *NAMES) == pytest.approx(plant.modes, rel=0.01)
-    assert values(found, "stiffness", "spring_damping") == pytest.approx(
-        [plant.stiffness, plant.damping], rel=0.01
-    )
-    assert found.warnings == ()
 
 
 def test_a_reversal_is_where_the_motor_turns_despite_the_kink_of_its_speed() -> None:

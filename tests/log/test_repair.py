@@ -740,18 +740,6 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     )
 
 
-def test_unrepaired_clocks_would_have_been_seen() -> None:
-    """A clock that was set back by five samples, left so, gives no such estimate."""
-    robot = leg().without_nominal()
-    motor = clean().motor_position.copy()
-    motor[5:] = motor[:-5]
-    found = seaid.identify(robot, replace(clean(), motor_position=motor))
-    drive = found.drives["knee_pitch"]
-    place = drive.names.index("viscous_friction")
-    error = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
-    assert abs(error) > 5.0 * drive.standard_errors[place]
-
-
 def table(path: Path) -> dict[str, Array]:
     with np.load(path) as columns:
         return dict(columns)

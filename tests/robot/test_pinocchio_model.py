@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import sympy as sp
 from typer.testing import CliRunner
 
 import seaid
@@ -139,35 +138,6 @@ def test_limits_of_a_leader_keep_those_of_its_followers(gripper: Robot) -> None:
 
 
 # Torques by independent routes
-
-
-def test_torques_are_those_of_the_lagrangian_with_the_follower_substituted(
-    write_urdf: Write,
-) -> None:
-    """Shoulder and level alone, as a planar Lagrangian in one angle, by sympy."""
-    text = gripper_text().replace('offset="0.3"', 'offset="0"')
-    robot = seaid.load_robot(write_urdf(text), joints=["shoulder"])
-    assert robot.body_names == ("upper", "table")
-    q, v, a, g = sp.symbols("q v a g")
-    angle = {"upper": q, "table": q + (sp.Rational(1, 5) - q)}
-    rate = {"upper": v, "table": sp.Integer(0)}
-    corner = sp.Rational(3, 10) * sp.Matrix([sp.cos(q), -sp.sin(q)])  # x and z; y turns x to -z
-    origin = {"upper": sp.Matrix([0, 0]), "table": corner}
-    energy = sp.Integer(0)
-    for link, ten in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
-        m, mx, mz, Iyy = (sp.Float(ten[k], 17) for k in (0, 1, 3, 6))
-        c, s = sp.cos(angle[link]), sp.sin(angle[link])
-        first = sp.Matrix([c * mx + s * mz, -s * mx + c * mz])  # of mass, about the link's origin
-        turned = sp.Matrix([-s * mx + c * mz, -c * mx - s * mz]) * rate[link]
-        speed = origin[link].diff(q) * v
-        energy += m * speed.dot(speed) / 2 + speed.dot(turned) + Iyy * rate[link] ** 2 / 2
-        energy -= g * (m * origin[link][1] + first[1])
-    momentum = energy.diff(v)
-    law = momentum.diff(v) * a + momentum.diff(q) * v - energy.diff(q)
-    by_hand = sp.lambdify((q, v, a), law.subs(g, 9.81))
-    for one in zip(*states(1), strict=True):
-        found = joint_torques(robot, *(x[None] for x in one))[0, 0]
-        assert found == pytest.approx(float(by_hand(*(x[0] for x in one))), rel=1e-10)
 
 
 QUICK = ("panda", "ur5_gripper", "xarm7")
