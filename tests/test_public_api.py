@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from pathlib import Path
 from types import ModuleType
 
@@ -17,110 +17,9 @@ import pytest
 import seaid
 import seaid.regressor
 import seaid.symbolic
-from seaid._progress import Display, Result
+from seaid._progress import Display
 
 IMPORT_SECONDS = 1.0
-FUNCTIONS = {
-    "load_robot": "urdf drives joints payloads gravity snap_tolerance_rad",
-    "load_scene": "urdf robot package_dirs keep_out clearance_m disabled_pairs srdf",
-    "base_parameters": "robot motion torque_joints",
-    "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
-    "executor progress",
-    "add_run_in": "trajectory robot limits periods",
-    "load_trajectory": "path",
-    "cross_check": "numeric exact",
-    "identifiability": "robot sensors conditions seed",
-    "simulate": "robot trajectory rate_hz noise seed",
-    "read_log": "path robot columns description repair",
-    "describe_log": "path robot",
-    "run": "urdf logs folder progress",
-    "run_project": "project command progress",
-    "write_log": "log path",
-    "write_urdf": "found path source force",
-    "write_mjcf": "found path force",
-    "write_randomization": "found path level samples spread seed",
-    "write_model": "found path format time_step_s force",
-    "write_drives": "drives path",
-    "read_parameters": "path robot",
-    "write_report": "identification path validations facts nominal",
-    "write_comparison": "first second path names",
-    "report.comparison_of": "first second names",
-    "estimate_delays": "robot log largest_s cutoff_hz",
-    "find_contacts": "robot log",
-    "correct_delays": "log delays",
-    "gear_ratio": "motor_angle_rad output_angle_rad",
-    "replay": "robot log command",
-    "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs torque_joints method estimator feasible cutoff_hz encoder_offset_std "
-    "executor progress",
-    "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
-    "identify_conditions": "conditions condition_specific torque_joints estimator cutoff_hz "
-    "encoder_offset_std progress",
-    "cross_validate": "robot logs parts progress",
-    "cutoff_sensitivity": "robot logs cutoffs_hz progress",
-    "open_long_log": "path robot columns cutoff_hz chunk_samples",
-    "refine": "identification logs encoder_offset_std iterations progress",
-    "validate": "identification log",
-    "view_robot": "robot motions package_dirs host port",
-    "regressor.rigid_body_regressor": "robot q v a",
-    "symbolic.equations_of_motion": "lagrangian coordinates forces",
-    "symbolic.separate": "equations motion unknowns",
-    "symbolic.reduce": "form",
-    "symbolic.base_parameters": "robot through",
-}
-CLASSES = {
-    "Robot": "name joint_names model drives parameter_names parameters",
-    "Payload": "link mass com",
-    "Box": "center size rotation_rpy name",
-    "StiffDrive": "gear_ratio gear_ratio_rad_per_m motor_inertia_kg_m2 coulomb_friction_Nm "
-    "viscous_friction_Nms_per_rad",
-    "SeriesElasticDrive": "gear_ratio motor_inertia_kg_m2 motor_pulley_radius_m "
-    "load_pulley_radius_m stiffness_N_per_m stiffness_Nm_per_rad viscous_friction_Nms_per_rad "
-    "coulomb_friction_Nm",
-    "regressor.BaseParameters": "columns names expressions grouping gap reduce project",
-    "regressor.CrossCheck": "agree same_columns max_difference gap",
-    "Excitation": "trajectory condition_number base margins",
-    "Trajectory": "duration sample save save_set_points joint_trajectory save_joint_trajectory "
-    "main_interval",
-    "EndState": "position velocity acceleration",
-    "Noise": "",
-    "Limits": "",
-    "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
-    "Motion": "processing",
-    "identification.CutoffSensitivity": "cutoffs_hz names units values standard_errors proposed "
-    "refused moves save_figure",
-    "identification.GearRatio": "value standard_error misfit_rad",
-    "identification.Delay": "joint channel against delay_s standard_error_s is_significant",
-    "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
-    "most_saturated largest_drift",
-    "log.Repair": "channel kind count time_s action",
-    "LogDescription": "joints time where repair to_dict to_toml",
-    "log.Description": "description unsure unused assumed to_toml",
-    "log.LongLog": "path cutoff_hz",
-    "identification.FeasibleParameters": "robot values estimate distance chi_square active_bounds "
-    "notes",
-    "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
-    "agree summary body_count",
-    "identification.TermSelection": "comparisons recommended robot",
-    "identification.Conditions": "identifications condition_specific differences summary",
-    "Identification": "drives load base robot checks feasible summary to_dict save",
-    "Estimate": "names values covariance standard_errors units residual_std condition_number "
-    "degrees_of_freedom interval",
-    "Validation": "joints actuator load",
-    "view.View": "url playbacks playback time show compare seek play pause wait stop",
-    "export.WrittenMjcf": "path notes",
-    "export.Randomization": "path ranges samples unidentified",
-    "export.WrittenModel": "path drives warnings notes",
-    "identification.Fit": "rms_error relative_error r_squared",
-    "symbolic.RegressorForm": "zeta regressor parameters",
-    "symbolic.BaseForm": "regressor parameters B echelon pivots fundamental_functions",
-}
-RESULTS = {
-    *("regressor.BaseParameters", "regressor.CrossCheck", "Identifiability", "Excitation"),
-    *("Identification", "Estimate", "Validation", "identification.FeasibleParameters"),
-    *("identification.CutoffSensitivity", "identification.TermSelection"),
-    "identification.Conditions",
-}
 PACKAGES = [one.name for one in pkgutil.iter_modules(seaid.__path__) if one.ispkg]
 ERRORS = (
     *("SeaidError", "RobotError", "LogError", "ExcitationError", "SymbolicError"),
@@ -128,28 +27,10 @@ ERRORS = (
 )
 
 
-def find(name: str) -> object:
-    """Return what a script reaches as seaid.<name>."""
-    found: object = seaid
-    for part in name.split("."):
-        found = getattr(found, part)
-    return found
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_function_of_the_design_is_there_with_its_arguments(name: str) -> None:
-    function = find(name)
-    assert inspect.isfunction(function)
-    assert set(FUNCTIONS[name].split()) <= set(inspect.signature(function).parameters)
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_type_of_the_design_is_frozen_data_with_its_fields(name: str) -> None:
-    kind = find(name)
-    assert isinstance(kind, type)
-    assert is_dataclass(kind)
-    assert kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
-    assert set(CLASSES[name].split()) <= {field.name for field in fields(kind)} | set(dir(kind))
+FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
+TYPES = [name for name in seaid.__all__ if is_dataclass(getattr(seaid, name))]
+PLAIN = ("Controller", "Finding", "Statics")
+"""Types of plain data, which are shown as Python shows them."""
 
 
 @pytest.mark.parametrize("name", ERRORS)
@@ -161,8 +42,7 @@ def test_all_lists_what_is_there_sorted_and_dir_the_same() -> None:
     assert sorted(seaid.__all__) == dir(seaid)
     for name in seaid.__all__:
         assert getattr(seaid, name) is not None
-    public = {name for name in (*FUNCTIONS, *CLASSES, *ERRORS) if "." not in name}
-    assert public <= set(seaid.__all__)
+    assert {*ERRORS} <= set(seaid.__all__)
 
 
 MOST_NAMES = 79
@@ -248,28 +128,25 @@ def test_everything_public_has_a_docstring() -> None:
     assert [name for module in modules() for name in undocumented(module)] == []
 
 
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if "." not in name])
-def test_every_public_function_that_can_fail_says_how(name: str) -> None:
-    assert "Raises" in (inspect.getdoc(find(name)) or "")
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_public_function_says_how_it_fails_and_shows_its_signature(name: str) -> None:
+    function = getattr(seaid, name)
+    assert "Raises" in (inspect.getdoc(function) or "")
+    shown = pydoc.render_doc(function, renderer=pydoc.TextDoc()).split(" -> ")[0]
+    assert {*inspect.signature(function).parameters} <= {*re.findall(r"\w+", shown)}
 
 
-@pytest.mark.parametrize("name", CLASSES)
-def test_every_type_is_displayed_in_one_line_and_by_a_table_of_the_report(name: str) -> None:
-    kind = find(name)
-    assert isinstance(kind, type)
+@pytest.mark.parametrize("name", TYPES)
+def test_every_type_is_frozen_and_displayed_in_one_line_and_by_a_table_of_the_report(
+    name: str,
+) -> None:
+    kind = getattr(seaid, name)
+    assert kind.__dataclass_params__.frozen
+    if name in PLAIN:
+        return
     assert issubclass(kind, Display)
     assert kind.__repr__ is Display.__repr__
     assert inspect.isfunction(getattr(seaid.report, kind.table_name))
-
-
-def test_results_are_those_with_a_summary() -> None:
-    assert {name for name in CLASSES if issubclass(find(name), Result)} == RESULTS  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if "." not in name])
-def test_help_shows_the_signature(name: str) -> None:
-    shown = pydoc.render_doc(find(name), renderer=pydoc.TextDoc())
-    assert set(FUNCTIONS[name].split()) <= set(re.findall(r"\w+", shown.split(" -> ")[0]))
 
 
 @pytest.mark.parametrize("package", PACKAGES)

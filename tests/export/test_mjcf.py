@@ -456,11 +456,12 @@ def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
 
 
 def test_names_never_clash_and_odd_ones_load(write_chain: Any, tmp_path: Path) -> None:
-    joints = {"a--": TURN, "a--_motor": TURN}
-    robot = load_robot(write_chain(joints), {"a--": ELASTIC, "a--_motor": ELASTIC})
+    twins = ("a--", "a--_motor")
+    robot = load_robot(write_chain(dict.fromkeys(twins, TURN)), dict.fromkeys(twins, ELASTIC))
     model = loaded(robot, tmp_path)
-    names = {model.joint(index).name for index in range(model.njnt)}
-    assert names == {"a--", "a--_motor", "a--_motor_", "a--_motor_motor"}
+    assert {model.joint(index).name for index in range(model.njnt)} == {
+        *("a--", "a--_motor", "a--_motor_", "a--_motor_motor"),
+    }
     body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     links, joints = ("base", "world", "world_link", "left/hand é"), ("world", "a b", "arm/joint")
     rows = [f'<link name="{name}">{body}</inertial></link>' for name in links]

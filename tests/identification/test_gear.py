@@ -64,9 +64,9 @@ def test_springs_and_gears_are_in_series() -> None:
         "stiffness_Nm_per_rad": 300.0,
         "gear_stiffness_Nm_per_rad": 1500.0,
     }
-    (drive,) = drives_from_mapping({"knee": table}).values()
-    assert drive_table(drive) == table
-    assert drive.without_nominal().gear_compliance == 1 / 1500
+    (read,) = drives_from_mapping({"knee": table}).values()
+    assert drive_table(read) == table
+    assert read.without_nominal().gear_compliance == 1 / 1500
 
 
 @pytest.mark.parametrize("cubic", [3e4, -1e4])

@@ -124,11 +124,11 @@ def test_coupled_drives_tell_their_joints_and_deflections(write_chain: Callable[
     played = playback_of(robot, log_of(robot, np.full(joint.shape, np.nan), motor), "run")
     np.testing.assert_allclose(played.position, joint, atol=1e-12)
     spring = SeriesElasticDrive(10.0, stiffness_Nm_per_rad=100.0)
-    drives = {
+    springs = {
         "a": replace(spring, transmission={"a": 1.0, "b": 1.0}),
         "b": replace(spring, transmission={"a": 1.0, "b": -1.0}),
     }
-    robot = load_robot(write_chain(dict.fromkeys("ab", f"revolute {AXIS}{LIMIT}")), drives)
+    robot = load_robot(write_chain(chain), springs)
     joint, deflection = waves(robot)
     turned = np.column_stack([joint.sum(axis=1), joint[:, 0] - joint[:, 1]])
     played = playback_of(robot, log_of(robot, joint, 10.0 * (turned + deflection)), "run")

@@ -224,12 +224,12 @@ def test_what_cannot_be_opened_is_said(leg: Robot, monkeypatch: pytest.MonkeyPat
             view_robot(leg, port=port)
     with pytest.raises(SeaidError, match=r"cannot open port 0 of host '192.0.2.1'"):
         view_robot(leg, host="192.0.2.1", port=0)  # an address for documents only
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(SeaidError, match=r"pip install 'seaid\[view\]'"):
-        view_robot(leg, port=0)
     other = load_robot(leg.urdf, joints=["knee_pitch"]) if leg.urdf else leg
     with pytest.raises(RobotError, match="load both with the same joints="):
         view_robot(leg, identified=other, port=0)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(SeaidError, match=r"pip install 'seaid\[view\]'"):
+        view_robot(leg, port=0)
 
 
 def test_another_motion_is_shown_within_its_time_and_beside(view: View) -> None:
