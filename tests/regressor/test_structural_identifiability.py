@@ -431,6 +431,17 @@ def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("_CLEAR_GAP", 1e300), ("_is_confirmed", lambda *_: False)]
+)
+def test_a_rank_without_a_clear_gap_or_that_other_instants_contradict_is_not_sure(
+    name: str, value: Any, tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert identifiability(tulip_leg).agree
+    monkeypatch.setattr(f"seaid.regressor.structural_identifiability.{name}", value)
+    assert not identifiability(tulip_leg).agree
+
+
 @pytest.mark.rounding
 def test_another_seed_gives_the_same_answer(load_quietly: Callable[..., Robot]) -> None:
     robot = load_quietly(TREE, TREE.with_suffix(".toml"))
