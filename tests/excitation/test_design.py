@@ -81,26 +81,6 @@ def test_only_some_torques_known(leg: Robot) -> None:
     assert np.isfinite(found.condition_number)
 
 
-@pytest.mark.slow  # 1.6 s
-def test_free_ends_reach_further(leg: Robot) -> None:
-    """Rest is one of the free ends: the least condition number is no more, here 25 for 27.
-
-    After 40 iterations both still fall, and which is ahead is a matter of rounding; 80 are enough.
-    """
-    options: dict[str, Any] = {"starts": 1, "iterations": 80, "coefficients": 14}
-    rest, free = (plan(leg, 6.0, rest_to_rest=rest, **options) for rest in (True, False))
-    assert not free.trajectory.rests_at_ends
-    assert free.condition_number < rest.condition_number
-
-
-@pytest.mark.slow  # a search of 2 s
-def test_progress_is_shown_on_stderr(slider_arm: Robot, capsys: pytest.CaptureFixture[str]) -> None:
-    plan(slider_arm, progress=True)
-    shown = capsys.readouterr()
-    assert "condition number" in shown.err
-    assert not shown.out
-
-
 @pytest.mark.slow  # a search for a motion of the leg
 def test_a_search_that_still_falls_says_so(leg: Robot) -> None:
     with pytest.warns(SeaidWarning, match=r"iteration limit \(30\) while the criterion was still"):

@@ -55,18 +55,6 @@ def test_count_of_a_known_robot(
     assert base.gap > 1e12
 
 
-@pytest.mark.slow  # QR of 1010 columns, one after the other
-def test_tiago_dual_has_639(
-    example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_path("tiago_dual.urdf"))
-    base = base_parameters(robot)
-    assert len(base.columns) == 639
-    q, v, a = (states[:4] for states in random_states(robot, seed=5))
-    Y = rigid_body_regressor(robot, q, v, a)
-    assert np.max(np.abs(base.reduce(Y) @ base.grouping - Y)) < 1e-9 * np.max(np.abs(Y))
-
-
 @pytest.mark.rounding
 @pytest.mark.parametrize(
     ("axes", "count"),

@@ -179,30 +179,6 @@ def leg_motion() -> Motion:
     return simulate_motion(leg(TEST_MASS), wiggle(leg(), 2.5, middle, reach))
 
 
-@pytest.mark.slow  # 1 s
-def test_true_motion_obeys_the_equations_it_was_made_of() -> None:
-    """(7) and (8) at every tick that is not at rest, of elastic and stiff joints."""
-    for robot, motion in ((leg(TEST_MASS), leg_motion()), (arm(), arm_motion())):
-        plant = plant_of(robot)
-        assert robot.model_order == tuple(range(robot.n))
-        data = robot.model.createData()
-        load = np.array(
-            [pin.rnea(robot.model, data, *s) for s in zip(*motion.joint_states, strict=True)]
-        )
-        speed = motion.motor_velocity
-        friction = plant.viscous * speed + plant.coulomb * np.sign(speed)
-        torque = plant.motor_inertia * motion.motor_acceleration + friction
-        torque += load / np.where(
-            plant.elastic, plant.ratio * plant.load_radius / plant.motor_radius, plant.ratio
-        )
-        moving = np.abs(speed) > 1e-6
-        error = np.where(moving, motion.motor_torque - torque, 0.0)
-        assert np.mean(moving) > 0.9
-        assert np.max(np.abs(error)) < 1e-12
-        elastic = plant.elastic
-        assert motion.joint_torque[:, elastic] == pytest.approx(load[:, elastic], abs=1e-10)
-
-
 def test_robot_follows_its_trajectory() -> None:
     motion = arm_motion()
     middle, reach = (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)
