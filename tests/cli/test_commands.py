@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+import runpy
 import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
@@ -280,17 +281,22 @@ def test_files_of_a_command_are_those_of_the_library(arm: Path, tmp_path: Path) 
     read = seaid.load_trajectory(tmp_path / "plan.json")
     np.testing.assert_allclose(read.coefficients, planned.coefficients)
 
-    for suffix, writer in ((".c", "export_c"), (".py", "export_numpy")):
+    bare = seaid.load_robot(arm / "arm.urdf")
+    form = seaid.symbolic.rigid_body(bare)
+    for suffix, writer in ((".c", seaid.symbolic.export_c), (".py", seaid.symbolic.export_numpy)):
         output, own_file = tmp_path / f"arm{suffix}", tmp_path / f"own{suffix}"
-        known = ("--payload", "lower:2:0.1,0,0", "--parameters", arm / "run.json")
-        done("export", arm / "arm.urdf", *known, "-o", output)
-        loaded = seaid.load_robot(
-            arm / "arm.urdf", payloads=[seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))]
-        )
-        form = seaid.symbolic.rigid_body(loaded)
-        values = seaid.export.read_parameters(arm / "run.json", loaded)
-        getattr(seaid.symbolic, writer)(form, own_file, values.parameters)
+        done("export", arm / "arm.urdf", "-o", output)
+        writer(form, own_file, bare.parameters)
         assert output.read_text() == own_file.read_text()
+    known = ("--payload", "lower:2:0.1,0,0", "--parameters", arm / "run.json")
+    done("export", arm / "arm.urdf", *known, "-o", tmp_path / "loaded.py")
+    states = np.random.default_rng(5).normal(size=(3, 4, 2))
+    found = runpy.run_path(str(tmp_path / "loaded.py"))["inverse_dynamics"](*states)
+    loaded = seaid.load_robot(
+        arm / "arm.urdf", payloads=[seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))]
+    )
+    loaded = seaid.export.read_parameters(arm / "run.json", loaded)
+    np.testing.assert_allclose(found, seaid.regressor.joint_torques(loaded, *states), atol=1e-9)
 
 
 def test_every_limit_and_gravity_is_an_option(arm: Path) -> None:
