@@ -158,9 +158,28 @@ def test_blocks_are_equal_parts_in_time_over_the_runs(segments: int) -> None:
     assert all(np.sum(np.diff(block.astype(int)) == 1) <= segments for block in blocks)
 
 
-def test_too_few_rows_are_refused() -> None:
-    with pytest.raises(IdentificationError, match="4 rows are too few to exclude one of 8"):
-        time_blocks(rows((1.0, 0.0, 0.0, 0.0), count=4))
+@pytest.mark.parametrize(("count", "width"), [(4, 4), (15, 4), (16, 14)])
+def test_too_few_rows_are_refused(count: int, width: int) -> None:
+    """Each block needs two rows, and what is left more rows than parameters."""
+    data = rows((1.0, 0.0, 0.0, 0.0), count=count)
+    names = tuple("abcdefghijklmn"[:width])
+    data = replace(data, H=np.ones((count, width)), names=names, units=("1",) * width)
+    with pytest.raises(IdentificationError, match=f"{count} rows are too few to exclude one of 8"):
+        time_blocks(data)
+
+
+def test_the_last_parameters_have_the_errors_of_white_noise_in_any_units() -> None:
+    data = rows((1.0, -2.0, 0.5, 0.3), count=4000)
+    equation = equation_of(fit(replace(data, H=data.H * [1, 1e3, 1e-2, 10]), ESTIMATORS["wls"]))
+    X = equation.weight[:, None] * equation.rows.H
+    y = equation.weight * equation.rows.y
+    theta = np.linalg.lstsq(X, y)[0]
+    std = np.std(y - X @ theta)
+    values, errors = equation.last(2)
+    np.testing.assert_allclose(equation.values, theta, rtol=1e-9)
+    np.testing.assert_allclose(values, theta[2:], rtol=1e-9)
+    white = std * np.sqrt(np.diag(np.linalg.inv(X.T @ X))[2:])
+    np.testing.assert_allclose(errors, white, rtol=0.15)
 
 
 def selected(*columns: Array) -> Selection:
