@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.nonlinear_least_squares import (
+    LAG_S,
     Point,
     Residuals,
+    _autocorrelated_covariance,
     _autocorrelation,
     fisher_covariance,
     gauss_newton_step,
@@ -70,6 +73,24 @@ def whole(log: Residuals, stds: Array) -> tuple[Array, Array]:
     return (columns * weights[..., None]).reshape(-1, columns.shape[-1]), (
         log.residual * weights
     ).ravel()
+
+
+def test_the_covariance_is_that_of_stationary_noise_in_each_channel() -> None:
+    """By another route: x^T T x with the Toeplitz matrix of the autocorrelation of a channel."""
+    log, rng = problem(), np.random.default_rng(0)
+    t = np.arange(WINDOWS * BLOCKS)
+    influence = np.column_stack([np.cos(0.05 * t), np.sin(0.3 * t)])
+    noise = lfilter([1.0], [1.0, -0.8], rng.normal(size=(len(t), CHANNELS)), axis=0)
+    step = float(np.median(np.diff(log.time.ravel())))
+    expected = 0.0
+    for x, of_channel in zip(influence.T, noise.T, strict=True):
+        lags = _autocorrelation(of_channel, LAG_S / step)
+        column = np.zeros(len(t))
+        column[: len(lags) + 1] = [1.0, *lags]
+        expected += x @ toeplitz(column) @ x
+    found = _autocorrelated_covariance([log], influence.reshape(-1, 1), noise.ravel())
+    assert expected > 2 * np.sum(influence**2)
+    assert found.item() == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.rounding
