@@ -294,7 +294,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
         return None
     each = scipy.linalg.block_diag(*bodies)
     effects = experiment.over_noise(experiment.regressor @ each.T)
-    y = experiment.over_noise(experiment.target - experiment.regressor @ experiment.bodies)
+    y = experiment.over_noise(experiment.target - experiment.of_file)
     excess = y - effects @ scaled_svd(effects).solve(y, RANK_TOLERANCE)
     noise = math.sqrt(max(1.0, float(np.mean(excess**2)) * tol.CORRELATED_ROWS))
     mass = np.maximum(np.abs(bodies[:, 0]), np.finfo(float).tiny)

@@ -549,7 +549,9 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     robot = experiment.robot
     if robot.has_controllers or not experiment.used or not np.all(np.isfinite(experiment.bodies)):
         return  # on a floating base no joint is used, whose bodies have columns of their own
-    factors, clear = _torque_factors(experiment)
+    every = {j: experiment.scale(j) for j in experiment.used}
+    factors = {j: scale.factor for j, scale in every.items() if scale.factor > 0}
+    clear = [j for j in factors if every[j].is_clear]
     logs = np.log([factors[j] for j in clear])
     if not _are_scales(logs, experiment.lever[clear]):
         return
@@ -581,21 +583,6 @@ def _are_scales(logs: Array, levers: Array) -> bool:
         return False  # most joints have one factor: it is a unit, and another one is an outlier
     # torques behind the gears have their ratio
     return bool(np.max(np.abs(logs - np.log(levers))) >= np.log(tol.TWICE))
-
-
-def _torque_factors(experiment: Experiment) -> tuple[dict[int, float], list[int]]:
-    """Return torques over those of the bodies of the robot file, and where they explain most."""
-    of_bodies = experiment.regressor @ experiment.bodies
-    factors, clear = dict[int, float](), list[int]()
-    for j in experiment.used:
-        # the rotor has a column of its own, whatever the torque on it is
-        columns = (of_bodies[:, j], experiment.loads[j], experiment.motor[2][:, j])
-        H, y = np.column_stack(columns), experiment.target[:, j]
-        x = scaled_svd(H).solve(y)
-        unexplained = float(np.std(y - H @ x))
-        factors |= {j: float(x[0])} if x[0] > 0 else {}
-        clear += [j] if unexplained < tol.MOST * x[0] * np.std(of_bodies[:, j]) else []
-    return factors, clear
 
 
 def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) -> dict[int, float]:

@@ -30,7 +30,7 @@ from seaid.checks.codes import (
     in_drives,
     only_joint,
 )
-from seaid.checks.experiment import Experiment, fitted, scaled
+from seaid.checks.experiment import Experiment, TorqueScale, scaled
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
@@ -559,24 +559,6 @@ def _commanded_joints(experiment: Experiment) -> list[int]:
     return [j for j in experiment.used if has_bodies and drives[j].controller is not None]
 
 
-def _by_bodies(experiment: Experiment, j: int) -> tuple[Array, Array]:
-    """Return columns (R, 5) of the bodies, friction and rotor, and the controller's torque (R,)."""
-    of_bodies = experiment.regressor[:, j] @ experiment.bodies
-    columns = np.column_stack([of_bodies, experiment.friction[j], _rotor(experiment, j)])
-    return columns, experiment.lever[j] * experiment.torque[:, j]
-
-
-def _rotor(experiment: Experiment, j: int) -> Array:
-    """Return the column (R,) of the rotor inertia of joint j."""
-    return np.asarray(experiment.lever[j] * experiment.motor[2][:, j])
-
-
-def _unexplained_share(columns: Array, y: Array) -> float:
-    """Return the residual of a fit over y (R,), both as standard deviations."""
-    residual = y - columns @ fitted(columns, y)[0]
-    return float(np.std(residual) / max(float(np.std(y)), np.finfo(float).tiny))
-
-
 def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
     """Yield controllers without a limit whose torque ends at one, by the motion that follows.
 
@@ -588,12 +570,14 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         law = experiment.robot.drives[joint].controller
         if law is None or np.isfinite(law.torque_limit_Nm):
             continue
-        columns, asked = _by_bodies(experiment, j)
-        before = _unexplained_share(columns, asked)
+        asked, before = (
+            experiment.lever[j] * experiment.torque[:, j],
+            experiment.scale(j).unexplained,
+        )
         levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
-        # The motion is that of the torque that is cut: at the right level the columns explain it.
+        # The motion is that of the torque that is cut: at the right level bodies explain it.
         after = {
-            float(level): _unexplained_share(columns, np.clip(asked, -level, level))
+            float(level): _with_limit(experiment, j, level).scale(j).unexplained
             for level in levels[levels > 0]
         }
         limit = min(after, key=after.__getitem__, default=0.0)
@@ -614,49 +598,42 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         )
 
 
+def _with_limit(experiment: Experiment, j: int, limit: float) -> Experiment:
+    """Return the experiment whose torque of joint j ends at a limit behind the gear."""
+    torque, at_motor = experiment.torque.copy(), limit / experiment.lever[j]
+    torque[:, j] = np.clip(torque[:, j], -at_motor, at_motor)
+    return experiment.with_changes(torque=torque)
+
+
 def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     """Return the finding of gains in another unit than N m, if any, and its experiment in N m.
 
     The bodies of the robot file show a factor on some joints. Where it is off on all of these, all
     commanded joints count as off, those that show none by the median factor.
     """
-    factors = _gain_factors(experiment)
-    off = {j: pair for j, pair in factors.items() if not 1 / tol.TWICE < pair[0] < tol.TWICE}
+    joints = _commanded_joints(experiment)
+    scales = {j: experiment.scale(j) for j in joints}
+    scales = {j: x for j, x in scales.items() if x.is_clear}
+    off = {j: x for j, x in scales.items() if not 1 / tol.TWICE < x.factor < tol.TWICE}
     if not off:
         return [], experiment
-    joints = _commanded_joints(experiment) if len(off) == len(factors) else [*off]
+    joints = joints if len(off) == len(scales) else [*off]
     finding = _gain_finding(experiment, off, joints)
-    usual = float(np.median([factor for factor, _ in off.values()]))
-    inverse = {j: 1 / (off[j][0] if j in off else usual) for j in joints}
+    usual = float(np.median([scale.factor for scale in off.values()]))
+    inverse = {j: 1 / (off[j].factor if j in off else usual) for j in joints}
     return [finding], scaled(experiment, inverse, "t")
 
 
-def _gain_factors(experiment: Experiment) -> dict[int, tuple[float, float]]:
-    """Return the torque of controllers over that of the bodies, and its standard error, by joint.
-
-    With any friction and any rotor inertia; of joints where it is well known, and where both
-    together explain the torque.
-    """
-    factors: dict[int, tuple[float, float]] = {}
-    for j in _commanded_joints(experiment):
-        columns, y = _by_bodies(experiment, j)
-        x, covariance = fitted(columns, y)
-        factor, error = float(x[0]), math.sqrt(covariance[0, 0])
-        if error < tol.POOR * factor and _unexplained_share(columns, y) < tol.SEVERE:
-            factors[j] = factor, error
-    return factors
-
-
 def _gain_finding(
-    experiment: Experiment, shown: Mapping[int, tuple[float, float]], joints: Sequence[int]
+    experiment: Experiment, shown: Mapping[int, TorqueScale], joints: Sequence[int]
 ) -> Finding:
-    """Return the finding for the factors and standard errors `shown`, and all joints concerned."""
+    """Return the finding for the factors that are `shown`, and all joints concerned."""
     names, is_known = experiment.robot.joint_names, bool(experiment.robot.known_bodies)
-    times = {names[j]: factor for j, (factor, _) in shown.items()}
+    times = {names[j]: scale.factor for j, scale in shown.items()}
     texts = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
     others = [names[j] for j in joints if j not in shown]
     more = f"; {listed(others, tol.MOST_LISTED)} as the others" if others else ""
-    error = float(np.median([error / factor for factor, error in shown.values()]))
+    error = float(np.median([scale.error / scale.factor for scale in shown.values()]))
     concerned = tuple(names[j] for j in joints)
     return codes.GAIN_SCALE.finding(
         "the controllers give many times or a fraction of the torque that moves and holds the "
@@ -724,10 +701,12 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
         experiment = changed.with_changes(joint=joint, motor=motor)
     inertia, drives = experiment.inertia.copy(), [*experiment.robot.drives.values()]
     # lever (tau_M - I_M theta_M'') = row of (8) + friction: what the bodies leave of lever tau_M.
-    unexplained = experiment.lever * experiment.torque - experiment.regressor @ experiment.bodies
+    unexplained = experiment.lever * experiment.torque - experiment.of_file
     for j in experiment.used:
         if drives[j].motor_inertia_kg_m2 is None:
-            columns = np.column_stack([experiment.friction[j], _rotor(experiment, j)])
+            columns = np.column_stack(
+                [experiment.friction[j], experiment.lever[j] * experiment.motor[2][:, j]]
+            )
             inertia[j] = max(float(scaled_svd(columns).solve(unexplained[:, j])[-1]), 0.0)
     return experiment.with_changes(inertia=inertia)
 

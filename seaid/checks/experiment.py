@@ -68,6 +68,25 @@ _SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(
 """The change (10, 3, 4) by a shift along each axis, per unit of mass and first moments."""
 
 
+@dataclass(frozen=True, eq=False)
+class TorqueScale:
+    """The torque of a joint as a multiple of that of the bodies, next to any friction and rotor.
+
+    `factor` and its standard `error`; `rotor`: inertia [kg m^2], NaN for one that is not in the
+    torque; `unexplained`: the part (rms, without the mean) of the torque that the fit leaves.
+    """
+
+    factor: float
+    error: float
+    rotor: float
+    unexplained: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the factor is well known, and bodies with it explain the torque."""
+        return self.error < tol.POOR * self.factor and self.unexplained < tol.SEVERE
+
+
 _OF_LOADS = ("robot", "joint", "motor", "direction")
 _OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed", "unscaled")
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
@@ -254,6 +273,29 @@ class Experiment:
         """The base parameters of all bodies, known ones included."""
         robot = replace(self.robot, known_bodies=(), at_rest=FrozenMapping({}, "joint"))
         return base_parameters(robot)
+
+    @derived("robot", "joint", "bodies")
+    def of_file(self) -> Array:
+        """The torques (R, n) of the bodies of the robot file and the payloads."""
+        return np.asarray(self.regressor @ self.bodies)
+
+    def scale(self, j: int) -> TorqueScale:
+        """Return the torque of joint j as a multiple of that of the bodies.
+
+        It is that of the motor behind the gear, in which an unknown rotor has a column as a known
+        one does, or that of the sensor.
+        """
+        y = self.lever[j] * self.torque[:, j]
+        columns = [self.of_file[:, j], self.loads[j]]
+        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
+        if has_rotor:  # N r_L / r_M I_M theta_M''
+            columns.append(self.lever[j] * self.motor[2][:, j])
+        y = self.sensed[:, j] if np.all(np.isnan(y)) else y
+        H = np.column_stack(columns)
+        x, covariance = fitted(H, y)
+        unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), _LEAST))
+        rotor = float(x[-1]) if has_rotor else math.nan
+        return TorqueScale(float(x[0]), math.sqrt(covariance[0, 0]), rotor, unexplained)
 
     @derived("robot", "joint")
     def columns(self) -> Array:
@@ -607,7 +649,7 @@ class Experiment:
     @cached_property
     def unexplained(self) -> Array:
         """What the bodies of the robot file leave of the torques, `weighed`."""
-        return self.weighed(self.target - self.regressor @ self.bodies)
+        return self.weighed(self.target - self.of_file)
 
     def multiple(self, torques: Array) -> float:
         """Return the multiple of torques (R, n) that is in what the robot file leaves unexplained.

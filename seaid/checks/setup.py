@@ -38,7 +38,6 @@ from seaid.checks.codes import (
 from seaid.checks.experiment import (
     Experiment,
     Transform,
-    fitted,
     multiplied,
     near,
     scaled,
@@ -399,52 +398,30 @@ _UNITS = {"mNm": 1e3, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
 
-def _slopes(experiment: Experiment) -> dict[int, tuple[float, float, float]]:
-    """Return torques over those of the nominal bodies, their errors, and rotors over the given.
-
-    A torque does not show those of the bodies if friction alone explains it: in any unit it would
-    explain as much. Its slope is within its errors.
-    """
-    slopes = {}
-    for j in experiment.used:
-        columns = [experiment.regressor[:, j] @ experiment.bodies, experiment.loads[j]]
-        y = experiment.lever[j] * experiment.torque[:, j]
-        has_rotor = experiment.inertia[j] > 0 and bool(np.all(np.isfinite(y)))
-        if has_rotor:
-            # The torque N r_L / r_M I_M theta_M'' of the given rotor: its coefficient is a ratio.
-            columns.append(experiment.inertia[j] * experiment.lever[j] * experiment.motor[2][:, j])
-        y = experiment.sensed[:, j] if np.all(np.isnan(y)) else y
-        x, covariance = fitted(np.column_stack(columns), y)
-        rotor = float(x[-1]) if has_rotor else math.nan
-        slopes[j] = float(x[0]), math.sqrt(covariance[0, 0]), rotor
-    return slopes
-
-
 def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that lack those of the nominal bodies, which other joints show.
 
-    Their slope is zero, with an error that is far below one, and friction explains the torque.
+    Their factor is zero, with an error that is far below one, and friction explains the torque.
     """
     if not _has_bodies(experiment):
         return
     # a payload that is named and not there has no torque, of a joint that measures well
-    slopes = _slopes(experiment.with_changes(bodies=experiment.robot.parameters))
-    shown = [
-        j for j, (slope, error, _) in slopes.items() if slope > max(tol.POOR, tol.SURE * error)
-    ]
+    unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
+    scales = {j: unloaded.scale(j) for j in experiment.used}
+    shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
     names = experiment.robot.joint_names
-    for j, (slope, error, _) in slopes.items() if 2 * len(shown) > len(slopes) else ():
+    for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
         torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
         residual = torque - friction @ scaled_svd(friction).solve(np.nan_to_num(torque))
         is_friction = float(np.std(residual)) < tol.SEVERE * float(np.std(torque))
-        if abs(slope) < tol.SURE * error < tol.POOR and is_friction:
+        if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
             yield codes.NO_MEASUREMENT.finding(
-                f"the torque of {names[j]} has {slope:.2g} +- {error:.2g} times that of the bodies "
-                "of the robot file, and follows the direction of its motion: it measures friction, "
-                "or nothing",
+                f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
+                "of the bodies of the robot file, and follows the direction of its motion: it "
+                "measures friction, or nothing",
                 names[j],
                 "wrong",
-                {"torque over that of the bodies": slope, "standard error": error},
+                {"torque over that of the bodies": scale.factor, "standard error": scale.error},
                 "log the current or the torque that the drive measures"
                 f"{excluding_torque([names[i] for i in shown])}",
             )
@@ -453,11 +430,14 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
-    for j, (slope, error, _) in _slopes(experiment).items():
+    for j in experiment.used:
+        scale = experiment.scale(j)
+        slope = scale.factor
         if not rounding < abs(slope) < 1 / rounding:
             continue  # one of the torques is nothing but rounding next to the other
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
-        if abs(slope) > tol.SURE * error and not is_reversed_only:
+        # in any unit friction alone would explain as much of a torque whose factor may be zero
+        if abs(slope) > tol.SURE * scale.error and not is_reversed_only:
             slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
             if abs(slope - 1) > tol.SLIGHT:
                 words = f"the torque of {experiment.robot.joint_names[j]} is"
@@ -493,7 +473,7 @@ def _refinement(experiment: Experiment, j: int) -> float:
 
     Nominal torques are the instrument: noise of the logged one would bias least squares.
     """
-    nominal, is_own = experiment.regressor @ experiment.bodies, np.arange(experiment.robot.n) == j
+    nominal, is_own = experiment.of_file, np.arange(experiment.robot.n) == j
     of_motors = experiment.lever * experiment.torque
     torque = np.where(np.isnan(of_motors), experiment.sensed, of_motors)
     z, x = experiment.weighed(is_own * nominal), experiment.weighed(is_own * torque)
@@ -507,8 +487,10 @@ def _refinement(experiment: Experiment, j: int) -> float:
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
     used, lever = experiment.used, experiment.lever[experiment.used]
-    slopes, errors, rotors = np.array([*_slopes(experiment).values()]).T
-    slopes = np.where(np.abs(slopes) > tol.SURE * errors, slopes, 0.0)
+    scales = [experiment.scale(j) for j in used]
+    slopes = np.array([x.factor if abs(x.factor) > tol.SURE * x.error else 0.0 for x in scales])
+    known = zip(scales, experiment.inertia[used].tolist(), strict=True)
+    rotors = np.array([x.rotor / inertia for x, inertia in known if inertia > 0])
     middle, rotor = float(np.median(slopes)), _median(rotors)
     if middle <= 0 or len(used) < 2:
         return
@@ -557,8 +539,9 @@ def _behind_gears(experiment: Experiment, factor: float) -> Transform:
 
 
 def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
-    for j, (_, _, rotor) in _slopes(experiment).items():
-        joint, inertias = experiment.robot.joint_names[j], experiment.inertia
+    joint_names, inertias = experiment.robot.joint_names, experiment.inertia
+    for j in (j for j in experiment.used if inertias[j] > 0):
+        joint, rotor = joint_names[j], experiment.scale(j).rotor / float(inertias[j])
         if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < tol.SLIGHT:
             continue
         # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
