@@ -563,9 +563,9 @@ def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
     named = [one for one in severe if one.letter in "RN"]
     false = sum(bool(one.false_codes) for one in named)
     return [
-        ["severe: flagged with the right code", *_share(severe, NAMED), "95 %"],
-        ["severe: the remedy repairs", *_share(fixable, "Rn"), "85 %"],
-        ["severe, named: another code next to it", _part(false, len(named)), "-", "-"],
+        ["severe: flagged with the right code", *_share(severe, NAMED), "97 %"],
+        ["severe: the remedy repairs", *_share(fixable, "Rn"), "90 %"],
+        ["severe, named: another code next to it", _part(false, len(named)), "-", "at most 5 %"],
         ["severe: flagged with any code", *_share(severe, DETECTED), "-"],
         ["mild: flagged with any code", *_share(mild, DETECTED), "70 %"],
         ["mild: flagged with the right code", *_share(mild, NAMED), "-"],
@@ -639,7 +639,7 @@ def alarms(found: Sequence[Right]) -> tuple[list[list[str]], str]:
     share = flagged / max(len(found), 1)
     return rows, (
         f"{flagged} of {len(found)} right set-ups have a finding of severity wrong or doubtful "
-        f"({share:.1%}; wanted at most 2 %), {wrong} one of severity wrong"
+        f"({share:.1%}; wanted at most 1 %), {wrong} one of severity wrong"
     )
 
 
