@@ -70,7 +70,7 @@ def _best_gravity(experiment: Experiment) -> Array | None:
     change = scaled_svd(np.column_stack(columns)).solve(experiment.unexplained, tol.SLIGHT)
     # The length of gravity is known: only the direction of the sum counts.
     norm = float(np.linalg.norm(now + change))
-    return np.asarray((now + change) / norm) if norm > tol.FIRST_ORDER else None
+    return np.asarray((now + change) / norm) if norm > tol.SEVERE else None
 
 
 def _first_order(experiment: Experiment, ahead: Experiment, step: float) -> float:
@@ -87,7 +87,7 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints."""
     for joint in experiment.robot.joint_names[1:]:
         factor = 1 + _first_order(experiment, _with_length(experiment, joint, 1 + tol.FEW), tol.FEW)
-        if abs(factor - 1) >= tol.SLIGHT and tol.FIRST_ORDER < factor < 1 / tol.FIRST_ORDER:
+        if abs(factor - 1) >= tol.SLIGHT and tol.SEVERE < factor < 1 / tol.SEVERE:
             yield Transform(
                 codes.GEOMETRY,
                 f"the distance of {joint} from the joint before it is {factor:.3g} times that of "
@@ -158,7 +158,7 @@ def _with_length(experiment: Experiment, joint: str, factor: float) -> Experimen
     robot, model = experiment.robot, experiment.robot.model.copy()
     # Joint 0 of Pinocchio is the universe.
     placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
-    if np.linalg.norm(placement.translation) >= tol.SHORTEST_M:
+    if np.linalg.norm(placement.translation) >= tol.LEAST_OFFSET:
         placement.translation = factor * placement.translation
     return experiment.with_changes(robot=replace(robot, model=model))
 

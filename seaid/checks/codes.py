@@ -427,7 +427,7 @@ def _as_one(findings: Sequence[Finding]) -> Finding:
     ]
     return replace(
         first,
-        message=f"{first.message}; likewise at {listed(joints[1:], tol.MOST_LISTED)}",
+        message=f"{first.message}; likewise at {listed(joints[1:])}",
         joint="",
         joints=joints,
         evidence={

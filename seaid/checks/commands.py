@@ -156,7 +156,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     period_s = float(time[-1] - time[0]) / (len(time) - 1)
     # Samples from one change of the command to the next: 1 where each sample has a new one.
     runs = np.diff(np.flatnonzero(np.diff(command) != 0))
-    runs = runs[runs * period_s < tol.HELD_S]  # longer ones are rests
+    runs = runs[runs * period_s < tol.WINDOW_S]  # longer ones are rests
     # A median above one: each command is held over several samples, and none is repeated.
     if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
         return
@@ -478,7 +478,7 @@ def _separation(
     if effect <= 1:
         verdict, remedy = "does not separate", _OTHER_GAINS
         but = "; it determines sums, and each alone only as well as T is known: "
-        but += listed(sums, 2 * tol.MOST_LISTED)
+        but += listed(sums)
     return codes.COMMAND_DELAY.note(
         f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
         f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
@@ -512,7 +512,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
             "the log does not separate the delay of the commands from rotor inertia and friction: "
             f"it counts as known to +-{NORMAL_95 * stated_s * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
-            f"[kg m^2], with 95 %: {listed(sums, tol.MOST_LISTED)}",
+            f"[kg m^2], with 95 %: {listed(sums)}",
             evidence=evidence,
             remedy=_OTHER_GAINS,
         )
@@ -542,7 +542,7 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
         else "they are logged late, or the positions early"
     )
     return codes.DELAY.finding(
-        f"the commands of {listed(joints, tol.MOST_LISTED)} act {1e3 * abs(delay):.3g} ms "
+        f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms "
         f"{'after' if is_late else 'before'} their time in the log: {cause}",
         only_joint(joints),
         "doubtful" if is_late else "note",
@@ -632,13 +632,13 @@ def _gain_finding(
     times = {names[j]: scale.factor for j, scale in shown.items()}
     texts = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
     others = [names[j] for j in joints if j not in shown]
-    more = f"; {listed(others, tol.MOST_LISTED)} as the others" if others else ""
+    more = f"; {listed(others)} as the others" if others else ""
     error = float(np.median([scale.error / scale.factor for scale in shown.values()]))
     concerned = tuple(names[j] for j in joints)
     return codes.GAIN_SCALE.finding(
         "the controllers give many times or a fraction of the torque that moves and holds the "
         f"{'known bodies' if is_known else 'bodies of the robot file'} "
-        f"({listed(texts, tol.MOST_LISTED)}, +- {error:.1%}{more}): their gains are in units of "
+        f"({listed(texts)}, +- {error:.1%}{more}): their gains are in units of "
         "the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
         severity="wrong",
         evidence={f"torque of {x} over that of the bodies": times[x] for x in times},
@@ -718,9 +718,13 @@ def _pose_cost(experiment: Experiment, poses: Poses) -> float:
 
 
 def _searched(experiment: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
+_GRID_DEG, _NEAREST_DEG = 30.0, 1.0
+"""First and last step of the search for the zero of a joint [degrees]."""
+
+
     """Return the signs and zeros that explain most, found joint by joint from a start."""
     cost, before = partial(_pose_cost, experiment), math.inf
-    while before - cost(poses) >= tol.TIE:  # each pass but the last lowers the cost by a tie
+    while before - cost(poses) >= tol.MATERIAL**2 / 2:  # of the log likelihood
         before = cost(poses)
         for j in joints:
             others = {i: pose for i, pose in poses.items() if i != j}
@@ -735,7 +739,7 @@ def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> 
     A grid that comes nowhere near `most_cost` has none, nor has a zero that is nearly that of the
     robot file.
     """
-    first, last = math.radians(tol.GRID_DEG), math.radians(tol.NEAREST_DEG)
+    first, last = math.radians(_GRID_DEG), math.radians(_NEAREST_DEG)
     lower, upper = experiment.robot.position_range(experiment.robot.joint_names[j])
     for sign in (1.0, -1.0):
         moved = sign * experiment.joint[0][:, j]
@@ -750,7 +754,7 @@ def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> 
         # From -180 to 180 degrees: a search by halves alone would end in the nearest minimum.
         grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
         offset, step = min(grid, key=cost, default=0.0), 0.5 * first
-        if not grid or cost(offset) > most_cost + tol.LEAST_GAIN:
+        if not grid or cost(offset) > most_cost + tol.MATERIAL**2 / 2:
             continue
         while step > 0.5 * last:
             offset, step = min((offset, offset - step, offset + step), key=cost), 0.5 * step
@@ -766,7 +770,7 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
     gain = _pose_cost(experiment, others) - _pose_cost(experiment, poses)
     before, after = (_with_poses(experiment, each).nominal for each in (others, poses))
     falls = (before > tol.POOR) & (after < tol.MOST * before)
-    if gain < tol.LEAST_GAIN or not np.any(falls):
+    if gain < tol.MATERIAL**2 / 2 or not np.any(falls):
         return
     (sign, offset), names = poses[j], experiment.robot.joint_names
     worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
-from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, LEAST_TORQUE
+from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
 from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 from seaid.log import ROWS_PER_PERIOD
@@ -447,9 +447,9 @@ class Equation:
             rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])
         ]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
-        # torque, and LEAST_TORQUE is a ratio of rms values.
+        # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]
-        needed = (LEAST_TORQUE * min(torques, default=0.0)) ** 2
+        needed = (NEGLIGIBLE * min(torques, default=0.0)) ** 2
         needed = max(LEAST_EXPLAINED * self.squares(rows), needed)
         rest[:, np.linalg.norm(rest, axis=0) <= _LOST * np.linalg.norm(whole, axis=0)] = 0.0
         parts = np.split(rest, np.cumsum([part.shape[1] for part in columns])[:-1], axis=1)

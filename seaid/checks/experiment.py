@@ -525,7 +525,7 @@ class Experiment:
         The rotor has a column if its inertia is unknown.
         """
         gradual = np.tanh(
-            self.friction[j][:, 0] / tol.GRADUAL
+            self.friction[j][:, 0] / tol.POOR
         )  # the first column is the speed, up to 1
         rotor = [self.motor[2][:, j]] if has_rotor else []
         return np.column_stack([self.friction[j], gradual, *rotor])
@@ -954,7 +954,7 @@ def with_constant(*columns: Array) -> Array:
 def near(factor: float, *others: float) -> list[float]:
     """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
     usual = [*_USUAL, *others, *(1 / x for x in (*_USUAL, *others))]
-    return [*(x for x in usual if abs(math.log(factor / x)) < tol.ROUND), factor]
+    return [*(x for x in usual if abs(math.log(factor / x)) < 2 * tol.POOR), factor]
 
 
 def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) -> Experiment:

@@ -95,7 +95,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
         "gear or its encoders, or ripple of the motor",
         joint,
-        "doubtful" if share >= tol.PERIODIC else "note",
+        "doubtful" if share >= tol.MATTERS else "note",
         evidence,
         in_drives({(joint,): f"{field} = {{ {_orders_by_angle([*known, *orders])} }}"}),
     )
@@ -220,7 +220,7 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
         turns, error = float(x[0]), math.sqrt(covariance[0, 0])
         if abs(turns) < tol.POOR:
             continue
-        rounded = round(turns / tol.ROUND_TURNS) * tol.ROUND_TURNS
+        rounded = round(turns / tol.SLIGHT) * tol.SLIGHT
         turns = rounded if abs(turns - rounded) < tol.SURE * error else turns
         factors = {**(drive.transmission or {joint: 1.0}), mover: float(f"{turns:.4g}")}
         changed = robot.with_drives({**robot.drives, joint: replace(drive, transmission=factors)})

@@ -27,13 +27,11 @@ from seaid.checks.engine import (
     linear_candidate,
 )
 from seaid.checks.tolerances import (
-    GRADUAL,
     LEAST_DELAY_S,
     LEAST_SWING,
     POOR,
     SIGNIFICANT,
     SURE,
-    SURE_TOGETHER,
 )
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
@@ -78,7 +76,7 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     def of_drive(motion: Motion) -> Array:
         speed, acceleration = motion.motor_velocity[:, index], motion.motor_acceleration[:, index]
         # tanh(v / w) is 1 from about 2 w on, as the sign of Coulomb friction.
-        gradual = np.tanh(speed / (GRADUAL * fastest))
+        gradual = np.tanh(speed / (POOR * fastest))
         columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
         return np.column_stack(columns)
 
@@ -152,7 +150,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     # The variance of the values over their number is that of their mean.
     scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
     error = float(np.hypot(spread, scatter))
-    if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
+    if abs(common) < max(SIGNIFICANT * error, LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = [x.share for x in accepted if x.trial.candidate.about.code is DELAY]

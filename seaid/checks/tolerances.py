@@ -12,21 +12,25 @@ rests on some 100 correlated instants, right set-ups have at most 4.5
 
 MATERIAL = 2.0
 """Stated standard errors of a parameter above which its change matters: below, it is within the
-interval."""
+interval. Half of its square is the gain of a log likelihood below which two poses explain the
+same."""
 
 NEGLIGIBLE = 0.003
-"""Error of a torque over its size below which what a model lacks does not matter."""
+"""Error of a torque over its size below which what a model lacks does not matter. The low pass
+leaves 0.22 % of a torque at reversals, at most, in nine logs without noise of the simulated leg and
+arm of the tests; an error of 1 mrad between the encoders is 0.6 to 1.3 % of the torques of that
+leg."""
 
 NOTHING = 0.9
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use. If it
 is below one half in the own logs, it fits these only; where both are between, it lacks much."""
 
-HALF_POWER = 0.7
-"""Error over another from which its square is half of that."""
-
 POOR = 0.1
-"""Relative error, or part of a size, from which it matters: of a parameter, or of the torque of a
-joint."""
+"""Relative error, or part of a size, from which it matters: of a parameter, of the torque of a
+joint, or of what a correlation lacks to one, where a low pass causes half. At speeds below this
+part of the largest one friction may have another shape than that of its drive. What other blocks
+know of a direction of the parameters below it is predicted with ten times the variance of the
+noise. Mistakes are often round: a factor may be off a usual one by twice this part."""
 
 SURE = 3.0
 """Standard errors from which a value is not zero: of twenty parameters that are zero, one is two
@@ -36,7 +40,9 @@ of a noise, the multiple below which a third or more of a signal is noise."""
 BURST, WINDOW_S, RARE, SLIGHT = 6.0, 0.25, 0.2, 0.05
 """A contact is where the residual of a window [s] exceeds so many times that of the median window
 (rms), unless it does so in more than a part of the windows, or is a slight part of the torque. A
-slight share of some hundred samples shows."""
+slight share of some hundred samples shows. Commands that are equal for longer than a window are a
+rest, and not a message that was lost. Turns with another joint are multiples of a slight part, as
+those of pulleys are."""
 
 CORRELATED_ROWS, CORRELATED_ERRORS = 4.0, 1.5
 """Rows of a regression per independent one: eight are in a period of the cutoff, which is two
@@ -45,11 +51,13 @@ are farther apart, over those for white noise."""
 
 FEW = 0.01
 """Share of the samples, or of a correlation below one, that no mistake of a set-up is needed for:
-ends of a motion, single lost messages, feet that slip. A small part of a weight or a torque."""
+ends of a motion, single lost messages, feet that slip. A small part of a weight, a torque, or of
+parameters, by which equations without a torque may reduce them."""
 
 MOST = 0.5
-"""Share from which something holds for most of a log, or explains it: of a squared residual; error
-of a motor equation below which it holds. Correlation from which two channels follow each other."""
+"""Share from which something holds for most of a log, or explains it: of a squared residual, also
+of one model over another; error of a motor equation below which it holds. Correlation from which
+two channels follow each other."""
 
 TWICE = 2.0
 """Ratio of two sizes that errors of nominal bodies or of a mounting do not explain: masses by CAD
@@ -71,32 +79,16 @@ LATE_S = 0.05
 LEAST_DELAY_S = 0.0015
 """Delay [s] below which neither filters nor friction that a model lacks can be excluded."""
 
-HELD_S = 0.25
-"""Time [s] beyond which equal commands are a rest and not a message that was lost."""
-
 FEWEST_INSTANTS = 30
 """Fewest instants of an experiment at which a joint moves: three for each of seven base parameters
 that a body adds and of three columns of friction."""
-
-GRADUAL = 0.1
-"""Speed over the largest one at which friction may have another shape than that of the drive."""
 
 LOCKED = 0.02
 """Motion of a joint over that of its motor, behind the gear, up to which it counts as locked: it
 shows no gear ratio, and what holds it yields too."""
 
-ROUND, ROUND_TURNS = 0.2, 0.05
-"""Part by which a factor may be off a usual one, since mistakes are often round. Turns with another
-joint of which pulleys and differentials have multiples: an estimate that is so within its error is
-one, since the deflection of a spring is a thousandth of the angles."""
-
-FIRST_ORDER = 0.3
-"""Part of a distance, or of the length of gravity, that remains after a change to first order, or
-its inverse, beyond which the effect on the torques is not linear."""
-
-LONGEST_M, SHORTEST_M = 20.0, 1e-3
-"""Distance [m] between two joints that no robot has, which is that of 2 cm in mm; and that below
-which another length is none."""
+LONGEST_M = 20.0
+"""Distance [m] between two joints that no robot has, which is that of 2 cm in mm."""
 
 LEVELS = 50
 """Least number of different values of a channel whose extremes and zeros mean something."""
@@ -118,7 +110,8 @@ LARGEST_DEFLECTION_RAD = 0.5
 """Motion of a motor at the joint that may be the deflection of a spring."""
 
 LEAST_OFFSET = 2e-3
-"""Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""
+"""Difference [rad or m] of the encoder offsets of a joint without a spring that matters, and
+distance [m] between two joints below which another length is none."""
 
 FEWEST_INDEPENDENT = 1.5
 """Independent rows per parameter, by their autocorrelation, below which standard errors are
@@ -131,32 +124,12 @@ hold in 80 to 90 %, with more in 94 %. Right set-ups of eight seconds have at le
 (`scripts/benchmarks/short_logs.py`). Up to twice as many do not determine the torques of other
 motions where these have large errors."""
 
-ALONE = 0.9
-"""Part of the information on a direction of the parameters from which a block alone determines it.
-The other blocks then predict it with ten times the variance of the noise, for an eighth with 1/7
-of it."""
-
-GRID_DEG, NEAREST_DEG = 30.0, 1.0
-"""First and last step of the search for the zero of a joint [degrees]."""
-
-MOST_NAMED, MOST_LISTED, MOST_ALIKE = 6, 12, 3
-"""Joints that the verdict names per code, those that a warning names, and those with warnings of
-one code that are listed one by one: fifteen that lack the same are read as one."""
-
-PER_CENT = 100.0
-"""Least number of parts that a rating is logged in."""
-
-NO_CHANCE = 0.999
-"""Level of the interval that excludes zero if an error of a channel is none by chance."""
+MOST_ALIKE = 3
+"""Joints with warnings of one code that are listed one by one, and half of those that the verdict
+names: fifteen that lack the same are read as one."""
 
 CONTRADICTED = 10.0
 """Standard deviations of chi-square above its mean from which data and assumptions contradict."""
-
-PULL = 0.02
-"""Part by which equations without a torque may reduce the parameters towards zero."""
-
-AUTOCORRELATED = 0.9
-"""Autocorrelation of a residual at lag 1 above which a term is missing; a low pass causes 0.5."""
 
 CONFIDENCE = 0.975
 """Confidence with which a larger model must predict excluded blocks better."""
@@ -166,41 +139,28 @@ LEAST_EXPLAINED = 0.05
 real at times and never useful: in right models of a simulated 7-joint arm the smoothing of Coulomb
 friction by the low pass explains 2 to 4 % (`scripts/benchmarks/term_selection.py`)."""
 
-LEAST_TORQUE = 0.004
-"""Least rms of what a candidate adds, over that of the changes of the joint's torque, to be tested.
-Less does not matter, and is what the low pass leaves at reversals: at most 0.22 % in nine logs
-without noise of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is
-0.6 to 1.3 % of the torques of that leg."""
-
 STRONG = 6.0
 """Least decrease of the information criterion, "strong" by Kass and Raftery (1995). `compare_terms`
 is asked, a check is not: above zero 3 of 120 right set-ups have a finding, all of them below 4
 (`scripts/benchmarks/term_selection.py --findings`)."""
 
-MATTERS, PERIODIC = 0.25, 0.3
-"""Parts of the squared residual of a joint that make what its drive lacks doubtful, and periodic
-errors of its gear: the residual falls by an eighth or a sixth. A spring that is not linear always
-is, since its stiffness has no single value."""
-
-SURE_TOGETHER = 4.0
-"""Standard errors, scatter between the joints included, from which a delay that is common to all
-motor torques is not zero."""
+MATTERS = 0.25
+"""Part of the squared residual of a joint that makes what its drive or its gear lacks doubtful: the
+residual falls by an eighth. A spring that is not linear always is, since its stiffness has no
+single value."""
 
 BODY, CENTRE_M = 0.3, 0.03
 """Standard deviations of a body in a robot file: of its mass and of the distance of its centre,
 relative, and least one of that centre [m]. Masses in public files are wrong by tens of per cent,
 those of small distal bodies by factors. Right logs of the four robots of the gauntlet (seeds 1 and
-2, 72 files with such errors) have one finding above a note. A payload is placed to BODY * CENTRE_M.
-"""
+2, 72 files with such errors) have one finding above a note. A payload is placed to BODY *
+CENTRE_M."""
 
 SEVERE = 0.25
 """Part of a torque left unexplained below which no sign, unit of an angle, clock or place is wrong:
 at the robots of the gauntlet (seeds 1 and 2) such mistakes leave 0.43 at least, right set-ups 0.10
-at most. Bodies that leave more explain nothing."""
-
-LEAST_GAIN, TIE = 2.0, 1.0
-"""Gains of a log likelihood: two standard errors, below which two poses explain the same, and what
-makes no difference between two poses."""
+at most. Bodies that leave more explain nothing. Part of a distance, or of the length of gravity,
+that remains after a change to first order, or its inverse, beyond which effects are not linear."""
 
 LARGEST_RATIO = {False: 1e3, True: 1e5}
 """{whether a joint slides: ratio [rad/rad or rad/m] above which a slope between two encoders is a

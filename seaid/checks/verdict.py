@@ -170,7 +170,7 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
         if finding.code == POORLY_IDENTIFIED.name
         and finding.evidence.get("standard error", 0) >= abs(finding.evidence.get("value", 1))
     }
-    but = f", but drives have errors of 100% and more: {listed(unknown, tol.MOST_NAMED)}"
+    but = f", but drives have errors of 100% and more: {listed(unknown, 2 * tol.MOST_ALIKE)}"
     sentence = "good: no warning contradicts the set-up or the model"
     return Verdict("good", sentence + but * bool(unknown), joints)
 
@@ -180,7 +180,7 @@ def _of_severity(severity: Severity, findings: Iterable[Finding]) -> list[Findin
 
 
 def _in_brackets(joints: Iterable[str]) -> str:
-    names = listed(joints, tol.MOST_NAMED)
+    names = listed(joints, 2 * tol.MOST_ALIKE)
     return f" ({names})" if names else ""
 
 
@@ -449,7 +449,7 @@ def _blocks(fit: FittedRows) -> _Blocks:
         variance = shares * (1 - shares)
         real = variance > RANK_TOLERANCE
         scores.append(gradient[real] ** 2 / variance[real])
-        change = np.where(shares < tol.ALONE, gradient / np.maximum(1 - shares, 1 - tol.ALONE), 0.0)
+        change = np.where(1 - shares > tol.POOR, gradient / np.maximum(1 - shares, tol.POOR), 0.0)
         targets[mask] = rows.H[mask] @ (theta - root @ (V @ change))
     score, squares = np.concatenate(scores), np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2)
     if not np.sum(score) > 0:  # each direction is determined by a block alone
@@ -525,7 +525,7 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         error = fit.blocks if np.isfinite(fit.blocks) else fit.own
         if error > tol.NOTHING or (min(error, fit.own) > tol.MOST and joint not in whole.weak):
             yield _misfit(whole, joint, error)
-        elif fit.nominal < tol.HALF_POWER * fit.identified and fit.identified > tol.POOR:
+        elif fit.nominal < tol.MOST**0.5 * fit.identified and fit.identified > tol.POOR:
             yield NO_FIT.finding(
                 f"the bodies of the robot file predict the torque of {joint} better, with an error "
                 f"of {fit.nominal:.1%}, than the identified ones, with {fit.identified:.1%}",
