@@ -106,6 +106,5 @@ from .verdict import RobotFit as RobotFit
 from .verdict import Verdict as Verdict
 from .verdict import explained as explained
 from .verdict import fit_findings as fit_findings
-from .verdict import prediction_errors as prediction_errors
 from .verdict import robot_fit as robot_fit
 from .verdict import verdict_of as verdict_of

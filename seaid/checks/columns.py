@@ -61,7 +61,8 @@ class Side:
     `joints` are those whose drives are in its rows, `widths` {joint: width of Coulomb friction}
     those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
     base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
-    zeros that the errors of the estimate contain.
+    zeros that the errors of the estimate contain. `notes` are on checks of all equations that could
+    not be made.
     """
 
     robot: Robot
@@ -71,8 +72,15 @@ class Side:
     is_motor: bool
     widths: Mapping[str, float]
     gears: frozenset[str] = frozenset()
+    notes: tuple[Finding, ...] = ()
     base: BaseParameters | None = None
     offset_std: float = 0.0
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether the rows are in memory, and all that a robust estimator has."""
+        fitted = self.fitted
+        return fitted.rows is not None and (fitted.settled is not None or fitted.equal)
 
     @cached_property
     def equation(self) -> Equation:

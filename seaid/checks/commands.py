@@ -570,16 +570,12 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
         law = experiment.robot.drives[joint].controller
         if law is None or np.isfinite(law.torque_limit_Nm):
             continue
-        asked, before = (
-            experiment.lever[j] * experiment.torque[:, j],
-            experiment.scale(j).unexplained,
-        )
+        asked = experiment.lever[j] * experiment.torque[:, j]
+        before = experiment.scale(j).unexplained
         levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
         # The motion is that of the torque that is cut: at the right level bodies explain it.
-        after = {
-            float(level): _with_limit(experiment, j, level).scale(j).unexplained
-            for level in levels[levels > 0]
-        }
+        cut = levels[levels > 0].tolist()
+        after = {level: experiment.scale(j, level).unexplained for level in cut}
         limit = min(after, key=after.__getitem__, default=0.0)
         if before < tol.SLIGHT or not after or after[limit] > tol.SEVERE * before:
             continue
@@ -596,13 +592,6 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             in_drives({(joint, "controller"): line}),
             joints=(joint,),
         )
-
-
-def _with_limit(experiment: Experiment, j: int, limit: float) -> Experiment:
-    """Return the experiment whose torque of joint j ends at a limit behind the gear."""
-    torque, at_motor = experiment.torque.copy(), limit / experiment.lever[j]
-    torque[:, j] = np.clip(torque[:, j], -at_motor, at_motor)
-    return experiment.with_changes(torque=torque)
 
 
 def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
@@ -718,10 +707,6 @@ def _pose_cost(experiment: Experiment, poses: Poses) -> float:
 
 
 def _searched(experiment: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
-_GRID_DEG, _NEAREST_DEG = 30.0, 1.0
-"""First and last step of the search for the zero of a joint [degrees]."""
-
-
     """Return the signs and zeros that explain most, found joint by joint from a start."""
     cost, before = partial(_pose_cost, experiment), math.inf
     while before - cost(poses) >= tol.MATERIAL**2 / 2:  # of the log likelihood
@@ -731,6 +716,10 @@ _GRID_DEG, _NEAREST_DEG = 30.0, 1.0
             tried = _turned(experiment, others, j, cost(poses))
             poses = min([poses, others, *tried], key=cost)
     return poses
+
+
+_GRID_DEG, _NEAREST_DEG = 30.0, 1.0
+"""First and last step of the search for the zero of a joint [degrees]."""
 
 
 def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> Iterator[Poses]:

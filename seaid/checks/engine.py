@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -530,14 +530,16 @@ class Accepted:
 
     `coefficients` (c,) are those of its columns next to all that were accepted, `errors` (c,) their
     standard errors, which allow for autocorrelation as those of the estimate do. `share` is the
-    part of the squared residual of the fit, of the rows that it acts on, by which it fell at last.
+    part of the squared residual of the fit, of the rows that it acts on, by which it fell at last,
+    and `change` (p,) that of the parameters of the fit, zero of those whose columns it replaces.
     `rivals` are candidates of other checks that would have explained as much, and that it explains.
     """
 
     trial: Trial
-    coefficients: Array
-    errors: Array
+    coefficients: Array = field(default_factory=lambda: np.empty(0))
+    errors: Array = field(default_factory=lambda: np.empty(0))
     share: float = 0.0
+    change: Array | float = 0.0
     rivals: tuple[Trial, ...] = ()
 
 
@@ -567,8 +569,8 @@ def forward_selection(
     """
     least_bic = least_gain + 2 * math.log(max(asked, 1))
     first: list[Trial] = []
-    steps: list[tuple[Trial, float, list[Trial]]] = []
-    current, remaining = equation, list(candidates)
+    steps: list[Accepted] = []
+    current, remaining, p = equation, list(candidates), len(equation.rows.names)
     with suppress(IdentificationError):  # too few rows
         while len(steps) < MOST_ACCEPTED:
             # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already. The
@@ -585,24 +587,25 @@ def forward_selection(
             whole, before, after = (model.squares(rows) for model in (equation, current, larger))
             # Over the residual of the fit, not of this step: the shares at the same rows add up.
             share = (before - after) / max(whole, 1e-300)
-            steps.append((best, share, _rivals(best, strong, least_gain)))
+            is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
+            change = np.where(is_fitted, larger.values[:p] - current.values[:p], 0.0)
+            rivals = tuple(_rivals(best, strong, least_gain))
+            steps.append(Accepted(best, share=share, change=change, rivals=rivals))
             current = larger
             remaining = [candidate for candidate in remaining if candidate is not best.candidate]
     return Selection(tuple(_accepted(steps, current)), current, tuple(first))
 
 
-def _accepted(
-    steps: Sequence[tuple[Trial, float, list[Trial]]], after: Equation
-) -> Iterator[Accepted]:
+def _accepted(steps: Sequence[Accepted], after: Equation) -> Iterator[Accepted]:
     """Yield the candidates of steps with their coefficients in the equation with all of them."""
     if not steps:
         return
-    counts = [best.alternative.columns.shape[1] for best, *_ in steps]
-    parts = (np.split(numbers, np.cumsum(counts)[:-1]) for numbers in after.last(sum(counts)))
-    names = {best.candidate.name for best, *_ in steps}
-    for (best, share, rivals), values, errors in zip(steps, *parts, strict=True):
-        others = tuple(rival for rival in rivals if rival.candidate.name not in names)
-        yield Accepted(best, values, errors, share, others)
+    ends = np.cumsum([step.trial.alternative.columns.shape[1] for step in steps])
+    parts = (np.split(numbers, ends[:-1]) for numbers in after.last(ends[-1]))
+    names = {step.trial.candidate.name for step in steps}
+    for step, values, errors in zip(steps, *parts, strict=True):
+        rivals = tuple(rival for rival in step.rivals if rival.candidate.name not in names)
+        yield replace(step, coefficients=values, errors=errors, rivals=rivals)
 
 
 def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:

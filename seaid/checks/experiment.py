@@ -279,13 +279,13 @@ class Experiment:
         """The torques (R, n) of the bodies of the robot file and the payloads."""
         return np.asarray(self.regressor @ self.bodies)
 
-    def scale(self, j: int) -> TorqueScale:
-        """Return the torque of joint j as a multiple of that of the bodies.
+    def scale(self, j: int, limit: float = math.inf) -> TorqueScale:
+        """Return the torque of joint j, up to a limit, as a multiple of that of the bodies.
 
         It is that of the motor behind the gear, in which an unknown rotor has a column as a known
         one does, or that of the sensor.
         """
-        y = self.lever[j] * self.torque[:, j]
+        y = np.clip(self.lever[j] * self.torque[:, j], -limit, limit)
         columns = [self.of_file[:, j], self.loads[j]]
         has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
         if has_rotor:  # N r_L / r_M I_M theta_M''

@@ -16,6 +16,7 @@ import numpy as np
 
 from seaid.checks.codes import (
     CODES,
+    CONTACT,
     DELAY,
     ENCODER_OFFSET,
     MISSING_TERM,
@@ -38,9 +39,9 @@ from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.checks.verdict import Contact, RobotFit
-from seaid.drives import joint_of, parameter_of, term_fields
+from seaid.drives import joint_of, parameter_of, readable, term_fields
 from seaid.errors import Finding, SeaidError, Severity, by_severity
-from seaid.estimation import FittedRows, estimator_named, fit
+from seaid.estimation import FittedRows, estimator_named, first_term, fit
 from seaid.log import Motion
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
@@ -100,6 +101,24 @@ class SideSelection:
             findings += drive_findings(joint, estimate.part(places, names), qr_factor)
         findings += offset_findings(self.side.robot, fitted)
         return {(finding.code, finding.joint) for finding in findings}
+
+
+def _with_effect(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
+    """Return a finding with the parameter of the fit that its columns change most.
+
+    The change is in standard errors of the estimate, and in per cent of the value.
+    """
+    estimate, change = side.fitted.estimate, sum(x.change for x in accepted)
+    tiny = np.finfo(float).tiny
+    scores = np.abs(change) / np.maximum(estimate.standard_errors, tiny)
+    shares = 100 * np.abs(change) / np.maximum(np.abs(estimate.values), tiny)
+    worst = int(np.argmax(scores))
+    name = first_term(readable(estimate.names[worst]))
+    effect = {
+        f"change of {name} [standard errors]": float(scores[worst]),
+        f"change of {name} [%]": float(shares[worst]),
+    }
+    return replace(finding, evidence={**finding.evidence, **effect})
 
 
 def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
@@ -208,25 +227,21 @@ def model_sides(
     term would explain there what a hand did.
     """
     actuators, load = fits
-    contacts = RobotFit(robot.joint_names, load).contacts
-    actuators = {joint: _apart(fitted, contacts) for joint, fitted in actuators.items()}
-    load = _apart(load, contacts)
-    rows = load.rows
-    if rows is None or not motions:
+    notes, contacts = list[Finding](), tuple[Contact, ...]()
+    if load.rows is None or not motions:
         return []
-    loads = tuple(
-        joint for place, joint in enumerate(robot.joint_names) if np.any(rows.joint == place)
-    )
-    shared = widths, frozenset(gears)
+    with guarded(CONTACT, notes):
+        contacts = RobotFit(robot.joint_names, load).contacts
+    shared = widths, frozenset(gears), tuple(notes)
     sides = [
-        Side(robot, motions, fitted, (joint,), True, *shared) for joint, fitted in actuators.items()
+        Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
+        for joint, fitted in actuators.items()
     ]
+    load = _apart(load, contacts)
+    assert load.rows is not None
+    loads = tuple(name for place, name in enumerate(robot.joint_names) if place in load.rows.joint)
     sides += [Side(robot, motions, load, loads, False, *shared, base, offset_std)] if loads else []
-    return [
-        side
-        for side in sides
-        if side.fitted.rows is not None and (side.fitted.settled is not None or side.fitted.equal)
-    ]
+    return [side for side in sides if side.is_checked]
 
 
 def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
@@ -246,7 +261,7 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
 
 def _proposed(side: Side) -> tuple[list[Candidate], list[Finding]]:
     """Return the candidates of a side, and notes on the checks that raise."""
-    candidates, notes = list[Candidate](), list[Finding]()
+    candidates, notes = list[Candidate](), list(side.notes)
     for check, joint in product(COLUMN_CHECKS, side.joints):
         with guarded(check.code, notes):
             of_check = [replace(x, about=check) for x in check.candidates(side, joint)]
@@ -272,7 +287,9 @@ def _selected(
         finding = None
         with guarded(check.code, notes):
             finding = check.finding(side, joint, accepted, sum(x.share for x in accepted))
-            finding = finding and _with_rivals(side, finding, accepted)
+            finding = finding and _with_rivals(
+                side, _with_effect(side, finding, accepted), accepted
+            )
         if finding is None:
             # What it explained may belong to others that were not accepted next to it: all anew.
             remaining = [x for x in candidates if (x.about, x.joint) != (check, joint)]
@@ -298,7 +315,7 @@ def model_findings(
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = ENCODER_OFFSET.name
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
-    return [*findings, *(note for side in selected for note in side.notes)]
+    return [*findings, *dict.fromkeys(note for side in selected for note in side.notes)]
 
 
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:

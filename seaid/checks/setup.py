@@ -786,20 +786,21 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     return [*(finding for finding in findings if finding.joint not in stopped), *notes]
 
 
-def joint_checks(experiment: Experiment, motions: Sequence[Motion]) -> Mapping[str, JointCheck]:
-    """Return what the motions of an experiment say of each joint."""
-    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0)
-    nothing, moving = (float("nan"), float("nan")), experiment.in_motion
-    checks = {
-        joint: JointCheck(
-            float(swings[j]),
-            gears.encoder_slope(experiment, j) if experiment.both[j] else float("nan"),
-            float(moving.nominal[j]),
-            float(moving.free[j]),
-            float(moving.of_motors[j]),
-            *experiment.encoder_ratios.get(j, nothing),
-            *experiment.torque_delays.get(j, nothing),
-        )
-        for j, joint in enumerate(experiment.robot.joint_names)
-    }
+def joint_checks(
+    experiment: Experiment, motions: Sequence[Motion], findings: list[Finding]
+) -> Mapping[str, JointCheck]:
+    """Return what the motions of an experiment say of each joint, and add a note if that fails."""
+    swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0).tolist()
+    names = experiment.robot.joint_names
+    checks = dict(zip(names, map(JointCheck, swings), strict=True))
+    with guarded(codes.GEAR_RATIO, findings):
+        moving = experiment.in_motion
+        for j, joint in enumerate(names):
+            slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
+            misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
+            ratio, delay = (
+                values.get(j, (math.nan, math.nan))
+                for values in (experiment.encoder_ratios, experiment.torque_delays)
+            )
+            checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
     return FrozenMapping(checks, "joint")

@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -27,6 +26,7 @@ from seaid.checks.codes import (
     Observation,
     as_note,
     excluding_torque,
+    guarded,
     observed,
 )
 from seaid.checks.engine import time_blocks
@@ -70,10 +70,10 @@ class JointCheck:
     """
 
     swing: float
-    encoder_slope: float
-    nominal: float
-    bodies: float
-    motor: float
+    encoder_slope: float = NAN
+    nominal: float = NAN
+    bodies: float = NAN
+    motor: float = NAN
     gear_ratio: float = NAN
     gear_ratio_error: float = NAN
     delay_s: float = NAN
@@ -247,7 +247,7 @@ class RobotFit:
     without blocks; `predicted` are the errors of other motions by joint. `own` (R,) are the rows of
     the logs concerned, None for all; `weak` are joints whose spring is hardly loaded, `lacking`
     those whose motor equation lacks a term. `logs` {run of the rows: number of its log, from 1}
-    name the logs.
+    name the logs. `notes` are on checks that could not be made.
     """
 
     joint_names: tuple[str, ...]
@@ -260,6 +260,7 @@ class RobotFit:
     lacking: Collection[str] = ()
     predicted: Mapping[str, float] = FrozenMapping({}, "joint")
     logs: Mapping[int, int] = field(default_factory=dict)
+    notes: Sequence[Finding] = ()
 
     @property
     def rows(self) -> Regression | None:
@@ -308,43 +309,44 @@ class RobotFit:
 
 
 def robot_fit(
-    joint_names: Sequence[str],
-    fit: FittedRows,
+    bare: RobotFit,
     actuators: Mapping[str, FittedRows],
     experiment: Experiment,
     bodies: Array,
-    own: BoolArray | None = None,
-    locked: Collection[str] = (),
-    weak: Collection[str] = (),
-    lacking: Collection[str] = (),
-    logs: Mapping[int, int] = MappingProxyType({}),
+    locked: Collection[str],
+    base: BaseParameters,
+    load: Estimate,
 ) -> RobotFit:
-    """Return how much of the torques of all joints with rows in memory a fit explains.
+    """Return how much of the torques of all joints with rows in memory a `bare` fit explains.
 
     `actuators` are the fits of motor equations; `bodies` (10n,) the identified standard parameters
-    with the payloads; `experiment` is what has the `own` rows. Load sides of `locked` joints are
-    unknown, NaN. `weak`, `lacking` and `logs` are those of `RobotFit`.
+    with the payloads; `experiment` is what has the own rows. Load sides of `locked` joints are
+    unknown, NaN. Errors of other motions are those of the `base` parameters of a `load` side.
     """
-    bare = RobotFit(tuple(joint_names), fit, own=own, weak=weak, lacking=lacking, logs=logs)
-    rows = bare.rows
+    fit, rows, names = bare.fit, bare.rows, bare.joint_names
     if rows is None or fit.rows is None:
         return bare
-    by_blocks, sizes = _blocks(fit), _load_sizes(experiment, bodies)
-    computed = rows.H @ fit.estimate.values
-    predicted = by_blocks.targets if own is None else by_blocks.targets[own]
-    errors, blocks = (_errors(rows, targets, sizes) for targets in (computed, predicted))
-    misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
-    of_bodies, motors = dict(zip(joint_names, misfits, strict=True)), dict[str, float]()
-    for joint, side in actuators.items():
-        if side.rows is not None:
-            (motors[joint],) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
-    joints = _joint_fits(rows.joint_names, (errors, blocks), motors, of_bodies)
-    joints |= {x: JointFit(NAN, NAN, joints[x].motor) for x in joints if x in locked}
-    residual = NAN, NAN
-    if not experiment.robot.base_is_held:
-        residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
-    fits, count = FrozenMapping(joints, "joint"), by_blocks.rows_per_parameter
-    return replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
+    notes, whole = list[Finding](), bare
+    with guarded(NO_FIT, notes):
+        by_blocks, sizes = _blocks(fit), _load_sizes(experiment, bodies)
+        computed = rows.H @ fit.estimate.values
+        predicted = by_blocks.targets if bare.own is None else by_blocks.targets[bare.own]
+        errors, blocks = (_errors(rows, targets, sizes) for targets in (computed, predicted))
+        misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
+        of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[str, float]()
+        for joint, side in actuators.items():
+            if side.rows is not None:
+                (motors[joint],) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
+        joints = _joint_fits(rows.joint_names, (errors, blocks), motors, of_bodies)
+        joints |= {x: JointFit(NAN, NAN, joints[x].motor) for x in joints if x in locked}
+        residual = NAN, NAN
+        if not experiment.robot.base_is_held:
+            residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
+        fits, count = FrozenMapping(joints, "joint"), by_blocks.rows_per_parameter
+        whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
+    with guarded(FEW_ROWS, notes):
+        whole = replace(whole, predicted=_prediction_errors(experiment, base, load))
+    return replace(whole, notes=notes)
 
 
 def _joint_fits(
@@ -620,7 +622,7 @@ _OF_FIT = (
 )
 
 
-def prediction_errors(
+def _prediction_errors(
     experiment: Experiment, base: BaseParameters, estimate: Estimate
 ) -> Mapping[str, float]:
     """Return {joint: standard error of the torque of its bodies in other motions, over its size}.
@@ -644,4 +646,4 @@ def prediction_errors(
 
 def fit_findings(fit: RobotFit) -> list[Finding]:
     """Return what the fit of a robot shows: torques without a model, contacts, too few rows."""
-    return observed(_OF_FIT, fit)
+    return [*observed(_OF_FIT, fit), *fit.notes]

@@ -127,7 +127,8 @@ def check(
     findings += separation_findings(robot, motions)
     if not is_wrong(findings):
         findings += _quick_fit_findings(robot, in_memory, motions, findings)
-    return SetupCheck(merged(findings), joint_checks(experiment, motions))
+    joints = joint_checks(experiment, motions, findings)
+    return SetupCheck(merged(findings), joints)
 
 
 def findings_of_setup(

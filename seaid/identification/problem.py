@@ -20,6 +20,7 @@ from seaid._arrays import BoolArray, FrozenMapping
 from seaid.checks import (
     CODES,
     Experiment,
+    RobotFit,
     SideSelection,
     consequences,
     delay_estimate_findings,
@@ -33,7 +34,6 @@ from seaid.checks import (
     log_findings,
     model_findings,
     model_sides,
-    prediction_errors,
     resolved_widths,
     robot_fit,
     scale_of_bodies,
@@ -672,10 +672,9 @@ def _with_fit(
     fit, actuators = sides.fit, sides.actuators
     bodies = result.robot.parameters + robot.payload_parameters
     own, logs = _own_rows(problem, name)
-    shown = robot.joint_names, fit, actuators, experiment, bodies, own
-    explains = robot_fit(*shown, locked=run.locked, weak=weak, lacking=lacking, logs=logs)
-    predicted = prediction_errors(experiment, case.condition.model.base, result.load)
-    explains = replace(explains, predicted=predicted)
+    bare = RobotFit(robot.joint_names, fit, own=own, weak=weak, lacking=lacking, logs=logs)
+    of_load = case.condition.model.base, result.load
+    explains = robot_fit(bare, actuators, experiment, bodies, run.locked, *of_load)
     of_fit = [
         replace(finding, remedy=f"{finding.remedy}{_DIFFERENT}")
         if finding.code == "no-fit" and not only
@@ -693,6 +692,7 @@ def _with_fit(
         of_rows = extension.fit_findings(result, case.datasets, fit, case.bias)
         findings += consequences(findings, of_rows)
     findings += extension.value_findings(case.declared, result)
+    setup = joint_checks(experiment, list(map(first_motion, case.datasets)), findings)
     return replace(
         result,
         findings=tuple(findings),
@@ -700,5 +700,5 @@ def _with_fit(
         residual=explains.residual,
         exact_constants=exact,
         known_std=FrozenMapping(dict(options.known_std)),
-        setup=joint_checks(experiment, list(map(first_motion, case.datasets))),
+        setup=setup,
     )

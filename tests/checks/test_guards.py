@@ -17,6 +17,7 @@ from seaid.checks import CODES, Observation, bodies, channels, model, observed, 
 from seaid.checks.channels import OF_LOGS
 from seaid.checks.codes import consequences
 from seaid.checks.experiment import Experiment
+from seaid.checks.verdict import RobotFit
 from seaid.errors import Finding, LogError
 from seaid.identification import checking, problem, result
 from tests.experiments import arm, arm_log
@@ -70,6 +71,10 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "ratings": (checking, "_RATINGS", replace(checking._RATINGS, look=fail)),
     "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, look=fail)),
     "stops": (checking, "stop_findings", fail),
+    "contacts": (RobotFit, "contacts", property(fail)),
+    "blocks": (verdict, "_blocks", fail),
+    "predictions": (verdict, "_prediction_errors", fail),
+    "joints": (Experiment, "in_motion", property(fail)),
     "values": (result, "drive_findings", fail),
     "channels": (result, "unused_findings", fail),
     "sensitivity": (problem, "sensitivity_findings", fail),
@@ -78,7 +83,8 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
 }
 """{part of the checks: the module or class, its name, and what fails in its place}."""
 
-ONLY_IN_FITS = {"columns", "wording", "selection", "fit"} | {*[*BROKEN][-5:]}
+ONLY_IN_FITS = {"columns", "wording", "selection", "fit", "contacts", "blocks", "predictions"}
+ONLY_IN_FITS |= {*[*BROKEN][-5:]}
 """What `check` does not look at, or not of logs that fit."""
 
 

@@ -128,6 +128,16 @@ def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, t
     errors = [one.drives["hip_pitch"].value("stiffness") / true - 1 for one in (before, after)]
     assert errors[0] > 0.03
     assert abs(errors[1]) < 0.015
+    # What the term changes is said before it is in the model.
+    start, end = (x.drives["hip_pitch"] for x in (before, after))
+    names = [name for name in start.names if name in end.names]
+    changes = {name: abs(end.value(name) - start.value(name)) for name in names}
+    scores = {name: x / start.standard_error(name) for name, x in changes.items()}
+    assert max(scores, key=scores.__getitem__) == "stiffness"
+    of_term = finding.evidence["change of stiffness [standard errors]"]
+    assert of_term == pytest.approx(scores["stiffness"], rel=0.05)
+    share = 100 * changes["stiffness"] / start.value("stiffness")
+    assert finding.evidence["change of stiffness [%]"] == pytest.approx(share, rel=0.05)
 
 
 def stribeck() -> Log:
