@@ -18,6 +18,7 @@ from seaid._arrays import Array, IndexArray, white_noise
 from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING, in_drives
 from seaid.checks.engine import (
     Accepted,
+    Alternative,
     Candidate,
     ColumnCheck,
     Equation,
@@ -37,7 +38,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, TWICE
+from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import (
     IDEAL_DRIVE,
     PARAMETERS,
@@ -47,7 +48,7 @@ from seaid.drives import (
     is_dry,
     unit_of,
 )
-from seaid.errors import Finding
+from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.log import Log, Motion, in_band_at, still_speed
 from seaid.regressor import BaseParameters, regressor_at_drives, with_known_friction
@@ -126,6 +127,11 @@ class Side:
         assert self.base is not None
         fitted = self.equation.values[: len(self.base.grouping)]
         return (self.base.least(fitted) + self.robot.known_parameters)[:, None]
+
+    @cached_property
+    def torque_of_known(self) -> Array:
+        """The torque (R, 1) of the known bodies at the rows."""
+        return self.torques_of(self.robot.known_parameters[:, None], filtered=True)
 
     @cached_property
     def torque_of_bodies(self) -> Array:
@@ -280,8 +286,7 @@ def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
 def _known_torque(side: Side, joint: str) -> Array:
     """Return the torque (R, 1) of the known bodies at the rows of a joint."""
     rows = side.equation.rows.joint == side.robot.index(joint)
-    known = side.robot.known_parameters[:, None]
-    return np.asarray(rows[:, None] * side.torques_of(known, filtered=True))
+    return np.asarray(rows[:, None] * side.torque_of_known)
 
 
 def _spring_laws(side: Side, joint: str) -> list[Candidate]:
@@ -383,24 +388,44 @@ def _gain_is_scaled(
 ) -> Finding | None:
     """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
     (change,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    times = 1.0 + change
+    times, others = 1.0 + change, _contradicting(side, joint)
     if times <= 0:
         return None
+    gains = f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large "
+    cause = f"{gains}in N m; or the bodies are {times:.3g} times as heavy as in the robot file"
+    if others:
+        cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
+        cause += "are not the ones of the robot file, or another torque acts there"
     return GAIN_SCALE.finding(
         f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
         f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
-        f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large in "
-        f"N m; or the bodies are {times:.3g} times as heavy as in the robot file",
+        f"{cause}",
         joint,
-        "doubtful",
+        "note" if others else "doubtful",
         {
             "torque over that of the known bodies": times,
             "standard error": error,
             "explained": share,
         },
-        "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
+        "weigh a link"
+        if others
+        else "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
         + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
     )
+
+
+def _contradicting(side: Side, joint: str) -> list[str]:
+    """Return the joints with the controller of a joint, whose torques have another factor.
+
+    Gains of one controller have one unit: the factors of all joints are estimated at once.
+    """
+    law = side.robot.drives[joint].controller
+    alike = [x for x in side.joints if side.robot.drives[x].controller == law and x != joint]
+    columns = np.hstack([_known_torque(side, x) for x in (*alike, joint)])
+    equation = side.equation.with_alternatives([Alternative(columns, columns.shape[1])])
+    factors, errors = equation.last(columns.shape[1])
+    apart = np.abs(factors - factors[-1]) > SURE * np.hypot(errors, errors[-1])
+    return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
 
 
 _AT_SPEEDS = "torques at several constant speeds show friction"

@@ -327,6 +327,31 @@ def test_signs_and_zeros_are_found_by_gravity(
         assert one.remedy.count("offset") == (2 if zero else 0)
 
 
+@pytest.mark.parametrize(
+    ("factor", "heavier", "severity"), [(0.7, 1.0, "doubtful"), (1.0, 0.6, "note")]
+)
+def test_gains_that_hold_at_another_joint_are_not_in_another_unit(
+    chain: tuple[seaid.Robot, seaid.Log], factor: float, heavier: float, severity: str
+) -> None:
+    """The joints have one controller: of gains in another unit they have one factor."""
+    robot, log = chain
+    bodies = robot.parameters.copy()
+    bodies[10:] *= heavier
+    drives = {}
+    for joint, drive in robot.drives.items():
+        law = seaid.Controller(
+            position_gain_Nm_per_rad=factor * 60.0, velocity_gain_Nms_per_rad=factor * 2.0
+        )
+        drives[joint] = replace(drive, controller=law)
+    wrong = robot.with_values(bodies, drives)
+    found = [x for x in seaid.identify(wrong, log).warnings if x.code == "gain-scale"]
+    assert found
+    assert {x.severity for x in found} == {severity}
+    is_contradicted = ["with the same gains have other factors" in x.message for x in found]
+    assert is_contradicted == [severity == "note"] * len(found)
+    assert ["is_up_to_scale" in x.remedy for x in found] == [severity != "note"] * len(found)
+
+
 def _servo_log(torque: Array, command: Array | None = None) -> tuple[seaid.Robot, seaid.Log]:
     """Return the pendulum and a log of it with a torque (T,), and perhaps a command (T,)."""
     robot = seaid.load_robot(Path(__file__).parents[2] / "models" / "xl330_pendulum.urdf")
