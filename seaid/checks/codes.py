@@ -19,10 +19,10 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, partial, partialmethod
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypedDict, TypeVar, Unpack
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -44,15 +44,6 @@ from seaid.log import Log, changed_source
 from seaid.robot import Robot
 
 Given = TypeVar("Given")
-
-
-class _Details(TypedDict, total=False):
-    """What a finding has next to its message, its joint and its severity."""
-
-    evidence: Mapping[str, float]
-    remedy: str
-    certainty: Certainty
-    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -113,14 +104,11 @@ class Code:
         joint = joint or only_joint(joints)
         return Finding(self.name, message, joint, severity, evidence, remedy, certainty, joints)
 
-    def wrong(self, message: str, joint: str = "", **details: Unpack[_Details]) -> Finding:
-        """Return a `finding` by which the result is not to be used."""
-        return self.finding(message, joint, "wrong", **details)
+    wrong = partialmethod(finding, severity="wrong")
+    """Return a `finding` by which the result is not to be used."""
 
-    def note(self, message: str, joint: str = "", **details: Unpack[_Details]) -> Finding:
-        """Return a `finding` for information: by default what is certain and no mistake."""
-        details.setdefault("certainty", "certain")
-        return self.finding(message, joint, "note", **details)
+    note = partialmethod(finding, severity="note", certainty="certain")
+    """Return a `finding` for information: by default what is certain and no mistake."""
 
 
 @cache
