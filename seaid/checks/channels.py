@@ -22,10 +22,11 @@ from seaid.checks.codes import (
     in_description,
     in_drives,
 )
+from seaid.checks.engine import deleted_residual
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
-from seaid.estimation import RANK_TOLERANCE, scaled_svd
+from seaid.estimation import scaled_svd
 from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
@@ -653,14 +654,9 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         rate = experiment.motor[2][:, j]
         H = np.column_stack([experiment.regressor[:, j], experiment.loads[j], rate])
-        svd = scaled_svd(H[~at_limit])
-        kept, residual = svd.rank(RANK_TOLERANCE), y - H @ svd.solve(y[~at_limit], RANK_TOLERANCE)
-        # |reach|^2 = h (H^T H)^-1 h^T: a row h that is not in the fit has the prediction variance
-        # sigma^2 (1 + c |reach|^2), c for autocorrelated rows.
-        reach = (H[at_limit] / svd.norms) @ svd.vectors[:kept].T / svd.sizes[:kept]
-        noise = np.sum(residual[~at_limit] ** 2) / max(np.sum(~at_limit) - kept, 1)
-        error = max(noise**0.5, tol.FEW) * np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, 1))
-        push = float(np.median(residual[at_limit] * np.sign(place[at_limit]) / error))
+        residual, noise = deleted_residual(H, y, at_limit)
+        outwards = residual[at_limit] * np.sign(place[at_limit])
+        push = float(np.median(outwards)) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:
             yield codes.CONTACT.wrong(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "

@@ -29,7 +29,7 @@ from seaid.checks.codes import (
     guarded,
     observed,
 )
-from seaid.checks.engine import time_blocks
+from seaid.checks.engine import deleted_residual, time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
@@ -289,8 +289,10 @@ class RobotFit:
         for run, windows in suspects.items():
             apart |= (rows.run == run) & np.isin(window, list(windows))
         if np.any(apart) and np.mean(apart) < tol.RARE:
-            deleted = _deleted_residual(self.fit, rows, apart)
-            others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
+            places = np.searchsorted(self.fit.qr_factor.equations, rows.joint)
+            weight = np.asarray(self.fit.weights)[places]
+            deleted = deleted_residual(weight[:, None] * rows.H, weight * rows.y, apart)[0]
+            others = _bursts(self.joint_names, rows, deleted / weight, tol.BURST, window_s)
             bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}
         # One contact has at least half of the windows from its start to its end.
         if any(max(x) + 1 - min(x) > 2 * len(x) for x in bursts.values()):
@@ -481,26 +483,6 @@ def _bursts(
                 for start in starts[far].astype(int).tolist():
                     bursts.setdefault(run, {}).setdefault(start, set()).add(joint)
     return bursts
-
-
-def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Array:
-    """Return the residual of a fit without the rows `apart`; theirs by the error of prediction.
-
-    A row h that is not in the fit is predicted with (1 + c h (H^T H)^-1 h^T) times the variance of
-    the noise, c for autocorrelated rows.
-    """
-    weight = np.asarray(fit.weights)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
-    H, p = weight[:, None] * rows.H, rows.H.shape[1]
-    # The rows of all others as their triangular factor: (p + 1) rows in place of R.
-    R = triangle(np.column_stack([H, weight * rows.y])[~apart])
-    svd = scaled_svd(R[:, :p])
-    residual = rows.y - rows.H @ svd.solve(R[:, p], RANK_TOLERANCE)
-    # |reach|^2 = h (H^T H)^-1 h^T. A direction that the other rows lack predicts nothing: its reach
-    # is huge, not infinite.
-    sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
-    reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
-    residual[apart] /= np.sqrt(1 + tol.CORRELATED_ROWS * np.sum(reach**2, axis=1))
-    return np.asarray(residual)
 
 
 # What a fit shows
