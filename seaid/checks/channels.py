@@ -548,23 +548,20 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
     limits do, or are all so large that masses do not explain them.
     """
     robot = experiment.robot
-    if robot.has_controllers or not experiment.used or not np.all(np.isfinite(experiment.bodies)):
-        return  # on a floating base no joint is used, whose bodies have columns of their own
-    every = {j: experiment.scale(j) for j in experiment.used}
-    factors = {j: scale.factor for j, scale in every.items() if scale.factor > 0}
-    clear = [j for j in factors if every[j].is_clear]
-    logs = np.log([factors[j] for j in clear])
+    scales = {} if robot.has_controllers else experiment.clear_scales
+    clear, logs = [*scales], np.log([scale.factor for scale in scales.values()])
     if not _are_scales(logs, experiment.lever[clear]):
         return
-    scales, by = _parts_of_limits(experiment, logs, clear), "limits"
-    if not scales:
-        scales, by = {j: 1 / factor for j, factor in factors.items()}, "masses"
+    parts, by = _parts_of_limits(experiment, logs, clear), "limits"
+    if not parts:
+        every = experiment.scales.items()
+        parts, by = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}, "masses"
         if np.min(logs) < np.log(tol.FAR):
             return
     least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
     lines = {
         robot.joint_names[j]: experiment.entries(j, "t", factor=float(f"{factor:.4g}"))
-        for j, factor in scales.items()
+        for j, factor in parts.items()
     }
     yield codes.UNIT.wrong(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "

@@ -601,8 +601,7 @@ def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     commanded joints count as off, those that show none by the median factor.
     """
     joints = _commanded_joints(experiment)
-    scales = {j: experiment.scale(j) for j in joints}
-    scales = {j: x for j, x in scales.items() if x.is_clear}
+    scales = {j: x for j, x in experiment.clear_scales.items() if j in joints}
     off = {j: x for j, x in scales.items() if not 1 / tol.TWICE < x.factor < tol.TWICE}
     if not off:
         return [], experiment

@@ -72,8 +72,8 @@ _SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(
 class TorqueScale:
     """The torque of a joint as a multiple of that of the bodies, next to any friction and rotor.
 
-    `factor` and its standard `error`; `rotor`: inertia [kg m^2], NaN for one that is not in the
-    torque; `unexplained`: the part (rms, without the mean) of the torque that the fit leaves.
+    `factor` and its standard `error`; `rotor`: inertia over the given one, NaN if none was given or
+    is in the torque; `unexplained`: the part (rms, without the mean) of the torque that is left.
     """
 
     factor: float
@@ -82,9 +82,9 @@ class TorqueScale:
     unexplained: float
 
     @property
-    def is_clear(self) -> bool:
-        """Whether the factor is well known, and bodies with it explain the torque."""
-        return self.error < tol.POOR * self.factor and self.unexplained < tol.SEVERE
+    def shown(self) -> float:
+        """The factor, zero if it may be zero: friction alone explains as much in any unit then."""
+        return self.factor if abs(self.factor) > tol.SURE * self.error else 0.0
 
 
 _OF_LOADS = ("robot", "joint", "motor", "direction")
@@ -294,8 +294,19 @@ class Experiment:
         H = np.column_stack(columns)
         x, covariance = fitted(H, y)
         unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), _LEAST))
-        rotor = float(x[-1]) if has_rotor else math.nan
+        rotor = float(x[-1] / self.inertia[j]) if has_rotor and self.inertia[j] else math.nan
         return TorqueScale(float(x[0]), math.sqrt(covariance[0, 0]), rotor, unexplained)
+
+    @derived(*_SIGNALS, "bodies")
+    def scales(self) -> dict[int, TorqueScale]:
+        """The scale of each used joint, none without bodies."""
+        return {j: self.scale(j) for j in self.used if np.all(np.isfinite(self.bodies))}
+
+    @property
+    def clear_scales(self) -> dict[int, TorqueScale]:
+        """The scales that are well known, with which bodies explain the torque."""
+        known = {j: x for j, x in self.scales.items() if x.error < tol.POOR * x.factor}
+        return {j: x for j, x in known.items() if x.unexplained < tol.SEVERE}
 
     @derived("robot", "joint")
     def columns(self) -> Array:

@@ -407,7 +407,7 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
         return
     # a payload that is named and not there has no torque, of a joint that measures well
     unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
-    scales = {j: unloaded.scale(j) for j in experiment.used}
+    scales = unloaded.scales
     shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
     names = experiment.robot.joint_names
     for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
@@ -430,18 +430,15 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
-    for j in experiment.used:
-        scale = experiment.scale(j)
-        slope = scale.factor
-        if not rounding < abs(slope) < 1 / rounding:
-            continue  # one of the torques is nothing but rounding next to the other
+    for j, slope in ((j, scale.shown) for j, scale in experiment.scales.items()):
         is_reversed_only = slope < 0 and abs(math.log(-slope)) <= math.log(tol.FAR)
-        # in any unit friction alone would explain as much of a torque whose factor may be zero
-        if abs(slope) > tol.SURE * scale.error and not is_reversed_only:
-            slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
-            if abs(slope - 1) > tol.SLIGHT:
-                words = f"the torque of {experiment.robot.joint_names[j]} is"
-                yield _scale(experiment, [j], slope, words)
+        # beyond, one of the torques is nothing but rounding next to the other
+        if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
+            continue
+        slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
+        if abs(slope - 1) > tol.SLIGHT:
+            words = f"the torque of {experiment.robot.joint_names[j]} is"
+            yield _scale(experiment, [j], slope, words)
 
 
 def _scale(
@@ -487,10 +484,7 @@ def _refinement(experiment: Experiment, j: int) -> float:
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
     used, lever = experiment.used, experiment.lever[experiment.used]
-    scales = [experiment.scale(j) for j in used]
-    slopes = np.array([x.factor if abs(x.factor) > tol.SURE * x.error else 0.0 for x in scales])
-    known = zip(scales, experiment.inertia[used].tolist(), strict=True)
-    rotors = np.array([x.rotor / inertia for x, inertia in known if inertia > 0])
+    slopes, rotors = np.array([(x.shown, x.rotor) for x in experiment.scales.values()]).T
     middle, rotor = float(np.median(slopes)), _median(rotors)
     if middle <= 0 or len(used) < 2:
         return
@@ -539,10 +533,9 @@ def _behind_gears(experiment: Experiment, factor: float) -> Transform:
 
 
 def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
-    joint_names, inertias = experiment.robot.joint_names, experiment.inertia
-    for j in (j for j in experiment.used if inertias[j] > 0):
-        joint, rotor = joint_names[j], experiment.scale(j).rotor / float(inertias[j])
-        if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < tol.SLIGHT:
+    for j, scale in experiment.scales.items():
+        joint, inertias, rotor = experiment.robot.joint_names[j], experiment.inertia, scale.rotor
+        if not rotor > 0 or abs(rotor - 1) < tol.SLIGHT:
             continue
         # lever^2 and its inverse: the inertia at the joint was given for that at the motor.
         for factor in near(rotor, experiment.lever[j] ** 2):
