@@ -554,8 +554,8 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         return
     parts, by = _parts_of_limits(experiment, logs, clear), "limits"
     if not parts:
-        every = experiment.scales.items()
-        parts, by = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}, "masses"
+        every, by = experiment.scales.items(), "masses"
+        parts = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}
         if np.min(logs) < np.log(tol.FAR):
             return
     least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()

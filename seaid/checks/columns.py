@@ -8,7 +8,7 @@ friction and springs that it lacks, springs parallel to a joint, gains in anothe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -396,22 +396,21 @@ def _gain_is_scaled(
     if others:
         cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
         cause += "are not the ones of the robot file, or another torque acts there"
-    return GAIN_SCALE.finding(
+    finding = GAIN_SCALE.finding(
         f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
         f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
         f"{cause}",
         joint,
-        "note" if others else "doubtful",
+        "doubtful",
         {
             "torque over that of the known bodies": times,
             "standard error": error,
             "explained": share,
         },
-        "weigh a link"
-        if others
-        else "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
+        "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
         + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
     )
+    return replace(finding, severity="note", remedy="weigh a link") if others else finding
 
 
 def _contradicting(side: Side, joint: str) -> list[str]:

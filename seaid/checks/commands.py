@@ -572,10 +572,9 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             continue
         asked = experiment.lever[j] * experiment.torque[:, j]
         before = experiment.scale(j).unexplained
-        levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35))
+        levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35)).tolist()
         # The motion is that of the torque that is cut: at the right level bodies explain it.
-        cut = levels[levels > 0].tolist()
-        after = {level: experiment.scale(j, level).unexplained for level in cut}
+        after = {x: experiment.scale(j, x).unexplained for x in levels if x > 0}
         limit = min(after, key=after.__getitem__, default=0.0)
         if before < tol.SLIGHT or not after or after[limit] > tol.SEVERE * before:
             continue
@@ -692,10 +691,9 @@ def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
     unexplained = experiment.lever * experiment.torque - experiment.of_file
     for j in experiment.used:
         if drives[j].motor_inertia_kg_m2 is None:
-            columns = np.column_stack(
-                [experiment.friction[j], experiment.lever[j] * experiment.motor[2][:, j]]
-            )
-            inertia[j] = max(float(scaled_svd(columns).solve(unexplained[:, j])[-1]), 0.0)
+            columns = np.column_stack([experiment.friction[j], experiment.motor[2][:, j]])
+            rotor = float(scaled_svd(columns).solve(unexplained[:, j])[-1] / experiment.lever[j])
+            inertia[j] = max(rotor, 0.0)
     return experiment.with_changes(inertia=inertia)
 
 

@@ -109,15 +109,11 @@ def _with_effect(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> 
     The change is in standard errors of the estimate, and in per cent of the value.
     """
     estimate, change = side.fitted.estimate, sum(x.change for x in accepted)
-    tiny = np.finfo(float).tiny
-    scores = np.abs(change) / np.maximum(estimate.standard_errors, tiny)
-    shares = 100 * np.abs(change) / np.maximum(np.abs(estimate.values), tiny)
-    worst = int(np.argmax(scores))
+    sizes = {"standard errors": estimate.standard_errors, "%": np.abs(estimate.values) / 100}
+    changes = {x: np.abs(change) / np.maximum(y, np.finfo(float).tiny) for x, y in sizes.items()}
+    worst = int(np.argmax(changes["standard errors"]))
     name = first_term(readable(estimate.names[worst]))
-    effect = {
-        f"change of {name} [standard errors]": float(scores[worst]),
-        f"change of {name} [%]": float(shares[worst]),
-    }
+    effect = {f"change of {name} [{unit}]": float(x[worst]) for unit, x in changes.items()}
     return replace(finding, evidence={**finding.evidence, **effect})
 
 

@@ -32,6 +32,7 @@ from seaid.checks.tolerances import (
     POOR,
     SIGNIFICANT,
     SURE,
+    SURE_TOGETHER,
 )
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Finding
@@ -150,7 +151,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     # The variance of the values over their number is that of their mean.
     scatter = float(np.sqrt(np.average((values - common) ** 2, weights=weights) / len(values)))
     error = float(np.hypot(spread, scatter))
-    if abs(common) < max(SIGNIFICANT * error, LEAST_DELAY_S):
+    if abs(common) < max(SURE_TOGETHER * error, LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = [x.share for x in accepted if x.trial.candidate.about.code is DELAY]

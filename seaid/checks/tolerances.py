@@ -51,8 +51,7 @@ are farther apart, over those for white noise."""
 
 FEW = 0.01
 """Share of the samples, or of a correlation below one, that no mistake of a set-up is needed for:
-ends of a motion, single lost messages, feet that slip. A small part of a weight, a torque, or of
-parameters, by which equations without a torque may reduce them."""
+ends of a motion, single lost messages, feet that slip. A small part of a weight or a torque."""
 
 MOST = 0.5
 """Share from which something holds for most of a log, or explains it: of a squared residual, also
@@ -127,6 +126,16 @@ motions where these have large errors."""
 MOST_ALIKE = 3
 """Joints with warnings of one code that are listed one by one, and half of those that the verdict
 names: fifteen that lack the same are read as one."""
+
+NO_CHANCE = 0.999
+"""Level of the interval that excludes zero if an error of a channel is none by chance."""
+
+PULL = 0.02
+"""Part by which equations without a torque may reduce the parameters towards zero."""
+
+SURE_TOGETHER = 4.0
+"""Standard errors, scatter between the joints included, from which a delay that is common to all
+motor torques is not zero."""
 
 CONTRADICTED = 10.0
 """Standard deviations of chi-square above its mean from which data and assumptions contradict."""

@@ -94,7 +94,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     # |W H theta|^2 by equation, from the triangular factors: |R theta| = |H theta|.
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
-    if pull > tol.FEW and not np.all(zero_fits):
+    if pull > tol.PULL and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
         yield codes.HOMOGENEOUS.finding(
             f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
@@ -466,7 +466,8 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
         # The rms torque on the load, divided by N r_L / r_M: that at the motor.
         size = sizes[qr_factor.equations.index(robot.index(joint_of(name)))]
         torque = float(size / total_ratio(robot.drives[joint_of(name)]))
-        if abs(value) > max(tol.SURE * error, tol.FEW * torque):
+        lower, upper = estimate.interval(tol.NO_CHANCE)[place]
+        if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
             yield codes.TORQUE_OFFSET.finding(
                 f"the motor torque of {joint_of(name)} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
