@@ -200,9 +200,11 @@ def _placed(
     carries it is estimated together with it.
     """
     robot, is_named = experiment.robot, mass is not None
+    heaviest = tol.FAR * np.sum(np.abs(bodies[::10]))  # no robot moves so many times its own mass
     for body, link in enumerate(robot.body_names):
         point = _point_mass(experiment, bodies, body, mass)
-        if point[0] <= tol.BODY * abs(bodies[10 * body]) or not np.all(np.isfinite(point)):
+        is_load = tol.BODY * abs(bodies[10 * body]) < point[0] < heaviest
+        if not is_load or not np.all(np.isfinite(point)):
             continue
         com = ",".join(f"{x:.3g}" for x in point[1:4] / point[0] + 0.0)
         changed = bodies.copy()

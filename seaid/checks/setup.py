@@ -38,6 +38,7 @@ from seaid.checks.codes import (
 from seaid.checks.experiment import (
     Experiment,
     Transform,
+    fitted,
     multiplied,
     near,
     scaled,
@@ -551,6 +552,30 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
             )
 
 
+def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
+    """Yield an undeclared spring parallel to a joint: to the fit it is a heavy body."""
+    for j in experiment.used:
+        joint = experiment.robot.joint_names[j]
+        drive = experiment.robot.drives[joint]
+        if drive.parallel_spring:
+            continue
+        angle = experiment.joint[0][:, j]
+        left = (experiment.target - experiment.of_file)[:, j]
+        x, covariance = fitted(np.column_stack([experiment.loads[j], angle]), left)
+        sprung = replace(drive, parallel_spring=("linear",))
+        if x[-1] > tol.SURE * math.sqrt(covariance[-1, -1]):
+            unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
+            yield Transform(
+                codes.MISSING_TERM,
+                f"a spring of about {x[-1]:.3g} {unit} is parallel to {joint}",
+                experiment.with_changes(robot=experiment.robot.with_drives({joint: sprung})),
+                joint,
+                in_drives({(joint,): 'parallel_spring = ["linear"]'}),
+                evidence={"stiffness": float(x[-1])},
+                penalty=1.0,
+            )
+
+
 def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly by a round factor."""
     for factor in (0.1, 0.5, 2.0, 10.0):
@@ -648,6 +673,7 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
         bodies.gravities: codes.GRAVITY,
         bodies.lengths: codes.GEOMETRY,
         bodies.zeros: codes.ENCODER_OFFSET,
+        _parallel_springs: codes.MISSING_TERM,
         bodies.payloads: codes.PAYLOAD,
     },
     _is_severe: {
