@@ -142,13 +142,14 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     Springs and errors of gears explain a slight difference that is not many of its errors.
     """
     slope = abs(encoder_slope(experiment, j)) if experiment.both[j] else 1.0
-    if abs(slope - 1) >= tol.SLIGHT:
-        return slope if 1e-6 < slope < 1e6 else None
-    if abs(slope - 1) < tol.FEW or j not in experiment.encoder_ratios:
-        return None
-    ratio, error = experiment.encoder_ratios[j]
+    ratio, error = experiment.encoder_ratios.get(j, (math.nan, math.inf))
     size, given = abs(ratio), float(experiment.ratio[j])  # an encoder may have the opposite sign
-    return size / given if abs(size - given) > tol.SIGNIFICANT * error else None
+    if abs(slope - 1) >= tol.SLIGHT:
+        # the deflection of a spring is a slight part of the slope, and apart in the motor equation
+        is_known = error < tol.FEW * size and abs(size / (slope * given) - 1) < tol.SLIGHT
+        return size / given if is_known else slope if 1e-6 < slope < 1e6 else None
+    is_off = abs(slope - 1) >= tol.FEW and abs(size - given) > tol.SIGNIFICANT * error
+    return size / given if is_off else None
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
