@@ -282,7 +282,8 @@ class RobotFit:
         # A window has at least one independent row of each joint.
         instants = np.unique(rows.time[rows.run == rows.run[0]])
         window_s = max(tol.WINDOW_S, tol.CORRELATED_ROWS * row_step(instants))
-        residual = rows.y - rows.H @ self.fit.estimate.values
+        estimate = self.fit.estimate
+        residual = _beyond_friction(rows, estimate, rows.y - rows.H @ estimate.values)
         bursts = _bursts(self.joint_names, rows, residual, tol.BURST, window_s)
         suspects = _bursts(self.joint_names, rows, residual, tol.SURE, window_s)
         window, apart = np.floor(rows.time / window_s), np.zeros(len(rows.y), dtype=bool)
@@ -292,7 +293,8 @@ class RobotFit:
             places = np.searchsorted(self.fit.qr_factor.equations, rows.joint)
             weight = np.asarray(self.fit.weights)[places]
             deleted = deleted_residual(weight[:, None] * rows.H, weight * rows.y, apart)[0]
-            others = _bursts(self.joint_names, rows, deleted / weight, tol.BURST, window_s)
+            deleted = _beyond_friction(rows, estimate, deleted / weight)
+            others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}
         # One contact has at least half of the windows from its start to its end.
         if any(max(x) + 1 - min(x) > 2 * len(x) for x in bursts.values()):
@@ -460,6 +462,25 @@ def _blocks(fit: FittedRows) -> _Blocks:
         return _Blocks(targets, float("inf"))
     # of n independent rows the residuals have (1 - kept / n) of the variance of the noise
     return _Blocks(targets, 1 + float(squares / np.mean(score)) / kept)
+
+
+def _beyond_friction(rows: Regression, estimate: Estimate, residual: Array) -> Array:
+    """Return a residual (R,), of joints that move slowly beyond their Coulomb friction.
+
+    There the friction may have any value up to that, as of a joint at rest.
+    """
+    beyond, sizes = residual.copy(), np.abs(rows.H)
+    for joint, friction in estimate.by_owner().items():
+        if {"viscous_friction", "coulomb_friction"} <= {*friction.names}:
+            viscous, coulomb = (
+                sizes[:, rows.names.index(f"{kind}_friction of {joint}")]
+                for kind in ("viscous", "coulomb")
+            )
+            # the columns are zero in the rows of other joints
+            is_slow = (0 < viscous) & (viscous < tol.POOR * np.max(viscous))
+            most = np.max(coulomb) * abs(friction.value("coulomb_friction"))
+            beyond[is_slow] -= np.clip(residual[is_slow], -most, most)
+    return beyond
 
 
 def _bursts(
