@@ -49,6 +49,7 @@ from seaid.errors import Certainty, Finding
 from seaid.estimation import scaled_svd
 from seaid.log import Log, Motion, changed_source
 from seaid.robot import Robot
+from seaid.robot.transmission import group_of
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
@@ -314,7 +315,10 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
         joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
         speeds = experiment.motor[1][:, j] * experiment.joint[1][:, j]
         product = float(np.mean(speeds)) if experiment.both[j] else 1.0
-        for sides, penalty in _SIGNS[product > 0].items():
+        # the motor of a coupled joint may turn either way
+        is_coupled = len(group_of(experiment.robot.transmission, j)) > 1
+        choices = _SIGNS[product > 0] | (_SIGNS[False] if is_coupled else {})
+        for sides, penalty in choices.items():
             words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
             message = f"the {words} of {joint} has the opposite sign"
             if sides == "qmt":
@@ -681,9 +685,9 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
         _all_channels: codes.UNIT,
         _times: codes.TIME_UNIT,
         gears.geared_encoders: codes.UNIT,
+        _signs: codes.SIGN,
     },
     _is_severe_by_joint: {
-        _signs: codes.SIGN,
         _positions: codes.UNIT,
         _exchanges: codes.SWAPPED_JOINTS,
     },
