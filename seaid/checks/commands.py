@@ -17,6 +17,7 @@ from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes
@@ -154,9 +155,14 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     """Yield commands of which some are logged twice; held ones, all alike, are no finding."""
     time, command, joint = commanded.log.time, commanded.command, commanded.joint
     period_s = float(time[-1] - time[0]) / (len(time) - 1)
+    changes = np.diff(command)
+    at = np.flatnonzero(changes)
     # Samples from one change of the command to the next: 1 where each sample has a new one.
-    runs = np.diff(np.flatnonzero(np.diff(command) != 0))
-    runs = runs[runs * period_s < tol.WINDOW_S]  # longer ones are rests
+    runs = np.diff(at)
+    # Commands in ticks repeat where they are slow: only fast ones show that a message is late.
+    speed = np.abs(uniform_filter1d(changes, max(1, round(tol.WINDOW_S / period_s))))
+    is_fast = speed[at[1:]] > tol.MOST * np.max(speed)
+    runs = runs[(runs * period_s < tol.WINDOW_S) & is_fast]  # longer ones are rests
     # A median above one: each command is held over several samples, and none is repeated.
     if len(runs) < tol.POOR * len(command) or np.median(runs) > 1:
         return
