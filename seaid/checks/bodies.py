@@ -323,7 +323,8 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
         return
     robot, (change, roots, share, of_mass) = experiment.robot, masses
     total, error = float(share @ change), float(np.linalg.norm(share @ roots))
-    most = int(np.argmax(np.abs(share * change)))  # the body that changes the mass most
+    # the body that changes the mass most, in the direction in which all together change it
+    most = int(np.argmax(share * change * math.copysign(1.0, total)))
     link, part = robot.body_names[most], float(change[most])
     error_of_part = float(np.linalg.norm(roots[most]))
     is_heavier = abs(total) > max(tol.POOR, tol.SURE * error)

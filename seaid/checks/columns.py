@@ -38,7 +38,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
+from seaid.checks.tolerances import FEW, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import (
     IDEAL_DRIVE,
     PARAMETERS,
@@ -321,12 +321,13 @@ def _missing_terms(
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    is_spring = field == "spring"
+    is_spring, equation = field == "spring", "motor" if side.is_motor else "torque"
+    # Next to other weights the residual may be as large as before.
+    explains = f"explain {share:.0%} of the squared residual of its {equation} equation and "
+    explains *= share >= FEW
     return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
-        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would explain "
-        f"{share:.0%} of the squared residual of its "
-        f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
-        f"blocks by {comparison.improvement:.0%}",
+        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would {explains}"
+        f"improve the prediction of excluded blocks by {comparison.improvement:.0%}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
         evidence_of(comparison, values) | {"explained": share},

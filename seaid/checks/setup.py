@@ -568,13 +568,15 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         x, covariance = fitted(np.column_stack([experiment.loads[j], angle]), left)
         sprung = replace(drive, parallel_spring=("linear",))
         if x[-1] > tol.SURE * math.sqrt(covariance[-1, -1]):
+            # It rests at any angle, which the spring in series would hide.
+            terms = '"linear", "preload"' if drive.is_elastic else '"linear"'
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             yield Transform(
                 codes.MISSING_TERM,
                 f"a spring of about {x[-1]:.3g} {unit} is parallel to {joint}",
                 experiment.with_changes(robot=experiment.robot.with_drives({joint: sprung})),
                 joint,
-                in_drives({(joint,): 'parallel_spring = ["linear"]'}),
+                in_drives({(joint,): f"parallel_spring = [{terms}]"}),
                 evidence={"stiffness": float(x[-1])},
                 penalty=1.0,
             )

@@ -26,6 +26,7 @@ from seaid.checks.engine import (
 from seaid.drives import (
     COULOMB,
     DEAD_ZONES,
+    IDEAL_DRIVE,
     PARAMETERS,
     Drive,
     DriveRegressor,
@@ -409,7 +410,9 @@ def toml_of(
         for name, value in values.items()
         if name in larger.parameter_names and name != "deflection_zero"  # that of these logs
     ]
-    return "\n".join([toml_table(joint), f"{field} = [{names}]", *starts])
+    # A joint without a drive has no table yet, and the torques of its log are behind a gear.
+    drive_keys = ['type = "stiff"', "gear_ratio = 1.0"] if drive == IDEAL_DRIVE else []
+    return "\n".join([toml_table(joint), *drive_keys, f"{field} = [{names}]", *starts])
 
 
 def compared_terms(

@@ -477,7 +477,7 @@ def _beyond_friction(rows: Regression, estimate: Estimate, residual: Array) -> A
                 for kind in ("viscous", "coulomb")
             )
             # the columns are zero in the rows of other joints
-            is_slow = (0 < viscous) & (viscous < tol.POOR * np.max(viscous))
+            is_slow = (viscous > 0) & (viscous < tol.POOR * np.max(viscous))
             most = np.max(coulomb) * abs(friction.value("coulomb_friction"))
             beyond[is_slow] -= np.clip(residual[is_slow], -most, most)
     return beyond
