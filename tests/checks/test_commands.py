@@ -141,6 +141,10 @@ def test_commands_that_are_repeated_limited_or_followed_too_well_are_said(
     assert repeated.evidence["share of repeated commands"] == pytest.approx(0.1, abs=0.02)
     held = np.repeat(command[::4], 4, axis=0)[: len(command)]
     assert wrong_of(robot, replace(log, position_command=held)) == []
+    # Ticks repeat near each reversal, and no message is late.
+    tick = float(np.percentile(np.abs(np.diff(command[:, 0])), 40))
+    in_ticks = tick * np.round(command / tick)
+    assert wrong_of(robot, replace(log, position_command=in_ticks)) == []
     limited = seaid.Controller(
         position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
     )

@@ -122,6 +122,19 @@ def test_a_named_payload_was_weighed_and_is_contradicted_before_the_bodies_are(
     assert (finding.code, finding.severity) == ("payload", "wrong")
 
 
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_spring_that_is_not_declared_is_neither_a_payload_nor_gravity(joint: int) -> None:
+    """Near the middle of its range a joint shows a spring as well as a heavy body near its axis."""
+    robot, log = CASES["ur10"][0](), geared_arm_log()
+    torque, stiffness = log.motor_torque.copy(), 200.0
+    torque[:, joint] += stiffness * log.joint_position[:, joint]
+    findings, _ = mistakes(experiment(robot, replace(log, motor_torque=torque)))
+    assert (findings[0].code, findings[0].joint) == ("missing-term", robot.joint_names[joint])
+    assert findings[0].evidence["stiffness"] == pytest.approx(stiffness, rel=0.2)
+    assert findings[0].remedy.endswith('parallel_spring = ["linear"]')
+    assert {finding.code for finding in findings}.isdisjoint({"payload", "gravity"})
+
+
 def test_a_cause_that_rests_on_the_robot_file_spares_the_findings_of_other_joints() -> None:
     wrong = Finding("torque-scale", "", "knee", "wrong", certainty="likely")
     findings = [Finding("nonlinear-spring", "", joint) for joint in ("knee", "hip", "")]

@@ -203,6 +203,29 @@ def test_contacts_of_several_logs_have_their_own_times() -> None:
     assert {(note.severity, note.remedy) for note in notes} == {("note", "")}
 
 
+@pytest.mark.parametrize(("push", "times"), [(0.6, 0), (8.0, 1)])
+def test_slow_motion_within_the_dry_friction_is_no_contact(push: float, times: int) -> None:
+    """There the friction has any value up to that of its drive, 1 N m here."""
+    rng, time = np.random.default_rng(0), 0.05 * np.arange(800)
+    is_slow = (time > 30.0) & (time < 32.0)
+    speed = np.where(is_slow, 0.05, np.sin(time))
+    H = np.column_stack([speed, np.sign(speed), rng.normal(size=len(time))])
+    y = H @ (0.5, 1.0, 2.0) + 0.1 * rng.normal(size=len(time)) - push * is_slow
+    rows = Regression(
+        names=("viscous_friction of knee", "coulomb_friction of knee", "m"),
+        units=("", "", ""),
+        H=H,
+        y=y,
+        joint=np.zeros(len(y)),
+        time=time,
+        run=np.zeros(len(y)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+    )
+    fit = FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
+    assert len(RobotFit(("knee",), fit, logs={0: 1}).contacts) == times
+
+
 @pytest.mark.slow  # an identification of the leg and its checks
 def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
     log = leg_log()

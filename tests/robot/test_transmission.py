@@ -36,6 +36,7 @@ from seaid.errors import (
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation.observation_matrix import load_target
 from seaid.identification import Method
+from seaid.identification.checking import check
 from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
@@ -321,6 +322,17 @@ def test_encoders_of_coupled_joints_agree_in_every_pose() -> None:
 
 
 # Laws of the matrix.
+
+
+@pytest.mark.parametrize("name", ["stiff differential", "elastic differential"])
+def test_the_sign_of_an_encoder_behind_a_differential_is_found(name: str) -> None:
+    case = CASES[name]()
+    log, joint = log_of(true_motion(case)), case.robot.joint_names[-1]
+    turned = log.joint_position * np.where(np.arange(case.robot.n) == case.robot.n - 1, -1.0, 1.0)
+    (finding,) = check(case.robot, replace(log, joint_position=turned)).warnings
+    assert (finding.code, finding.joint) == ("sign", joint)
+    assert "joint_position = { column = " in finding.remedy
+    assert "sign = -1" in finding.remedy
 
 
 def matrices() -> st.SearchStrategy[Array]:
