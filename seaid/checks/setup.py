@@ -48,8 +48,7 @@ from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding
 from seaid.estimation import scaled_svd
 from seaid.log import Log, Motion, changed_source
-from seaid.robot import Robot
-from seaid.robot.transmission import group_of
+from seaid.robot import Robot, group_of
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""

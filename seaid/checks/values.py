@@ -138,8 +138,8 @@ def _drifts(estimate: Estimate) -> Iterator[Finding]:
         if drift.ratio <= tol.FAR:  # it is in the standard errors all the same
             continue
         yield codes.DRIFT.finding(
-            f"the torque of {drift.joint or 'the joint'} has slow errors of about {drift.share:.1%} "
-            "of its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
+            f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
+            "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
             f"below {drift.corner_hz:.2g} Hz they are larger than the noise; the standard errors "
             f"were enlarged by them, up to {math.sqrt(growth):.2g} times",
             drift.joint,
