@@ -703,7 +703,7 @@ class Experiment:
         few = np.sum(self._moving, axis=0) < tol.FEWEST_INSTANTS
         return self.with_changes(counted=np.asarray(self._moving | few))
 
-    @property
+    @derived(*_OF_TORQUES)
     def _elastic(self) -> list[int]:
         return [j for j in map(self.robot.index, self.robot.elastic_joints) if j in self.used]
 

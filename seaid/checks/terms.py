@@ -30,9 +30,8 @@ from seaid.drives import (
     PARAMETERS,
     Drive,
     DriveRegressor,
-    joint_of,
+    ParameterName,
     key_of,
-    parameter_of,
     term_fields,
     unit_of,
 )
@@ -124,13 +123,14 @@ class DriveRows:
     @cached_property
     def values(self) -> dict[str, float]:
         """The fitted values of the drive."""
-        fitted = zip(self.rows.names, self.theta.tolist(), strict=True)
-        known = self.robot.drives[self.joint].values
-        return {**known, **{parameter_of(name): x for name, x in fitted if self._has(name)}}
+        fitted = {name: float(self.theta[place]) for place, name in self._parameters.items()}
+        return {**self.robot.drives[self.joint].values, **fitted}
 
-    def _has(self, name: str) -> bool:
-        """Whether a parameter of the rows is one of the drive."""
-        return joint_of(name) in ("", self.joint)
+    @cached_property
+    def _parameters(self) -> dict[int, str]:
+        """The parameters of the drive by their places among those of the rows."""
+        names = enumerate(map(ParameterName.of, self.rows.names))
+        return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
 
     def terms(
         self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})
@@ -152,7 +152,7 @@ class DriveRows:
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
-        places = tuple(self._places(changed))
+        places = self._places(changed)
         names = *changed, *added
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
@@ -166,11 +166,9 @@ class DriveRows:
         for at, H in zip(points, columns, strict=True):
             yield Alternative(H, more, places, FrozenMapping(at | zero), names)
 
-    def _places(self, names: Sequence[str]) -> Iterator[int]:
-        """Yield the places of parameters of the drive among those of the rows."""
-        for place, name in enumerate(self.rows.names):
-            if parameter_of(name) in names and self._has(name):
-                yield place
+    def _places(self, names: Sequence[str]) -> tuple[int, ...]:
+        """Return the places of parameters of the drive among those of the rows."""
+        return tuple(place for place, name in self._parameters.items() if name in names)
 
     def _grid(
         self, names: Sequence[str], grids: Mapping[str, Sequence[float]]

@@ -10,6 +10,7 @@ equation; compiled, it runs over the samples of x, from z = 0 at the first one.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,13 +52,11 @@ F_vT, F_CT, F_vW, F_CW, F_x, F_xx = sp.symbols("F_vT F_CT F_vW F_CW F_x F_xx", r
 q_0 = sp.Symbol("q_0", real=True)
 """Reference position of a drive, at which its Coulomb friction has the stated value."""
 
-t_W = sp.Symbol("t_W", positive=True)
-T_C = sp.Symbol("T_C", real=True)
-s_K = sp.Symbol("s_K", positive=True)
+t_W, s_K = sp.symbols("t_W s_K", positive=True)
 T_0, s_0 = sp.symbols("T_0 s_0", real=True)
 """Nominal delay of a command and nominal scale of its controller's gains, known values."""
 
-k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
+k_P, tau_P, b_L, c_L, T_C = sp.symbols("k_P tau_P b_L c_L T_C", real=True)
 
 PARAMETER_NAMES = {
     F_v: "viscous_friction",
@@ -101,6 +100,7 @@ PARAMETER_NAMES = {
 """{symbol: name} of the parameters in `seaid.drives.terms`, in the same order."""
 
 
+@cache
 def symbol_of(name: str) -> sp.Symbol:
     """Return the symbol of a parameter; that of an amplitude of a harmonic has its name."""
     return SYMBOLS[name] if name in SYMBOLS else sp.Symbol(name, real=True)

@@ -141,7 +141,7 @@ class Robot(Display):
         """The known part of the standard parameters (10N,): payloads and known bodies."""
         return self.payload_parameters + np.where(self.is_known, self.parameters, 0.0)
 
-    @property
+    @cached_property
     def elastic_joints(self) -> tuple[str, ...]:
         """The joints with a series elastic drive."""
         return tuple(joint for joint in self.joint_names if self.drives[joint].is_elastic)
@@ -259,7 +259,8 @@ class Robot(Display):
         """Return the robot with other drives at some of its joints. Raises RobotError."""
         for joint in drives:
             self.index(joint)
-        return self.with_values(self.parameters, {**self.drives, **drives})
+        # The model has no part of the drives, not even their rotors: it stays.
+        return replace(self, drives=FrozenMapping({**self.drives, **drives}, "joint"))
 
     def without_nominal(self) -> Robot:
         """Return the robot as known before an identification: geometry, ratios, rotor inertias.
