@@ -15,7 +15,6 @@ from typing import cast
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dposv
 
 from seaid._arrays import Array, IndexArray, safely
 from seaid.drives import DriveFunctions, OfState, after_travel
@@ -29,7 +28,6 @@ from seaid.simulation.plant import (
     bias_torques,
     inertia,
     inverse_dynamics,
-    inverse_inertia,
 )
 
 _safely = partial(safely, what="the sticking friction", error=RobotError)
@@ -53,34 +51,6 @@ def without_sticking(plant: Plant, joint: Array, sticking: IndexArray) -> Array:
         sticking = sticking[sticking >= n]
     joint[plant.places[sticking]] = 0.0
     return joint
-
-
-def sticking_torques(
-    plant: Plant, data: pin.Data, state: Array, joint: Array, sticking: IndexArray
-) -> tuple[Array, Array]:
-    """Return the constraint torques of sticking friction, and the joint accelerations they cause.
-
-    With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0.
-    """
-    inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
-    if plant.coupling is None:
-        places = plant.places[sticking]
-        columns = inverse[:, places]
-        # The rows A select joints: A M^-1 A^T is a part of M^-1, positive definite.
-        torque = -_solved(columns[places], joint[places])
-        return torque, columns @ torque
-    rows = sticking_rows(plant, sticking)
-    # Drives and dry joints may constrain one direction together: then A M^-1 A^T is singular, and
-    # their torques are those of least norm.
-    torque = np.asarray(-_safely(np.linalg.lstsq, rows @ inverse @ rows.T, rows @ joint)[0])
-    return torque, np.asarray(inverse @ rows.T @ torque)
-
-
-def _solved(matrix: Array, vector: Array) -> Array:
-    """Return the solution of a system with a small positive definite matrix."""
-    _, solution, info = dposv(matrix, vector)
-    # LAPACK alone takes a fifth of the time of numpy's solve, which reports what is wrong
-    return np.asarray(_safely(np.linalg.solve, matrix, vector) if info else solution)
 
 
 _MOST_ITERATIONS, _SETTLED = 60, 1e-11
@@ -113,16 +83,6 @@ def with_memory(plant: Plant, before: Array, state: Array) -> Array:
     return state
 
 
-def spring_force(plant: Plant, turned: Array) -> Array:
-    """Return the spring forces (3), (n,), zero for stiff drives, at a state of `drive_states`."""
-    stretch = plant.motor_lever * turned[POSITION] - plant.load_radius * turned[JOINT_POSITION]
-    force = plant.stiffness * stretch
-    for index, drive in plant.functions:
-        if plant.elastic[index]:
-            force[index] = of_column(drive.force, turned[:, index].tolist())
-    return np.asarray(force)
-
-
 def accelerations(
     plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
 ) -> tuple[Array, Array]:
@@ -131,36 +91,58 @@ def accelerations(
     `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
     and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
     """
-    turned = drive_states(plant, state)
-    # (7) but for the spring and I_M theta'': tau_M - F_v theta' - F_C slip.
-    free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
-    for index, extra in plant.extras:
-        free[index] -= extra(*turned[: JOINT_SPEED + 1, index])
-    force = spring_force(plant, turned)
+    motor, joint = _driven(plant, data, state, torque, slip)[:2]
+    if 0.0 in slip.tolist():
+        # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
+        motor[slip[: len(motor)] == 0] = 0.0
+    return motor, joint
+
+
+def _driven(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return `accelerations` and the torques of `drive_matrix`, on the joints and on the rotors.
+
+    Friction that sticks holds joints, but not motors on springs, and is in none of the torques.
+    """
+    n = len(torque)
     if not plant.functions:
-        return _driven(plant, data, state, free, force, slip)
-    at, under_load = turned.T.tolist(), list(plant.under_load)
-    gear = np.zeros_like(free)
+        acting = np.concatenate([state.reshape(-1), torque, slip])
+        return _moved(plant, data, state, acting, slip)
+    at = drive_states(plant, state).T.tolist()
+    free, force = _of_functions(plant, at, torque)
+    gear = np.zeros(n)
     of_load = [(index, drive) for index, drive in plant.functions if drive.is_under_load]
     others = [(index, drive) for index, drive in plant.functions if not drive.is_under_load]
     free = _without_friction(free, others, at, slip, gear)
-    if not of_load:
-        return _driven(plant, data, state, free, force, slip)
     last: tuple[Array, Array] | None = None
+    under_load = list(plant.under_load)
     # Friction under load depends on the torque through the gear, which depends on the acceleration:
     # the fixed point x = N (free - friction(x) - I_M theta''(x)).
     for _ in range(_MOST_ITERATIONS):
         rest = _without_friction(free, of_load, at, slip, gear)
-        motor, joint = _driven(plant, data, state, rest, force, slip)
-        load = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
+        acting = np.concatenate([state[: JOINT_SPEED + 1].reshape(-1), rest, slip[:n], force])
+        motion = _moved(plant, data, state, acting, slip)
+        load = (plant.ratio * (rest - plant.motor_inertia * motion[0]))[under_load]
         error = load - gear[under_load]
         if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(load))):
-            return motor, joint
+            return motion
         gear[under_load] = load if last is None else _faster(load, error, *last)
         last = load, error
     raise SeaidError(
         "load-dependent friction does not converge: load_friction must be well below one"
     )
+
+
+def _of_functions(plant: Plant, at: Sequence[list[float]], torque: Array) -> tuple[Array, Array]:
+    """Return motor torques less those of extra terms, and the forces of springs in `functions`."""
+    free, force = torque.copy(), np.zeros(len(torque))
+    for index, extra in plant.extras:
+        free[index] -= extra(*at[index][: JOINT_SPEED + 1])
+    for index, drive in plant.functions:
+        if plant.elastic[index]:
+            force[index] = of_column(drive.force, at[index])
+    return free, force
 
 
 def _without_friction(
@@ -189,54 +171,66 @@ def _faster(load: Array, error: Array, load_before: Array, error_before: Array) 
     return load - part * (load - load_before)
 
 
-def _driven(
-    plant: Plant, data: pin.Data, state: Array, free: Array, force: Array, slip: Array
-) -> tuple[Array, Array]:
-    """Return motor and joint accelerations under motor torques less friction, and spring forces."""
-    # (4b) at springs, r_L F_s; N times the motor torque at stiff drives, whose rotors are in M.
-    load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
-    joint = _joint_accelerations(plant, data, state, load_torque, slip)
-    # (7) at springs; zero at stiff drives, which have no mobility of their own.
-    motor = (free - plant.motor_lever * force) * plant.motor_mobility
-    resting = 0.0 in slip.tolist()
-    if resting:
-        sticking = ((slip == 0) & plant.acts_on_load).nonzero()[0]
-        motor[slip[: len(motor)] == 0] = 0.0
-        if sticking.size:
-            joint += sticking_torques(plant, data, state, joint, sticking)[1]
-            joint = without_sticking(plant, joint, sticking)
-    turning = joint if plant.coupling is None else plant.coupling @ joint
+def _moved(
+    plant: Plant, data: pin.Data, state: Array, acting: Array, slip: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return `_driven` by what acts, as `drive_matrix` has it."""
+    # on so small matrices `dot` takes a third of the time of `@`
+    n, torques = len(plant.elastic), plant.drive_matrix.dot(acting)
+    torque, rotor = torques[:n], torques[n:]
+    for index, drive in plant.functions:
+        torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
+    if plant.dry_joints.size:
+        torque[plant.dry_joints] -= plant.joint_coulomb * slip[n:]
+    joint = _joint_accelerations(plant, data, state, torque, _sticking(plant, slip))
     # theta_M'' = N phi'' at stiff drives
-    motor = motor + plant.stiff_ratio * turning
-    # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
-    if resting and plant.coupling is not None:
-        motor[slip[: len(motor)] == 0] = 0.0
-    return motor, joint
+    return plant.mobility * rotor + plant.turning.dot(joint), joint, torque, rotor
+
+
+def _sticking(plant: Plant, slip: Array) -> IndexArray:
+    """Return the places at which friction on the load side sticks."""
+    if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
+        return _NOTHING
+    return np.asarray(((slip == 0) & plant.acts_on_load).nonzero()[0])
+
+
+_NOTHING = np.zeros(0, dtype=np.intp)
 
 
 def _joint_accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
+    plant: Plant, data: pin.Data, state: Array, torque: Array, sticking: IndexArray
 ) -> Array:
-    """Return the joint accelerations (n,) under torques on the drives' coordinates."""
+    """Return the joint accelerations (n,) under torques on the joints, zero at what sticks."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
-    torque = torque if plant.coupling is None else plant.coupling.T @ torque
-    for index, drive in plant.functions:
-        torque[index] -= drive.joint_torque(float(position[index]), float(speed[index]))
-    if plant.dry_joints.size:
-        torque[plant.dry_joints] -= plant.joint_coulomb * slip[len(torque) :]
     if plant.rotors is None:
-        return cast(Array, pin.aba(plant.model, data, position, speed, torque))
+        model = plant.model
+        if sticking.size:
+            model = plant.holding(tuple(plant.places[sticking].tolist()))
+        return cast(Array, pin.aba(model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - bias_torques(plant, data, position, speed)
-    return np.asarray(
-        safely(
-            np.linalg.solve,
-            inertia(plant, data, position),
-            rest,
-            what="the mass matrix",
-            error=RobotError,
-        )
-    )
+    solve = partial(_safely, np.linalg.solve, inertia(plant, data, position))
+    joint = np.asarray(solve(rest))
+    if not sticking.size:
+        return joint
+    # With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0. Drives and dry joints may
+    # constrain one direction together: A M^-1 A^T is then singular.
+    rows = sticking_rows(plant, sticking)
+    columns = solve(rows.T)
+    joint = joint - columns @ _safely(np.linalg.lstsq, rows @ columns, rows @ joint)[0]
+    return without_sticking(plant, joint, sticking)
+
+
+def sticking_torques(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, joint: Array, sticking: IndexArray
+) -> Array:
+    """Return the torques of friction that sticks, at joint accelerations under other torques."""
+    needed = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], joint)) - torque
+    if plant.rotors is None:
+        return np.asarray(needed[plant.places[sticking]])
+    # A^T x = M qdd + b - tau, and of torques that act in one direction those of least norm.
+    rows = sticking_rows(plant, sticking)
+    return np.asarray(_safely(np.linalg.lstsq, rows.T, needed + plant.rotors @ joint)[0])
 
 
 def gear_torques(
@@ -257,9 +251,6 @@ def gear_torques(
 REST_RAD_S = 1e-9
 """A motor slower than this is at rest, so that friction may stick."""
 
-_FRICTIONLESS = 1e-300
-"""A slip direction that is not zero and adds no friction."""
-
 
 def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
     """Return where friction slips (+-1) and where it sticks (0), (n + m,), as `accelerations`.
@@ -267,43 +258,33 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     Resting places are assumed to stick; those whose constraint torque exceeds the friction level
     are released, until the others are consistent.
     """
-    n, speed = len(torque), friction_speeds(plant, state)
-    slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
+    n, speeds = len(torque), friction_speeds(plant, state).tolist()
     # Zero would stick. Without a level of friction the direction has no effect.
-    slip[~plant.is_dry] = 1.0
-    if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
+    directions = [
+        math.copysign(abs(speed) > REST_RAD_S, speed) if is_dry else 1.0
+        for speed, is_dry in zip(speeds, plant.is_dry.tolist(), strict=True)
+    ]
+    slip = np.array(directions)
+    if 0.0 not in directions:
         return slip
-    free, turned = torque.copy(), drive_states(plant, state)
-    for index, extra in plant.extras:
-        free[index] -= extra(*turned[: JOINT_SPEED + 1, index])
-    at = turned.T.tolist()
-    for index, drive in plant.functions:
-        free[index] -= of_column(drive.friction, at[index])
-    # The motor of a spring slips by (7) alone, that of a stiff drive by the motion of all joints.
-    free -= plant.motor_lever * spring_force(plant, turned)
-    level = friction_levels(plant, turned, np.zeros_like(free))
-    moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
-    slip[moves] = np.sign(free[moves])
+    turned = drive_states(plant, state)
     # Places are only released: at most n + m passes.
-    while (sticking := ((slip == 0) & plant.acts_on_load).nonzero()[0]).size:
-        without = slip.copy()
-        # Accelerations as if they were free, and without friction: what would move them.
-        without[sticking] = _FRICTIONLESS
-        joint = accelerations(plant, data, state, torque, without)[1]
+    while True:
+        _, joint, torques, free = _driven(plant, data, state, torque, slip)
+        sticking = _sticking(plant, slip)
         motors = sticking[sticking < n]
-        # The friction that holds is opposite to what it holds, which is the direction of a slip.
-        needed = -sticking_torques(plant, data, state, joint, sticking)[0]
+        # What would move a motor on a spring by (7) alone. The friction that holds others is
+        # opposite to what it holds.
+        pull = np.append(free, np.zeros(len(slip) - n))
+        pull[sticking] = -sticking_torques(plant, data, state, torques, joint, sticking)
         # From the drives' coordinates to the motors, where the levels of their friction are.
-        needed[: len(motors)] /= plant.ratio[motors]
-        if plant.under_load:
-            through = np.zeros_like(free)
-            through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
-            level = friction_levels(plant, turned, through)
-        breaks = np.abs(needed) > level[sticking]
-        if not np.any(breaks):
-            break
-        slip[sticking[breaks]] = np.sign(needed[breaks])
-    return slip
+        pull[motors] /= plant.ratio[motors]
+        through = np.zeros(n)
+        through[motors] = plant.ratio[motors] * (free[motors] - pull[motors])
+        released = (slip == 0) & (np.abs(pull) > friction_levels(plant, turned, through))
+        slip[released] = np.sign(pull[released])
+        if not released[sticking].any():
+            return slip
 
 
 def friction_speeds(plant: Plant, state: Array) -> Array:
@@ -435,4 +416,4 @@ def _runge_kutta(
     k2 = rate(half, state + half * k1)
     k3 = rate(half, state + half * k2)
     k4 = rate(step, state + step * k3)
-    return with_memory(plant, state, state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    return with_memory(plant, state, state + step / 6 * (k1 + k4 + 2 * (k2 + k3)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -65,7 +65,7 @@ class Plant:
     of all positions E q + e (N) of the model. In both cases `rotors` (n, n) has the rotor inertia
     instead. Drives with more than plain friction and a linear spring are in `functions`, by index,
     and have zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than `longest_step`
-    [s].
+    [s]. `models` are those of `holding`, made when they are first asked for.
     """
 
     model: pin.Model
@@ -83,6 +83,18 @@ class Plant:
     coupling: Array | None
     rotors: Array | None
     expansion: tuple[Array, Array] | None
+    models: dict[tuple[int, ...], pin.Model] = field(default_factory=dict)
+
+    def holding(self, joints: tuple[int, ...]) -> pin.Model:
+        """Return the model in which some joints stand still: their rotors are infinitely heavy.
+
+        The articulated inertia I - U D^-1 U^T of a body at such a joint is then I, and its
+        acceleration D^-1 u is zero, both exactly (Featherstone 2008, chapter 7).
+        """
+        if joints not in self.models:
+            self.models[joints] = self.model.copy()
+            self.models[joints].armature[list(joints)] = np.inf
+        return self.models[joints]
 
     def expanded(self, state: Array, order: int = 0) -> Array:
         """Return positions (n,), or time derivatives of an `order`, of all joints of the model."""
@@ -96,24 +108,41 @@ class Plant:
         return np.array(torque if self.expansion is None else torque @ self.expansion[0])
 
     @cached_property
-    def motor_lever(self) -> Array:
-        """r_M/N (n,), the lever of a spring at its motor."""
-        return self.motor_radius / self.ratio
-
-    @cached_property
-    def elastic_lever(self) -> Array:
-        """r_L (n,), the lever of a spring at its load, zero for a stiff drive."""
-        return np.where(self.elastic, self.load_radius, 0.0)
-
-    @cached_property
-    def motor_mobility(self) -> Array:
-        """1/I_M (n,), zero for a stiff drive."""
+    def mobility(self) -> Array:
+        """1/I_M (n,), zero for a stiff drive, whose motor moves as its load does."""
         return np.where(self.elastic, 1 / np.where(self.elastic, self.motor_inertia, 1.0), 0.0)
 
     @cached_property
-    def stiff_ratio(self) -> Array:
-        """N (n,), zero for an elastic drive."""
-        return np.where(self.elastic, 0.0, self.ratio)
+    def turning(self) -> Array:
+        """N C (n, n), the motor speeds of stiff drives by those of the joints; rows of zeros."""
+        C = np.eye(len(self.elastic)) if self.coupling is None else self.coupling
+        return np.where(self.elastic, 0.0, self.ratio)[:, None] * C
+
+    @cached_property
+    def drive_matrix(self) -> Array:
+        """The torques on the joints, then those on the rotors, by what acts (2n, 7n).
+
+        This is the plain part of (4b) and (7). What acts are motor angles and speeds, joint
+        positions and speeds, motor torques, slip directions, and, if there are any, forces of
+        springs in `functions`.
+        """
+        angle, speed, position, _, torque, slip, force = np.eye(7 * len(self.elastic)).reshape(
+            7, len(self.elastic), -1
+        )
+        drives = position if self.coupling is None else self.coupling @ position
+        lever, k = (values[:, None] for values in (self.motor_radius / self.ratio, self.stiffness))
+        # (3): F_s = k (r_M/N theta_M - r_L phi)
+        spring = force + k * (lever * angle - self.load_radius[:, None] * drives)
+        # (7) but for the spring and I_M theta'': tau_M - F_v theta' - F_C slip
+        free = torque - self.viscous[:, None] * speed - self.coulomb[:, None] * slip
+        # (4b) at springs, r_L F_s; N times the motor torque at stiff drives, whose rotors are in M
+        on_spring = self.load_radius[:, None] * spring
+        load = np.where(self.elastic[:, None], on_spring, self.ratio[:, None] * free)
+        load = load if self.coupling is None else self.coupling.T @ load
+        matrix = np.concatenate(
+            [load, np.where(self.elastic[:, None], free - lever * spring, free)]
+        )
+        return matrix if self.functions else matrix[:, : -len(load)].copy()
 
     @cached_property
     def extras(self) -> tuple[tuple[int, Extra], ...]:
@@ -201,10 +230,10 @@ def _memory(drives: Sequence[Drive]) -> Iterator[tuple[int, int, tuple[float, fl
     for index, drive in enumerate(drives):
         # a law moves on with the motor angle, or with the deflection r_M/N theta_M - r_L q
         stretch = drive.motor_radius / drive.ratio, -drive.load_radius
-        for field, levers in (("friction", (1.0, 0.0)), ("spring", stretch)):
-            if "dahl" in getattr(drive, field):
-                width = drive.values[PARAMETERS_OF[field]["dahl"][1]]
-                yield index, MEMORY_ROWS[field], levers, width
+        for kind, levers in (("friction", (1.0, 0.0)), ("spring", stretch)):
+            if "dahl" in getattr(drive, kind):
+                width = drive.values[PARAMETERS_OF[kind]["dahl"][1]]
+                yield index, MEMORY_ROWS[kind], levers, width
 
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:

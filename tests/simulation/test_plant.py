@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from seaid.regressor import joint_torques
 from seaid.robot.robot import Payload, load_robot
-from seaid.simulation.plant import TorqueJacobians, response_to, torque_jacobians
-from tests.experiments import DATA
+from seaid.simulation.plant import (
+    TorqueJacobians,
+    bias_torques,
+    inertia,
+    plant_of,
+    response_to,
+    torque_jacobians,
+)
+from tests.experiments import DATA, arm
 
 STEP = 1e-3
 
@@ -44,6 +54,23 @@ def test_bodies_of_negative_mass_have_derivatives_that_are_linear_in_the_paramet
     for name in ("position", "velocity", "acceleration"):
         mean = (getattr(wrong, name) + getattr(heavy, name)) / 2
         np.testing.assert_allclose(mean, getattr(payload, name), atol=1e-10)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_held_joints_stand_still_and_the_others_move_as_without_them(count: int) -> None:
+    """Rows and columns of held joints leave the equations of motion (8)."""
+    plant = plant_of(arm())
+    data, n = plant.model.createData(), len(plant.elastic)
+    position, speed, torque = np.random.default_rng(0).normal(size=(3, n))
+    for joints in combinations(range(n), count):
+        acceleration = pin.aba(plant.holding(joints), data, position, speed, torque)
+        free = [joint for joint in range(n) if joint not in joints]
+        rest = torque - bias_torques(plant, data, position, speed)
+        expected = np.zeros(n)
+        M = inertia(plant, data, position)
+        expected[free] = np.linalg.solve(M[np.ix_(free, free)], rest[free])
+        assert not np.any(acceleration[list(joints)])
+        np.testing.assert_allclose(acceleration, expected, rtol=1e-9)
 
 
 def constant(M: float, C: float, K: float, samples: int) -> TorqueJacobians:
