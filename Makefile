@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without cached bytecode every process of the tests would compile the package again, 100 s of processor time in all.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look claims lint docs wheel env dev clean
+.PHONY: tulip biped test test-slow test-all test-rounding test-hebi test-simulators test-browser look claims bench lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -66,6 +66,11 @@ look: docs
 CLAIMS ?=
 claims: dev
 	$(RUN) -m scripts.claims $(CLAIMS)
+
+# Whether the code is as fast as at the last tag, measured side by side; BENCH='--only identify' for one row.
+BENCH ?=
+bench: dev
+	$(RUN) -m scripts.benchmarks.speed_held $(BENCH)
 
 define chromium
 	@for name in $(BROWSERS); do command -v $$name >/dev/null && exit 0; done; \

@@ -1,0 +1,108 @@
+"""Whether the code is as fast as before: rows of `fast.py`, here and in an earlier commit.
+
+    make bench
+    python -m scripts.benchmarks.speed_held --against v0.1 --only identify --only hebi
+
+The earlier commit is the last tag, or without a tag the newest commit that is a day older than this
+one. Runs of both alternate in one process each. A row that takes more than 1.15 times as long is
+measured again, up to three times; it fails if it does so twice. The exit code is then 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[2]))
+
+from scripts.benchmarks.fast import ROOT, ROWS, RUNS, SHORT, Tree
+from scripts.short_form import add_quick, sized
+
+LIMIT, TRIES, FAILURES = 1.15, 3, 2
+DAY_S = 86_400
+
+
+def git(*arguments: str) -> str:
+    """Return what a command of git prints, without the last line break."""
+    done = subprocess.run(
+        ["git", "-C", str(ROOT), *arguments], check=True, capture_output=True, text=True
+    )
+    return done.stdout.strip()
+
+
+def earlier_commit() -> str:
+    """Return the last tag, or without a tag the newest commit that is a day older than this one."""
+    tags = git("tag", "--merged", "HEAD~1", "--sort=-creatordate")
+    if tags:
+        return tags.splitlines()[0]
+    date = int(git("show", "--no-patch", "--format=%ct", "HEAD"))
+    return git("rev-list", "-1", "--abbrev-commit", f"--before={date - DAY_S}", "HEAD")
+
+
+@contextmanager
+def checkout(commit: str) -> Iterator[Path]:
+    """Check a commit out into a temporary folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "seaid"
+        git("worktree", "add", "--detach", str(place), commit)
+        try:
+            yield place
+        finally:
+            git("worktree", "remove", "--force", str(place))
+
+
+def ratio(name: str, here: Tree, before: Tree, folder: Path) -> float:
+    """Return the median of the times here over those before, after one round that fills caches."""
+    rounds = [
+        (here.measure(name, folder)[0], before.measure(name, folder)[0])
+        for _ in range(sized(RUNS + 1, 1))
+    ]
+    return statistics.median(now / then for now, then in rounds[-RUNS:])
+
+
+def ratios(name: str, here: Tree, before: Tree) -> list[float]:
+    """Return the ratio of a row, measured again while the answer is open."""
+    found: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        while len(found) < TRIES:
+            found.append(ratio(name, here, before, Path(folder)))
+            slow = sum(value > LIMIT for value in found)
+            if slow in (FAILURES, 0) or len(found) - slow > TRIES - FAILURES:
+                break
+    return found
+
+
+def main(names: list[str], against: str) -> int:
+    """Print a line per row, and return the number of rows that became slower."""
+    slower = 0
+    with checkout(against) as place:
+        trees = Tree(ROOT), Tree(place)
+        print(f"{'row':16} {'work':38} time here over time at {against}")
+        try:
+            for name in names:
+                values = ratios(name, *trees)
+                failed = sum(value > LIMIT for value in values) >= FAILURES
+                slower += failed
+                shown = ", ".join(f"{value:.2f}" for value in values)
+                print(f"{name:16} {ROWS[name].title:38} {shown}{'  slower' * failed}", flush=True)
+        finally:
+            for tree in trees:
+                tree.close()
+    return slower
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", action="append", choices=list(ROWS), help="may be repeated")
+    parser.add_argument("--against", metavar="COMMIT", help="a tag or a commit")
+    add_quick(parser)
+    options = parser.parse_args()
+    chosen = options.only or sized([name for name in ROWS if ROWS[name].needs is None], SHORT[:1])
+    failures = main(chosen, options.against or earlier_commit())
+    sys.exit(failures > 0 and not options.quick)  # figures of the short form mean nothing
