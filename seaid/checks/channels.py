@@ -15,13 +15,7 @@ from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    Channel,
-    Observation,
-    channels_of,
-    in_description,
-    in_drives,
-)
+from seaid.checks.codes import Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.engine import deleted_residual
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
@@ -208,8 +202,7 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
                 "those that are left",
                 severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
                 evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
-                remedy="log the clock of the robot with each sample, and record anew: gaps in time "
-                "are then bridged or excluded",
+                remedy="record anew with the clock of the robot: gaps are then bridged or excluded",
                 certainty="certain",
             )
 
@@ -626,8 +619,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
             f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
             "a percentage, a current or counts, or in another unit",
             evidence={"torque over that of the bodies": largest},
-            remedy="look up the unit of the channel, and give its scale in the description of the "
-            "log",
+            remedy="look up the unit, and give its scale in the description of the log",
             joints=tuple(joints),
         )
 

@@ -38,7 +38,7 @@ from seaid.checks.terms import (
     toml_of,
     with_term,
 )
-from seaid.checks.tolerances import FEW, LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
+from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
 from seaid.drives import (
     IDEAL_DRIVE,
     PARAMETERS,
@@ -321,13 +321,13 @@ def _missing_terms(
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    is_spring, equation = field == "spring", "motor" if side.is_motor else "torque"
-    # Next to other weights the residual may be as large as before.
-    explains = f"explain {share:.0%} of the squared residual of its {equation} equation and "
-    explains *= share >= FEW
+    is_spring = field == "spring"
     return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
-        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would {explains}"
-        f"improve the prediction of excluded blocks by {comparison.improvement:.0%}",
+        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would explain "
+        # Next to other weights the residual may be larger than before.
+        f"{max(share, 0.0):.0%} of the squared residual of its "
+        f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
+        f"blocks by {comparison.improvement:.0%}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
         evidence_of(comparison, values) | {"explained": share},
@@ -430,10 +430,7 @@ def _contradicting(side: Side, joint: str) -> list[str]:
 
 _AT_SPEEDS = "torques at several constant speeds show friction"
 _AT_ANGLES = "torques that hold the joint at several angles show springs and masses"
-_AT_LOADS = (
-    "deflections of the locked joint under slowly growing and falling loads show the law of its "
-    "spring"
-)
+_AT_LOADS = "deflections of the locked joint under slow loads show the law of its spring"
 
 DRIVE_CHECKS = (
     ColumnCheck(MISSING_TERM, _friction, _missing_terms, _AT_SPEEDS),

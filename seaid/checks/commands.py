@@ -218,8 +218,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
     asks = (
         f"the controller of {joint} asks for more than its torque limit, {limit:.4g} "
-        f"{commanded.torque_unit}, in "
-        f"{share:.1%} of the samples"
+        f"{commanded.torque_unit}, in {share:.1%} of the samples"
     )
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
@@ -541,20 +540,16 @@ def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, floa
 def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     """Return the finding on commands that act before their time, or later than on any bus."""
     is_late = delay > 0
-    cause = (
-        "no bus is so slow: positions or commands have another clock, or the drive filters or "
-        "interpolates commands"
-        if is_late
-        else "they are logged late, or the positions early"
-    )
+    when, cause = "before", "they are logged late, or the positions early"
+    if is_late:
+        when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     return codes.DELAY.finding(
-        f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms "
-        f"{'after' if is_late else 'before'} their time in the log: {cause}",
+        f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
+        f"log: {cause}",
         only_joint(joints),
         "doubtful" if is_late else "note",
         {"delay [s]": delay},
-        "log command and position with one clock, each with the time at which it is sent or "
-        "measured; the other parameters do not depend on it",
+        "log the commands and the positions with one clock",
     )
 
 

@@ -290,8 +290,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             "linkage, a lever or a spindle",
             _with_constant_ratio(experiment, j, x, factor),
             joint,
-            "convert angle and torque of the motor to those of a gear with a constant ratio, by "
-            "the geometry of the linkage, before the log is read",
+            codes.VARYING_RATIO.advice,
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
             penalty=1.0,
         )

@@ -108,12 +108,7 @@ def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) ->
 
 
 def _late_torques(
-    side: Side,
-    joints: Sequence[str],
-    delay: float,
-    error: float,
-    explained: float,
-    surely: float,
+    side: Side, joints: Sequence[str], delay: float, error: float, explained: float, surely: float
 ) -> Finding:
     """Return the finding that the motor torques of joints are late by a delay [s], or early.
 

@@ -38,7 +38,6 @@ from seaid.checks.codes import (
 from seaid.checks.experiment import (
     Experiment,
     Transform,
-    fitted,
     multiplied,
     near,
     scaled,
@@ -426,8 +425,7 @@ def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
                 names[j],
                 "wrong",
                 {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                "log the current or the torque that the drive measures"
-                f"{excluding_torque([names[i] for i in shown])}",
+                f"log the measured current or torque{excluding_torque([names[i] for i in shown])}",
             )
 
 
@@ -562,21 +560,19 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         drive = experiment.robot.drives[joint]
         if drive.parallel_spring:
             continue
-        angle = experiment.joint[0][:, j]
-        left = (experiment.target - experiment.of_file)[:, j]
-        x, covariance = fitted(np.column_stack([experiment.loads[j], angle]), left)
+        # what the file leaves of the torque, over the angle
+        angles = np.where(np.arange(experiment.robot.n) == j, experiment.joint[0], 0.0)
+        stiffness = experiment.multiple(angles)
         sprung = replace(drive, parallel_spring=("linear",))
-        if x[-1] > tol.SURE * math.sqrt(covariance[-1, -1]):
-            # It rests at any angle, which the spring in series would hide.
-            terms = '"linear", "preload"' if drive.is_elastic else '"linear"'
+        if stiffness > 0:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             yield Transform(
                 codes.MISSING_TERM,
-                f"a spring of about {x[-1]:.3g} {unit} is parallel to {joint}",
+                f"a spring of about {stiffness:.3g} {unit} is parallel to {joint}",
                 experiment.with_changes(robot=experiment.robot.with_drives({joint: sprung})),
                 joint,
-                in_drives({(joint,): f"parallel_spring = [{terms}]"}),
-                evidence={"stiffness": float(x[-1])},
+                in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'}),
+                evidence={"stiffness": stiffness},
                 penalty=1.0,
             )
 
@@ -688,10 +684,7 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
         gears.geared_encoders: codes.UNIT,
         _signs: codes.SIGN,
     },
-    _is_severe_by_joint: {
-        _positions: codes.UNIT,
-        _exchanges: codes.SWAPPED_JOINTS,
-    },
+    _is_severe_by_joint: {_positions: codes.UNIT, _exchanges: codes.SWAPPED_JOINTS},
     _has_other_ratios: {gears.gear_ratios: codes.GEAR_RATIO},
     _has_encoders_apart: {
         gears.coupled_motors: codes.COUPLED_JOINTS,

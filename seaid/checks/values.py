@@ -430,9 +430,7 @@ def fixed_findings(
             f"{second.replace('_', ' ')} is wrong by as much",
             joint,
             evidence={name: drive.values[name]},
-            remedy=f"record a motion that loads the spring of {joint} in both directions: a "
-            "posture in which gravity pulls the other way, or faster reversals; or remove the dead "
-            "zone from the drive",
+            remedy=codes.UNIDENTIFIABLE.advice,
             certainty="certain",
         )
 
@@ -500,8 +498,7 @@ def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
             "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
             "stiffnesses would be 10 % larger",
             only_joint(joints),
-            remedy="weigh a link, or a test mass on the last one; or state how well the bodies are "
-            "known: --known-std bodies=0.05",
+            remedy="weigh a link; or state how well bodies are known: --known-std bodies=0.05",
         )
 
 
@@ -583,13 +580,9 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
         if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
     if wrong:
-        but = (
-            ". They have the identified base parameters and thus the right torques, but a "
-            "simulator may refuse them. Identify with feasible=True for physically consistent ones"
-        )
         yield codes.INCONSISTENT_INERTIA.note(
-            f"the inertial parameters of {listed(wrong)} are physically inconsistent"
-            f"{'' if is_nearest else but}"
+            f"the inertial parameters of {listed(wrong)} are physically inconsistent",
+            remedy="" if is_nearest else codes.INCONSISTENT_INERTIA.advice,
         )
 
 

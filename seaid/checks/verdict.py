@@ -282,8 +282,7 @@ class RobotFit:
         # A window has at least one independent row of each joint.
         instants = np.unique(rows.time[rows.run == rows.run[0]])
         window_s = max(tol.WINDOW_S, tol.CORRELATED_ROWS * row_step(instants))
-        estimate = self.fit.estimate
-        residual = _beyond_friction(rows, estimate, rows.y - rows.H @ estimate.values)
+        residual = _beyond_friction(rows, self.fit, rows.y - rows.H @ self.fit.estimate.values)
         bursts = _bursts(self.joint_names, rows, residual, tol.BURST, window_s)
         suspects = _bursts(self.joint_names, rows, residual, tol.SURE, window_s)
         window, apart = np.floor(rows.time / window_s), np.zeros(len(rows.y), dtype=bool)
@@ -293,7 +292,7 @@ class RobotFit:
             places = np.searchsorted(self.fit.qr_factor.equations, rows.joint)
             weight = np.asarray(self.fit.weights)[places]
             deleted = deleted_residual(weight[:, None] * rows.H, weight * rows.y, apart)[0]
-            deleted = _beyond_friction(rows, estimate, deleted / weight)
+            deleted = _beyond_friction(rows, self.fit, deleted / weight)
             others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}
         # One contact has at least half of the windows from its start to its end.
@@ -464,18 +463,16 @@ def _blocks(fit: FittedRows) -> _Blocks:
     return _Blocks(targets, 1 + float(squares / np.mean(score)) / kept)
 
 
-def _beyond_friction(rows: Regression, estimate: Estimate, residual: Array) -> Array:
+def _beyond_friction(rows: Regression, fit: FittedRows, residual: Array) -> Array:
     """Return a residual (R,), of joints that move slowly beyond their Coulomb friction.
 
     There the friction may have any value up to that, as of a joint at rest.
     """
-    beyond, sizes = residual.copy(), np.abs(rows.H)
-    for joint, friction in estimate.by_owner().items():
+    beyond, sizes, place = residual.copy(), np.abs(rows.H), rows.names.index
+    for joint, friction in fit.estimate.by_owner().items():
         if {"viscous_friction", "coulomb_friction"} <= {*friction.names}:
-            viscous, coulomb = (
-                sizes[:, rows.names.index(f"{kind}_friction of {joint}")]
-                for kind in ("viscous", "coulomb")
-            )
+            viscous = sizes[:, place(f"viscous_friction of {joint}")]
+            coulomb = sizes[:, place(f"coulomb_friction of {joint}")]
             # the columns are zero in the rows of other joints
             is_slow = (viscous > 0) & (viscous < tol.POOR * np.max(viscous))
             most = np.max(coulomb) * abs(friction.value("coulomb_friction"))
@@ -512,11 +509,6 @@ _OF_JOINT = "check signs, units and zeros of this joint"
 _OF_BASE = (
     "check the signs, units, axes and links of the force sensors and of the IMU, and that nothing "
     "else touches the robot"
-)
-_LACKS = (
-    "look at the residual of this joint in the report. What may lack: a spring, the gear ratio or "
-    "the rotor inertia in the drives file, the torque limit of a controller, a payload; or the "
-    "torque is mostly noise"
 )
 
 
@@ -564,7 +556,7 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
             f"{error:.0%} in excluded blocks, a constant 100%{holds}",
             joint,
             evidence=evidence,
-            remedy=base or _LACKS,
+            remedy=base or NO_FIT.advice,
         )
     return NO_FIT.finding(
         f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in the own "

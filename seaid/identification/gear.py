@@ -15,13 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
-from seaid.drives import (
-    SeriesElasticDrive,
-    is_harmonic,
-    of_spring,
-    spring_slopes,
-    unit_of,
-)
+from seaid.drives import SeriesElasticDrive, is_harmonic, of_spring, spring_slopes, unit_of
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations

@@ -18,13 +18,7 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import (
-    MOST,
-    explained,
-    log_findings,
-    not_measured,
-    unseen_motion,
-)
+from seaid.checks import MOST, explained, log_findings, not_measured, unseen_motion
 from seaid.drives import with_groups
 from seaid.errors import (
     ExcitationError,
@@ -172,10 +166,7 @@ above the antiresonance lets in derivatives of noise, which hide where a search 
 
 
 def _identify_from_motors(
-    robot: Robot,
-    logs: list[Log],
-    joints: Sequence[str],
-    options: Options,
+    robot: Robot, logs: list[Log], joints: Sequence[str], options: Options
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
@@ -190,10 +181,7 @@ def _identify_from_motors(
 
 
 def _best_of_cutoffs(
-    robot: Robot,
-    logs: list[Log],
-    joints: Sequence[str],
-    options: Options,
+    robot: Robot, logs: list[Log], joints: Sequence[str], options: Options
 ) -> Identification:
     """Return the result of the highest cutoff that shows the springs."""
     check_refinable(robot, joints)

@@ -22,15 +22,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._files import toml_table
-from seaid.checks import (
-    DriveRows,
-    Scale,
-    actuator_drive,
-    duration_s,
-    load_drive,
-    scale_of,
-    size_of,
-)
+from seaid.checks import DriveRows, Scale, actuator_drive, duration_s, load_drive, scale_of, size_of
 from seaid.drives import (
     COULOMB,
     LEVEL_OF,

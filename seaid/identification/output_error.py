@@ -18,20 +18,8 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, white_noise
-from seaid.checks import (
-    fixed_findings,
-    nothing_to_simulate,
-    revalued,
-    worse_than_start,
-)
-from seaid.drives import (
-    DefaultTerms,
-    ParameterName,
-    is_dry,
-    parameter_named,
-    readable,
-    total_ratio,
-)
+from seaid.checks import fixed_findings, nothing_to_simulate, revalued, worse_than_start
+from seaid.drives import DefaultTerms, ParameterName, is_dry, parameter_named, readable, total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import (
     Estimate,

@@ -47,13 +47,7 @@ from seaid.checks import (
 )
 from seaid.drives import Drive, ParameterName, check_groups, places_of
 from seaid.errors import Finding, IdentificationError, unknown_name
-from seaid.estimation import (
-    Estimator,
-    EstimatorName,
-    QRFactor,
-    estimator_named,
-    qr_factor_of,
-)
+from seaid.estimation import Estimator, EstimatorName, QRFactor, estimator_named, qr_factor_of
 from seaid.identification.checking import (
     check_channels,
     findings_of_setup,
@@ -602,8 +596,7 @@ def _setup_findings(problem: Problem, name: str) -> list[Finding]:
     mistakes = [finding for finding in findings if finding not in run.channels]
     findings += [
         replace(
-            finding,
-            message=f"in condition '{source}', which shares parameters: {finding.message}",
+            finding, message=f"in condition '{source}', which shares parameters: {finding.message}"
         )
         for source, other in problem.cases.items()
         for finding in other.run.setup

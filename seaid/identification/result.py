@@ -34,28 +34,12 @@ from seaid.checks import (
     verdict_of,
 )
 from seaid.drives import ParameterName
-from seaid.errors import (
-    Finding,
-    by_severity,
-)
-from seaid.estimation import (
-    Estimate,
-    ModelChecks,
-    QRFactor,
-    SharedParameter,
-    estimator_named,
-)
+from seaid.errors import Finding, by_severity
+from seaid.estimation import Estimate, ModelChecks, QRFactor, SharedParameter, estimator_named
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.datasets import (
-    Dataset,
-    processing_of,
-)
+from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
-from seaid.identification.gear import (
-    gear_estimates,
-    own_estimates,
-    with_gears,
-)
+from seaid.identification.gear import gear_estimates, own_estimates, with_gears
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.log import Motion, Processing
 from seaid.regressor import BaseParameters, LoadModel

@@ -28,13 +28,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import (
-    IDEAL_DRIVE,
-    STD_OF_TORQUE,
-    Drive,
-    ParameterName,
-    readable,
-)
+from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive, ParameterName, readable
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,

@@ -47,13 +47,7 @@ from seaid.regressor import (
     motor_regressor,
     spring_regressor,
 )
-from seaid.robot import (
-    Robot,
-    at_drives,
-    at_joints,
-    check_held,
-    group_of,
-)
+from seaid.robot import Robot, at_drives, at_joints, check_held, group_of
 from seaid.simulation import (
     Response,
     TorqueJacobians,

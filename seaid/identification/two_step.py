@@ -16,13 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import (
-    ParameterName,
-    groups_of,
-    joint_of,
-    parameter_of,
-    places_of,
-)
+from seaid.drives import ParameterName, groups_of, joint_of, parameter_of, places_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Change,
@@ -41,12 +35,7 @@ from seaid.estimation import (
     with_columns,
     with_predicted_columns,
 )
-from seaid.identification.datasets import (
-    Dataset,
-    first_motion,
-    rows_in_memory,
-    rows_of_equations,
-)
+from seaid.identification.datasets import Dataset, first_motion, rows_in_memory, rows_of_equations
 from seaid.identification.drive_estimates import (
     CONSTANTS,
     UnknownScaleError,

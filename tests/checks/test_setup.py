@@ -131,7 +131,7 @@ def test_a_spring_that_is_not_declared_is_neither_a_payload_nor_gravity(joint: i
     findings, _ = mistakes(experiment(robot, replace(log, motor_torque=torque)))
     assert (findings[0].code, findings[0].joint) == ("missing-term", robot.joint_names[joint])
     assert findings[0].evidence["stiffness"] == pytest.approx(stiffness, rel=0.2)
-    assert findings[0].remedy.endswith('parallel_spring = ["linear"]')
+    assert findings[0].remedy.endswith('parallel_spring = ["linear", "preload"]')
     assert {finding.code for finding in findings}.isdisjoint({"payload", "gravity"})
 
 

@@ -159,7 +159,7 @@ def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
     assert values[held] + value == pytest.approx(true["dead_zone"], abs=4 * error)
     (doubt,) = [one for one in found.warnings if one.code == "unidentifiable"]
     assert (doubt.joint, doubt.severity) == ("shoulder", "doubtful")
-    assert "loads the spring of shoulder in both directions" in doubt.remedy
+    assert "load the spring in both directions" in doubt.remedy
     assert "unidentifiable (shoulder)" in found.verdict.sentence
     crossed = identify(truth.without_nominal(), log_of(truth, 0))
     assert [one for one in crossed.warnings if one.code == "unidentifiable"] == []
