@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import astuple, replace
 from itertools import chain, islice
 from typing import Any
 
@@ -14,7 +14,7 @@ import pytest
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
 from seaid.checks.codes import consequences
-from seaid.checks.experiment import _FIELDS_OF, with_torques_of
+from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
 from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding
 from seaid.log.log import Log
@@ -180,7 +180,11 @@ def test_what_stays_of_a_transformed_experiment_is_what_a_new_one_derives(case: 
 
 
 def _arrays(value: Any) -> list[np.ndarray]:
-    """Return the arrays in a value, which may be in nested lists or tuples of different lengths."""
+    """Return the arrays in a value, which may be in nested lists, tuples and data of any length."""
+    if isinstance(value, TorqueScale):
+        value = astuple(value)
+    if isinstance(value, dict):
+        value = [*value.values()]
     if isinstance(value, list | tuple):
         return [array for part in value for array in _arrays(part)]
     return [] if isinstance(value, str) else [np.asarray(value)]
