@@ -70,6 +70,7 @@ from .terms import reference_position as reference_position
 from .terms import scale_of as scale_of
 from .terms import size_of as size_of
 from .terms import with_term as with_term
+from .tolerances import BODY as BODY
 from .tolerances import FEW as FEW
 from .tolerances import LEAST_DELAY_S as LEAST_DELAY_S
 from .tolerances import MANY_TIMES as MANY_TIMES

@@ -97,7 +97,7 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
     values = _pop_fields(keys, others)
-    if all(values.get(key) is None for key in _RATIOS):
+    if all(values.get(key) in (None, "?") for key in _RATIOS):
         _check_keys(others, keys, _every_key())
         raise RobotError(
             "key 'gear_ratio' is missing; give the motor turns per turn behind the gear"

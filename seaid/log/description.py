@@ -385,7 +385,7 @@ def as_toml(value: Any) -> str:
         return f"{{ {', '.join(pairs)} }}"
     if isinstance(value, str):
         return toml_text(value)
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(as_toml, value))}]"
     if isinstance(value, bool):
         return str(value).lower()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import PROJECT_FILE, from_template, write_whole
 from seaid._progress import Display
-from seaid.checks import JointCheck, is_unsigned, no_measurements
+from seaid.checks import BODY, POOR, JointCheck, is_unsigned, no_measurements
 from seaid.drives import (
     COMMANDS,
     Controller,
@@ -176,15 +178,14 @@ def write_first_project(
             texts[known] = _drives_text(tables, unsure, known)
     is_commanded = any("controller" in table for table in tables.values())
     unscaled = _unscaled(robot, logs_read, tables)
-    bodies = _known_bodies(robot) if is_commanded or unscaled else []
-    doubts += _flag_doubts(robot, logs_read)
+    unflagged = (_about(_unflagged(robot, log), _UNFLAGGED) for log in logs_read)
+    doubts += dict.fromkeys(chain.from_iterable(unflagged))
     text = from_template(
         "seaid.project",
         "first_project.toml.j2",
         {"toml": as_toml},
         doubts=list(map(_comment, doubts)),
-        has_scale_of_bodies=bool(bodies and unscaled),
-        known_bodies=bodies,
+        **_known_bodies(robot, is_commanded, unscaled),
         logs=_log_tables(robot, read, folder, _SHORTEST_S[is_commanded]),
         **_robot_content(urdf, known, folder, robot, joints, payloads),
     )
@@ -387,7 +388,7 @@ def _read(
     alike = _read_alike(files, robot, columns, others)
     if alike is not None:
         return replace(alike, gains=guess.gains)
-    guess, log = _read_guessed(files, robot, guess)
+    guess, log = _read_guessed(files, robot, guess, target)
     doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
     of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
     return _ReadLog(files, log, *of_file)
@@ -400,7 +401,8 @@ def _guess(
     try:
         return describe(files, robot)
     except LogError as problem:
-        raise plain if _has_own_names(files) else problem from None
+        has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
+        raise plain if has_own else problem from None
 
 
 def _read_alike(
@@ -416,41 +418,40 @@ def _read_alike(
 
 
 def _read_guessed(
-    files: Sequence[Path], robot: Robot, guess: Description
+    files: Sequence[Path], robot: Robot, guess: Description, target: Path
 ) -> tuple[Description, Log]:
     """Return a log by its inferred description, and that with the order of legs that fits it."""
     try:
         log = read_log(files, robot, description=guess.description)
     except LogError as problem:
-        about = [doubt for doubt in guess.unsure if "no torque, current or voltage" in doubt]
+        what = str(problem).partition("; its columns are ")[0]
+        about = [what, *filter(_OF_COLUMNS.search, guess.unsure)]
         logged = guess.description.joints
         if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
             about.append("joints that stand still, or that no column has, are locked with locked=")
-        raise LogError("; ".join([str(problem), *about]), "locked=") from None
+            write_whole(target, guess.to_toml())
+            about.append(f"name the columns of the others in '{target}', then repeat this")
+        raise LogError("; ".join(about), "locked=") from None
     ordered = with_leg_order(guess, robot, log)
     if ordered is guess:
         return guess, log
     return ordered, read_log(files, robot, description=ordered.description)
 
 
+_OF_COLUMNS = re.compile("no torque, current or voltage|no joint of the robot|is not used$")
+"""Doubts that matter where a joint lacks columns."""
+
 _FEWEST = 2
 """Columns that each joint needs: a position, and a torque or what stands for it."""
-
-
-def _has_own_names(files: Sequence[Path]) -> bool:
-    """Return whether columns of files have names as seaid writes them."""
-    return any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
 
 
 _OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
 
 _GAINS = (
-    "write the gains of the position controller in place of the question mark: torque at the joint "
-    "[N m] per rad of position error, and per rad/s. They are in the configuration of the driver "
-    "(kp and kd of a legged robot's low-level command, stiffness and damping of a simulated "
-    "environment); or hang a known weight: gain = torque / (command - position); or, if the masses "
-    "of the robot file are right, write 1.0, and is_up_to_scale = true below: their factor is then "
-    "estimated"
+    "write the gains of the controller in place of the question mark, as in the configuration of "
+    "the driver (kp, kd): torque at the joint [N m] per rad of position error, and per rad/s; or "
+    "hang a known weight: gain = torque / (command - position); or, if the masses of the robot "
+    "file are right, write 1.0, and is_up_to_scale = true below"
 )
 _HELD = (
     "the commands stay the same for some samples: is_held = true, the drive holds each until the "
@@ -469,8 +470,8 @@ _DELAY = (
     "the standard errors contain: write yours; armature and delay are nearly one number in a log "
     "with one set of gains"
 )
-_UNKNOWN_GAIN = 0.123456789
-"""Stands for an unknown gain until the file is written, where the gain is a question mark."""
+_UNKNOWN = 0.123456789
+"""Stands for a gain or a gear ratio until the file is written, where it is a question mark."""
 
 
 def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str, ...]:
@@ -524,8 +525,8 @@ def _controlled(
         elif "position_command" in sent:
             law = None
     law = law or Controller(
-        position_gain_Nm_per_rad=_UNKNOWN_GAIN * ("position_command" in sent),
-        velocity_gain_Nms_per_rad=_UNKNOWN_GAIN * ("velocity_command" in sent),
+        position_gain_Nm_per_rad=_UNKNOWN * ("position_command" in sent),
+        velocity_gain_Nms_per_rad=_UNKNOWN * ("velocity_command" in sent),
     )
     is_held = law.is_held or all(_is_held(log, sent[0], joint) for log in logs)
     law = replace(law, is_held=is_held)
@@ -553,7 +554,7 @@ def _all_drives(
     tables, doubts = inferred_drives(robot, logs, commanded)
     tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
     laws: dict[str, Any] = {joint: tables[joint]["controller"] for joint in commanded}
-    doubts += _about([joint for joint in laws if str(_UNKNOWN_GAIN) in str(laws[joint])], _GAINS)
+    doubts += _about([joint for joint in laws if str(_UNKNOWN) in str(laws[joint])], _GAINS)
     doubts += [_DELAY] * bool(commanded)
     fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
     doubts += _about(fast, _VELOCITY_COMMANDS)
@@ -567,8 +568,7 @@ def _drives_text(tables: Mapping[str, _Table], doubts: Sequence[str], file: Path
         raise SeaidError(f"'{file}' is there already: give it as drives")
     write_drives(drives_from_mapping(tables), file)
     lines = [f"# unsure: {_comment(doubt)}\n" for doubt in doubts]
-    text = _with_gaps(file.read_text(encoding="utf-8"))
-    return "".join([*lines, *["\n"] * bool(lines), text])
+    return "".join([*lines, *["\n"] * bool(lines), _with_gaps(file.read_text(encoding="utf-8"))])
 
 
 def _is_held(log: Log, kind: str, joint: str) -> bool:
@@ -588,16 +588,17 @@ def _is_held(log: Log, kind: str, joint: str) -> bool:
 
 
 def _with_gaps(text: str) -> str:
-    """Return the TOML of drives with question marks for the gains that are unknown."""
-    alone = f"position_gain_Nm_per_rad = {_UNKNOWN_GAIN}\n"
+    """Return the TOML of drives with question marks for the numbers that are unknown."""
+    alone = f"position_gain_Nm_per_rad = {_UNKNOWN}\n"
     if f"{alone}velocity" not in text:
         text = text.replace(alone, f"{alone}velocity_gain_Nms_per_rad = 0.0\n")
-    return text.replace(str(_UNKNOWN_GAIN), '"?"')
+    return text.replace(str(_UNKNOWN), '"?"')
 
 
-def _known_bodies(robot: Robot) -> list[str]:
-    """Return the bodies that count as known, none if the file has no inertial parameters."""
-    return list(robot.body_names) if np.any(robot.parameters) else []
+def _known_bodies(robot: Robot, is_commanded: bool, unscaled: Sequence[str]) -> dict[str, Any]:
+    """Return the bodies that count as known, if the file has masses, and the width of each mass."""
+    names = robot.body_names if np.any(robot.parameters) and (is_commanded or unscaled) else ()
+    return {"known_bodies": names, "std_of_bodies": BODY if names and unscaled else None}
 
 
 _NO_ENCODER = (
@@ -625,6 +626,10 @@ def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
     return next((kind for kind in _INPUTS if f"motor_{kind}" in sensors), "")
 
 
+_ASKED = (
+    "write that of the data sheet in place of the question mark, or 1.0 if the angles and torques "
+    "of the log are those behind the gear"
+)
 _OF_DEFLECTION = (
     "its deflection is logged, and not both encoders: a spring; {key} = 1.0 is a placeholder: with "
     "it rotor inertia, friction and motor constant are those at the joint; write that of the data "
@@ -633,7 +638,7 @@ _OF_DEFLECTION = (
 
 _LOCKED = (
     "its position does not change while its motor moves: taken for a spring behind a locked "
-    "output; {key} = 1.0 is a placeholder: write that of the data sheet"
+    f"output, which does not show its {{key}}: {_ASKED}"
 )
 
 
@@ -652,12 +657,9 @@ def _unscaled(
     robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
 ) -> list[str]:
     """Return the joints whose motor has an unknown constant, without a sensor of their torque."""
-    joints = [joint for joint, table in tables.items() if "motor_input" in table]
-    return [
-        joint
-        for joint in joints
-        if not any("joint_torque" in _moving_sensors(log, joint) for log in logs)
-    ]
+    driven = [joint for joint, table in tables.items() if "motor_input" in table]
+    sensed = {x for x in driven for log in logs if "joint_torque" in _moving_sensors(log, x)}
+    return [joint for joint in driven if joint not in sensed]
 
 
 _Table = dict[str, object]
@@ -683,14 +685,14 @@ def inferred_drives(
         if joint not in without
     }
     tables = {joint: table for joint, (table, _) in drives.items() if table is not None}
-    _add_standard_errors(robot, logs, tables)
+    sizes = _confirm_ratios(robot, logs, tables)
     shared: dict[str, list[str]] = {_NO_ENCODER: [], _NO_MOTOR: []}
     doubts = []
-    for joint, (table, doubt) in drives.items():
+    for joint, (_, doubt) in drives.items():
         if doubt in shared:
             shared[doubt].append(joint)
         else:
-            doubts.append(f"{joint}: {_size(table or {})}{doubt}")
+            doubts.append(f"{joint}: {sizes.get(joint, '')}{doubt}")
     shared[_UNSCALED] = _unscaled(robot, logs, tables)
     return tables, doubts + [text for doubt in shared for text in _about(shared[doubt], doubt)]
 
@@ -718,7 +720,7 @@ def _spring_without_gear(
     key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
     table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
     if log is not None and _has_locked_output(log, index):
-        return table, _LOCKED.format(key=key)
+        return {**table, key: _UNKNOWN}, _LOCKED.format(key=key)
     if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
         return table, _OF_DEFLECTION.format(key=key)
     return None
@@ -730,29 +732,37 @@ def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
     if "joint_torque" in sensors and kind != "torque":  # has a scale, and no friction nor rotor
         return None, _NO_MOTOR
     if "motor_position" in sensors:
-        doubt = f"{key} = 1.0 is a placeholder: no joint encoder shows it"
-        return {"type": "stiff", key: 1.0}, doubt
+        return {"type": "stiff", key: _UNKNOWN}, f"no joint encoder shows its {key}: {_ASKED}"
     return ({"type": "stiff", key: 1.0}, _NO_ENCODER) if kind else (None, _NO_MOTOR)
 
 
 _NO_MOTOR = "no motor encoder or torque in the logs: torques at the joints count as known"
 
 
-def _add_standard_errors(robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]) -> None:
-    """Replace ratios and standard errors in drive tables by those of `check`, from all logs.
+def _confirm_ratios(
+    robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]
+) -> dict[str, str]:
+    """Replace ratios and standard errors in drive tables by those of `check`; return them as texts.
 
-    It knows the springs of these drives, and takes (7) where the motor moves. The standard errors
-    go into those of the estimates (`gear_ratio_std`).
+    It has all logs, knows the springs of these drives, and takes (7) where the motor moves. The
+    standard errors go into those of the estimates (`gear_ratio_std`). A ratio with a large one is
+    asked for.
     """
-    keys = {joint: key for joint, table in tables.items() if (key := _inferred_key(table))}
+    keys = {joint: key for joint, table in tables.items() for key in table if _STD in key}
+    sizes: dict[str, str] = {}
     joints: Mapping[str, JointCheck] = {}
     with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
         joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints if keys else {}
-    for joint, key in keys.items():
-        table = tables[joint]
-        value, error = (float(str(table[name])) for name in (key, f"{key}_std"))
+    for joint, key_of_error in keys.items():
+        table, key = tables[joint], key_of_error.removesuffix(_STD)
+        value, error = (float(str(table.pop(name))) for name in (key, key_of_error))
         value, error = _confirmed(value, error, joints.get(joint), "pulley" in key)
-        table[key], table[f"{key}_std"] = float(f"{value:.7g}"), float(f"{error:.2g}")
+        if error > POOR * value:  # the rotor's inertia behind the gear, N^2 I, has twice as much
+            table[key], sizes[joint] = _UNKNOWN, _UNDETERMINED.format(key, value, error)
+        else:
+            table[key], table[key_of_error] = float(f"{value:.7g}"), float(f"{error:.2g}")
+            sizes[joint] = f"{key} = {value:.7g} +- {error:.2g} "
+    return sizes
 
 
 def _confirmed(
@@ -765,24 +775,18 @@ def _confirmed(
     if fit is None or not fit.gear_ratio_error > 0:
         return value, error
     # of a screw, whose gear ratio is 1, the radius goes with its inverse
-    factor = fit.gear_ratio / (1.0 if is_radius else value)
+    factor = abs(fit.gear_ratio) / (1.0 if is_radius else value)
     better = value / factor if is_radius else value * factor
     if abs(factor - 1) < _SAME_RATIO:
         return better, abs(better) * fit.gear_ratio_error / abs(fit.gear_ratio)
     return value, max(error, abs(better - value))
 
 
-def _inferred_key(table: Mapping[str, object]) -> str:
-    """Return the key of what both encoders say of a gear, "" if its value is a placeholder."""
-    return next((key.removesuffix("_std") for key in table if key.endswith("_std")), "")
-
-
-def _size(table: Mapping[str, object]) -> str:
-    """Return what both encoders say of a gear as text, "" if its value is a placeholder."""
-    key = _inferred_key(table)
-    return f"{key} = {table[key]:.7g} +- {table[f'{key}_std']:.2g} " if key else ""
-
-
+_STD = "_std"
+_UNDETERMINED = (
+    '{} = "?": write that of the data sheet, or the transmission of a motor that moves several '
+    "joints: {:.4g} +- {:.2g} is too inaccurate, "
+)
 _SAME_RATIO = 0.03
 """Difference of two estimates of a ratio above which neither is taken for the better one."""
 
@@ -790,6 +794,12 @@ _SAME_RATIO = 0.03
 def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
     """Return the sensors {name: samples} of a joint that change."""
     return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
+
+
+_AGAINST = (
+    "; the motor turns against its joint: write sign = -1 at its position and at its torque, "
+    "current or voltage in the description of the log"
+)
 
 
 def _drive_of_encoders(
@@ -803,14 +813,15 @@ def _drive_of_encoders(
     if np.ptp(joint) < least:
         return None, "it hardly moves: its torque counts as known at the joint"
     ratio, explained, error = _ratio_with_drift(time, sensors)
-    key = _ratio_key(robot, index)
-    table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     spread = float(np.std(motor / ratio - joint))
+    text = f"from both encoders, which differ by {spread:.2g} {unit} (rms)"
+    text += _AGAINST * (ratio < -error)
+    key, ratio = _ratio_key(robot, index), abs(ratio)
+    table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     explains = explained > _SPRING or "deflection" in sensors
     if explains and robot.is_prismatic[index]:  # behind a screw, as behind a pulley
         key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
-        table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / abs(ratio)}
-    text = f"from both encoders, which differ by {spread:.2g} {unit} (rms)"
+        table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / ratio}
     if explains:
         more = f"{explained:.0%} of that follows the torque: taken for a spring"
         return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
@@ -882,8 +893,9 @@ def _robot_content(
         "base": base,
         "contacts": [] if base is None else _contact_tables(base.contacts),
         "locked": robot.locked,
-        "joints": None if joints is None else list(joints),
-        "payloads": list(map(_payload_table, payloads)),
+        "joints": joints,
+        "last_link": robot.body_names[-1],
+        "payloads": payloads,
     }
 
 
@@ -891,35 +903,22 @@ def _contact_tables(contacts: Sequence[Contact]) -> list[dict[str, Any]]:
     """Return a table for all links of each shape of contacts."""
     tables: dict[str, dict[str, Any]] = {}
     for point in contacts:
-        position = list(map(float, point.position_m))
-        shape: dict[str, Any] = {
-            "radius_m": point.radius_m,
-            "is_flat": point.is_flat,
-            "position_m": position,
-        }
+        position: Any = list(map(float, point.position_m))
+        shape = {"radius_m": point.radius_m, "is_flat": point.is_flat, "position_m": position}
         shape = {name: value for name, value in shape.items() if np.any(value)}
         tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
     return list(tables.values())
 
 
-def _payload_table(payload: Payload) -> dict[str, Any]:
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = payload.inertia
-    inertia = [float(moment) for moment in (xx, yy, zz, xy, xz, yz)]
-    com = list(map(float, payload.com))
-    return {"link": payload.link, "mass": payload.mass, "com": com, "inertia": inertia}
-
-
 def _log_tables(
     robot: Robot, logs: Sequence[_ReadLog], folder: Path, shortest_s: float
 ) -> list[dict[str, Any]]:
-    """Return the tables of the logs: the last validates, or the last part of the only one."""
+    """Return the tables of the logs, or of both parts of a long one: the last validates."""
     tables: list[dict[str, Any]] = [
         {
             "files": [_relative(file, folder) for file in entry.files],
             "description": entry.description_file and _relative(entry.description_file, folder),
-            "use": "identify",
             "find_contacts": bool(_unflagged(robot, entry.log)),
-            "between_s": None,
         }
         for entry in logs
     ]
@@ -930,8 +929,6 @@ def _log_tables(
         own = (float(np.floor(time[0])), middle)
         rest = (middle, float(np.ceil(time[-1] + 1)))
         tables = [{**tables[0], "between_s": own}, {**tables[0], "between_s": rest}]
-    if len(tables) > 1:
-        tables[-1]["use"] = "validate"
     return tables
 
 
@@ -939,12 +936,6 @@ _UNFLAGGED = (
     "no column says when they touch the ground: found from torques and motion, with the bodies of "
     "the robot file; a flag of each is better"
 )
-
-
-def _flag_doubts(robot: Robot, logs: Sequence[Log]) -> dict[str, None]:
-    """Return the doubts about contacts without a flag, each once, in order."""
-    by_log = [_about(_unflagged(robot, log), _UNFLAGGED) for log in logs]
-    return dict.fromkeys(doubt for doubts in by_log for doubt in doubts)
 
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.log.log import Log
 from seaid.project import load_project, write_first_project
-from seaid.project.first_project import inferred_drives
+from seaid.project.first_project import _drives_text, inferred_drives
 from seaid.robot.inertia import is_physical
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import Noise, measure
@@ -414,13 +414,15 @@ def test_a_current_alone_gives_no_scale(tmp_path: Path) -> None:
 def test_a_first_project_asks_for_the_gear_ratio_of_a_locked_output(tmp_path: Path) -> None:
     robot = bench(tmp_path).with_drives({"elbow": StiffDrive(gear_ratio=1.0)})
     tables, (doubt,) = inferred_drives(robot, [bench_log()])
-    assert tables == {"elbow": {"type": "series_elastic", "gear_ratio": 1.0}}
-    assert "gear_ratio = 1.0 is a placeholder: write that of the data sheet" in doubt
+    assert tables["elbow"]["type"] == "series_elastic"
+    text = _drives_text(tables, [doubt], tmp_path / "drives.toml")
+    assert 'gear_ratio = "?"' in text
+    assert "does not show its gear_ratio: write that of the data sheet" in text
 
 
 def test_a_locked_output_that_slides_gets_a_drive_that_can_be_read(tmp_path: Path) -> None:
     (tmp_path / "bench.urdf").write_text(URDF.replace('"revolute"', '"prismatic"'))
     robot = load_robot(tmp_path / "bench.urdf")
     tables, (doubt,) = inferred_drives(robot, [replace(bench_log(), is_prismatic=(True,))])
-    assert "motor_pulley_radius_m = 1.0 is a placeholder" in doubt
+    assert "does not show its motor_pulley_radius_m" in doubt
     assert load_robot(tmp_path / "bench.urdf", tables).drives["elbow"].is_elastic

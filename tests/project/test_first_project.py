@@ -11,13 +11,19 @@ import numpy as np
 import pytest
 
 import seaid
+from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import SeaidError
-from seaid.project.first_project import _lock_hints, inferred_drives, write_first_project
+from seaid.project.first_project import (
+    _drives_text,
+    _lock_hints,
+    inferred_drives,
+    write_first_project,
+)
 from seaid.project.project import load_project
 from seaid.project.running import run_project
 from tests import experiments
 from tests.measured import LOGS
-from tests.one_joint import BODY, one_joint
+from tests.one_joint import BODY, chain, one_joint
 
 MODELS = experiments.MODELS
 
@@ -195,7 +201,10 @@ def test_a_joint_that_slides_has_its_own_gear_ratio(
     made = write_first_project(
         tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=folder, controllers=gains
     )
-    assert "gear_ratio_rad_per_m = 1.0" in made.files[-1].read_text()
+    text = made.files[-1].read_text()
+    is_asked = side.startswith("motor") and not kind.endswith("command")
+    assert f"gear_ratio_rad_per_m = {'?' if is_asked else 1.0}" in text.replace('"', "")
+    made.files[-1].write_text(text.replace('= "?"', "= 1.0"))
     drive = load_project(folder).robot().drives["arm"]
     assert drive.motor_input == kind
 
@@ -339,3 +348,80 @@ def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.M
     assert done.notes[-1] == "not written"
     with pytest.raises(SeaidError, match=r"is there already: .* seaid.run_project\(folder\)"):
         seaid.run(urdf, [log], folder=tmp_path)
+
+
+def geared_log(folder: Path, count: int = 2, **more: np.ndarray) -> Path:
+    """Write a log of the chain "a", "b" whose motors turn 20 times as far, the second backwards."""
+    time = np.arange(6000) / 200
+    columns = {"time_s": time}
+    for joint, ratio, rate in (("a", 20.0, 1.1), ("b", -20.0, 1.7))[:count]:
+        angle = 0.6 * np.sin(rate * time) + 0.3 * np.sin(2.3 * rate * time)
+        columns[f"{joint}.joint_position_rad"] = angle
+        columns[f"{joint}.motor_position_rad"] = ratio * angle
+        columns[f"{joint}.motor_torque_Nm"] = np.cos(3 * rate * time)
+    path = folder / "run.csv"
+    table = np.column_stack([*(columns | more).values()])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(columns | more), comments="")
+    return path
+
+
+def test_a_motor_that_turns_against_its_joint_has_a_positive_ratio(tmp_path: Path) -> None:
+    """A slope of -20 was written as the ratio, which no drive has, and no file was written."""
+    chain(tmp_path, "a", "b")
+    log, folder = geared_log(tmp_path), tmp_path / "p"
+    made = write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
+    drives = load_project(folder).robot().drives
+    assert [drive.ratio for drive in drives.values()] == pytest.approx([20.0, 20.0])
+    (doubt,) = [doubt for doubt in made.doubts if "sign = -1" in doubt]
+    assert doubt.startswith("b: gear_ratio = 20 +- ")
+
+
+def test_a_ratio_with_a_large_error_is_asked_for(tmp_path: Path) -> None:
+    """Each motor of a differential turns with both joints: the slope over one is no gear ratio."""
+    robot = chain(tmp_path, "a", "b")
+    log = seaid.read_log(geared_log(tmp_path), robot)
+    both = log.joint_position @ np.array([[20.0, 20.0], [20.0, -20.0]])
+    log = replace(log, motor_position=both)
+    tables, doubts = inferred_drives(robot, [log])
+    for joint, doubt in zip("ab", doubts, strict=True):
+        assert "gear_ratio_std" not in tables[joint]
+        assert doubt.startswith(f'{joint}: gear_ratio = "?": write that of the data sheet')
+    text = _drives_text(tables, doubts, tmp_path / "drives.toml")
+    assert text.count('\ngear_ratio = "?"\n') == 2
+    (tmp_path / "drives.toml").write_text(text)
+    with pytest.raises(SeaidError, match=r"\[a\]: key 'gear_ratio' is missing; give"):
+        seaid.load_robot(tmp_path / "robot.urdf", tmp_path / "drives.toml")
+
+
+def test_masses_are_as_uncertain_as_the_checks_assume(tmp_path: Path) -> None:
+    """Masses known to 5 % gave a torque constant that was wrong by 6.7 standard errors."""
+    chain(tmp_path, "arm")
+    time = np.arange(2000) / 200
+    columns = {"time_s": time, "arm.position_rad": np.sin(time), "arm.current_A": np.cos(time)}
+    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
+    made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    text = made.files[0].read_text()
+    assert f"known_std = {{ bodies = {WIDTH_OF_BODIES} }}" in text
+    assert '# link = "link_of_arm"' in text
+
+
+def test_columns_of_no_joint_are_named_and_a_description_is_begun(tmp_path: Path) -> None:
+    """Motors with other names than joints: the message listed seaid's own columns instead."""
+    chain(tmp_path, "a", "wrist_pitch")
+    names = {"wrist_x/motor_pos": 0, "wrist_x/tau_motor": 1, "wrist_pitch/link_pos": 2}
+    time = np.arange(6000) / 200
+    more = {name: np.sin((2 + k) * time) for name, k in names.items()}
+    log, folder = geared_log(tmp_path, 1, **more), tmp_path / "p"
+    with pytest.raises(SeaidError) as caught:
+        write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
+    message, draft = str(caught.value), folder / "run_columns.toml"
+    assert "wrist_pitch: no torque, current or voltage found" in message
+    assert "wrist_x/motor_pos: has the name of a position, and is not used" in message
+    assert "wrist_x/tau_motor: has the name of a torque, and is not used" in message
+    assert f"name the columns of the others in '{draft}'" in message
+    assert "its columns are" not in message
+    text = draft.read_text()
+    draft.write_text(f'{text.rstrip()}\nmotor_torque = "wrist_x/tau_motor"\n')
+    made = write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
+    assert load_project(folder).robot().joint_names == ("a", "wrist_pitch")
+    assert made.files[0] == folder / "seaid.toml"
