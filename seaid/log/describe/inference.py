@@ -140,12 +140,12 @@ class Inference:
         robot = self.robot if self.limits(joint) else None
         return robot is not None and robot.is_prismatic[robot.index(joint)]
 
-    def is_within(self, column: str, factor: float, joint: str) -> bool:
-        """Return whether a position times a factor stays about within the limits of its joint."""
+    def is_within(self, column: str, factor: float, joint: str, offset: float = 0.0) -> bool:
+        """Return whether factor x position + offset stays about within the limits of a joint."""
         limits = self.limits(joint)
         if limits is None:
             return False
-        values, more = factor * self.finite(column), _BEYOND * (limits[1] - limits[0])
+        values, more = factor * self.finite(column) + offset, _BEYOND * (limits[1] - limits[0])
         return bool(limits[0] - more <= np.min(values) and np.max(values) <= limits[1] + more)
 
     def is_far(self, column: str) -> bool:

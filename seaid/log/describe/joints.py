@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -328,9 +329,8 @@ class _Columns:
         if self.meaning(column).side:
             return
         fits = self.inference.is_within(column, factor, self.joint)
-        is_usual = fits and not self.inference.is_of_a_drive
         doubt = "taken for the joint side of the gear; it may be the motor side"
-        self.inference.note(column, doubt, is_usual=is_usual)
+        self.inference.note(column, doubt, is_usual=fits and not self.inference.is_of_a_drive)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
@@ -340,8 +340,7 @@ class _Columns:
             # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
             # whole turn.
             power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
-            self.inference.note(column, f"in counts: {power} per turn is a guess")
-            return {"unit": "counts", "counts_per_turn": float(power)}
+            return self._counts(column, quantity, float(power))
         if unit is not None:
             return {"unit": unit}
         if unit := unit_by_velocity(self.inference, column, self.joint):
@@ -349,6 +348,20 @@ class _Columns:
         elif quantity == "joint_position":
             unit = self._unit_by_range(column)
         return {} if unit in (None, "rad") else {"unit": unit}
+
+    def _counts(self, column: str, quantity: str, power: float) -> dict[str, Any]:
+        """Return the unit of an encoder with the guessed size of its counts, and its zero."""
+        is_of_joint, slides = quantity == "joint_position", self.inference.is_prismatic(self.joint)
+        per = "m" if is_of_joint and slides else "turn"
+        self.inference.note(column, f"in counts: {power:g} per {per} is a guess")
+        counts: dict[str, Any] = {"unit": "counts", f"counts_per_{per}": power}
+        is_within = partial(self.inference.is_within, column, 2 * np.pi / power, self.joint)
+        # A servo in the middle of its range reads half a turn, which is the zero of its joint.
+        if is_of_joint and not slides and not is_within() and is_within(-np.pi):
+            text = "half a turn, beyond the joint's limits: taken for its zero, offset = -3.1416"
+            self.inference.note(column, f"positions lie about {power / 2:g} counts, {text}")
+            counts["offset"] = -np.pi
+        return counts
 
     def _unit_by_range(self, column: str) -> str | None:
         """Return the unit of an angle by how far it moves, None for a prismatic joint."""
@@ -393,14 +406,12 @@ class _Columns:
         if not names and not self.having("current"):
             names = self.inference.having("torque", self.joint, role="estimated")
             for name in names:
-                self.inference.note(
-                    name, "an estimate of the drive, taken as there is no other torque"
-                )
+                text = "an estimate of the drive, taken as there is no other torque"
+                self.inference.note(name, text)
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
-                self.inference.note(
-                    name, "a torque in amperes: describe it with torque_constant_Nm_per_A"
-                )
+                text = "a torque in amperes: describe it with torque_constant_Nm_per_A"
+                self.inference.note(name, text)
                 continue
             side, doubt, more = self._side_of_torque(name)
             self.inference.note(name, doubt)
@@ -443,8 +454,7 @@ class _Columns:
                 self.take("motor_voltage", name, doubt)
             elif duties:
                 scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
-                more: dict[str, Any] = {} if scale == 1 else {"scale": scale}
-                self.take("motor_voltage", duties[0], times=name, **more)
+                self.take("motor_voltage", duties[0], times=name, scale=scale)
                 self.inference.note(f"{duties[0]} times {name}", doubt)
             if "motor_voltage" in self.sources:
                 return
@@ -470,9 +480,8 @@ class _Columns:
         # Least squares of the motor's position over the joint's: the slope is N, and is negative
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        self.inference.note(
-            self.joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio"
-        )
+        text = f"the motor turns {ratio:.5g} times as far: check the gear ratio"
+        self.inference.note(self.joint, text)
         if ratio < 0:
             self._turn()
 
@@ -485,9 +494,8 @@ class _Columns:
         for source in turned:
             source["sign"] = -int(source.get("sign", 1))
         columns = listed(str(source["column"]) for source in turned)
-        self.inference.note(
-            columns, "turns against the joint encoder: sign = -1 on the motor's side"
-        )
+        text = "turns against the joint encoder: sign = -1 on the motor's side"
+        self.inference.note(columns, text)
 
     def _in_si(self, source: Mapping[str, Any]) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
@@ -510,9 +518,8 @@ class _Columns:
             f"; {listed(unknown)}: a command of what is unknown, as the position does not follow "
             "it: name it position_command, velocity_command or torque_command in a description"
         )
-        self.inference.note(
-            self.joint, f"no torque, current or voltage found{what if unknown else ''}"
-        )
+        text = f"no torque, current or voltage found{what if unknown else ''}"
+        self.inference.note(self.joint, text)
 
     def _commands(self, kind: str) -> list[str]:
         """Return the commands of a quantity; those of many drives but positions are all zero."""
@@ -528,8 +535,7 @@ class _Columns:
 
     def _add_commands(self, names: Mapping[str, list[str]], leading: str) -> None:
         """Add the first command of each quantity, the position in the unit of the measured one."""
-        position = self.sources.get("motor_position") or self.sources["joint_position"]
-        usual = {x: y for x, y in position.items() if x in ("unit", "counts_per_turn")}
+        usual = {x: y for x, y in self.sources["joint_position"].items() if x != "column"}
         for kind, columns in names.items():
             if columns:
                 more = usual if kind == "position" else {}

@@ -17,7 +17,7 @@ from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
 from seaid.robot.robot import load_robot
 from tests.measured import LOGS
-from tests.one_joint import chain
+from tests.one_joint import chain, one_joint
 from tests.plants import write_columns
 
 TIME = np.arange(500) / 200
@@ -544,3 +544,38 @@ def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) ->
     for names in (["t", "q", "tau"], whole[:-1], [*whole, "more"], ["t"]):
         with pytest.raises(LogError, match="columns= does not name the 7 columns of the log"):
             describe_log(path, robot, columns=names)
+
+
+@pytest.mark.parametrize(
+    ("limits", "shift", "is_shifted"), [(1.8, 2048, True), (1.8, 0, False), (6.0, 2048, False)]
+)
+def test_counts_about_half_a_turn_beyond_the_limits_have_their_zero_there(
+    tmp_path: Path, limits: float, shift: int, is_shifted: bool
+) -> None:
+    """A servo in the middle of its range reads 2048: every position was off by pi."""
+    robot = chain(tmp_path, "pan", "lift", limit=limits)
+    time = np.arange(4000) / 200
+    columns = {"t": time}
+    for joint, rate in (("pan", 0.9), ("lift", 1.3)):
+        counts = np.round(4096 / (2 * np.pi) * 1.2 * np.sin(rate * time))
+        columns[f"{joint}_goal_position"] = counts + shift
+        columns[f"{joint}_present_position"] = np.roll(counts, 4) + shift
+    guess = describe_log(columns, robot)
+    for sources in guess.description.joints.values():
+        zeros = {quantity: source.offset for quantity, source in sources.items()}
+        assert zeros.keys() == {"joint_position", "position_command"}
+        assert {*zeros.values()} == {-np.pi if is_shifted else 0.0}
+    said = [text for text in guess.unsure if "lie about 2048 counts, half a turn" in text]
+    assert len(said) == is_shifted
+
+
+def test_counts_of_a_joint_that_slides_are_read(tmp_path: Path) -> None:
+    """Counts per turn are no unit of metres: the draft could not be read, and was not written."""
+    robot = one_joint(tmp_path, "prismatic")
+    time = np.arange(4000) / 200
+    columns = {"t": time, "q_counts": np.round(900 * np.sin(time)), "tau_Nm": np.cos(3 * time)}
+    guess = describe_log(columns, robot)
+    (text,) = [text for text in guess.unsure if "per m is a guess" in text]
+    assert text.startswith("q_counts: in counts: 1024 per m")
+    log = read_log(columns, robot, description=guess.description)
+    assert np.max(log.joint_position) == pytest.approx(900 / 1024, rel=1e-2)
