@@ -100,7 +100,7 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     if all(values.get(key) in (None, "?") for key in _RATIOS):
         _check_keys(others, keys, _every_key())
         raise RobotError(
-            "key 'gear_ratio' is missing; give the motor turns per turn behind the gear"
+            "key 'gear_ratio' is missing or '?'; give the motor turns per turn behind the gear"
         )
     # The units, and with them the keys, depend on ratio and radii: first a drive of these alone.
     bare = kind(**{**values, "known": ()})

@@ -389,7 +389,7 @@ def test_a_ratio_with_a_large_error_is_asked_for(tmp_path: Path) -> None:
     text = _drives_text(tables, doubts, tmp_path / "drives.toml")
     assert text.count('\ngear_ratio = "?"\n') == 2
     (tmp_path / "drives.toml").write_text(text)
-    with pytest.raises(SeaidError, match=r"\[a\]: key 'gear_ratio' is missing; give"):
+    with pytest.raises(SeaidError, match=r"\[a\]: key 'gear_ratio' is missing or '[?]'; give"):
         seaid.load_robot(tmp_path / "robot.urdf", tmp_path / "drives.toml")
 
 
