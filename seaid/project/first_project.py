@@ -382,7 +382,7 @@ def _read(
     robot = _with_springs(robot, springs)
     columns = guess.description.columns() | set(guess.unused)
     target = folder / f"{path.stem}_columns.toml"
-    if target.exists():
+    if _is_edited(target, guess):
         log = read_log(files, robot, description=target)
         return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
     alike = _read_alike(files, robot, columns, others)
@@ -403,6 +403,11 @@ def _guess(
     except LogError as problem:
         has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
         raise plain if has_own else problem from None
+
+
+def _is_edited(file: Path, guess: Description) -> bool:
+    """Return whether a description exists that is no draft of the same guess."""
+    return file.exists() and file.read_text(encoding="utf-8") != guess.to_toml()
 
 
 def _read_alike(
@@ -796,10 +801,7 @@ def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
     return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
 
 
-_AGAINST = (
-    "; the motor turns against its joint: write sign = -1 at its position and at its torque, "
-    "current or voltage in the description of the log"
-)
+_AGAINST = "; its motor turns backwards: sign = -1 at its position and torque in the description"
 
 
 def _drive_of_encoders(

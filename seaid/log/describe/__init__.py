@@ -299,10 +299,7 @@ def _gains_at(samples: Block, inference: Inference, command: str, unit: str) -> 
     gains: dict[str, float] = {}
     for name, letter in _gain_columns(samples, command):
         values = samples[name][np.isfinite(samples[name])]
-        text = (
-            "a gain that changes: give each part of the log with one gain set as a log of its own "
-            "(between_s in the project)"
-        )
+        text = "a gain that changes: each part with one gain set is a log (between_s)"
         if len(values) and np.ptp(values) == 0 and values[0] >= 0:
             gains[letter] = float(values[0])
             text = f"taken for a gain of the controller, in {unit}"
