@@ -206,7 +206,7 @@ def test_contacts_of_several_logs_have_their_own_times() -> None:
 @pytest.mark.parametrize(("push", "times"), [(0.6, 0), (8.0, 1)])
 def test_slow_motion_within_the_dry_friction_is_no_contact(push: float, times: int) -> None:
     """There the friction has any value up to that of its drive, 1 N m here."""
-    rng, time = np.random.default_rng(0), 0.05 * np.arange(800)
+    rng, time = np.random.default_rng(0), np.linspace(0.0, 39.95, 800)
     is_slow = (time > 30.0) & (time < 32.0)
     speed = np.where(is_slow, 0.05, np.sin(time))
     H = np.column_stack([speed, np.sign(speed), rng.normal(size=len(time))])
