@@ -136,6 +136,40 @@ def identification() -> tuple[Work, None]:
     return lambda: seaid.identify(known, log), None
 
 
+def planning() -> tuple[Work, Work]:
+    """Return value and gradient of a plan of an arm, and the value alone."""
+    from scripts.benchmarks.excitation import SAMPLES, load_robots, make
+    from seaid.excitation.problem import random_start, value_and_gradient, value_of
+
+    robot, limits = next(iter(load_robots().values()))
+    problem = make(robot, limits, "condition_number", 32, SAMPLES[0])
+    x = random_start(problem, np.random.default_rng(0))
+    return lambda: value_and_gradient(problem, x), lambda: value_of(problem, x)
+
+
+def samples() -> tuple[Work, Work]:
+    """Return the estimate of seven joints from a file in pieces, and a bare call per sample."""
+    import pinocchio as pin
+
+    from scripts.benchmarks.long_log import estimate, robot, write_log
+
+    count, arm = sized(100_000, 4_000), robot()
+    folder = tempfile.TemporaryDirectory()  # removed with the work that refers to it
+    path = Path(folder.name) / "log.npz"
+    write_log(path, count)
+    data = arm.model.createData()
+    q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, count, arm.n))
+
+    def bare() -> None:
+        for t in range(count):
+            pin.computeJointTorqueRegressor(arm.model, data, q[t], v[t], a[t])
+
+    def streamed() -> None:
+        estimate(Path(folder.name) / "log.npz", "streamed")
+
+    return streamed, bare
+
+
 def exact_base() -> tuple[Work, None]:
     """Return the exact base parameters of a humanoid."""
     import seaid
@@ -212,6 +246,8 @@ ROWS = {
         prepare=simulation,
         units=MOTION_S + 1.0,
     ),
+    "planning": Row("value and gradient of a plan", 5.0, "over the value", prepare=planning),
+    "samples": Row("samples of 7 joints from a file", 2.5, "over bare calls", prepare=samples),
     "identifiability": Row("identifiability, 60 springs", 3.0, INSIDE, prepare=identifiability),
     "exact_base": Row("exact base parameters, romeo", 0.3, INSIDE, prepare=exact_base),
     "chain40": Row("seaid inspect, 40 springs", 1.0, PROCESS, inspected(40)),

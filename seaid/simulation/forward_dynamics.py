@@ -26,6 +26,7 @@ from seaid.simulation.plant import (
     SPEED,
     Plant,
     bias_torques,
+    holding,
     inertia,
     inverse_dynamics,
 )
@@ -205,7 +206,7 @@ def _joint_accelerations(
     if plant.rotors is None:
         model = plant.model
         if sticking.size:
-            model = plant.holding(tuple(plant.places[sticking].tolist()))
+            model = holding(plant.model, tuple(plant.places[sticking].tolist()))
         return cast(Array, pin.aba(model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - bias_torques(plant, data, position, speed)

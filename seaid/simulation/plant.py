@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -56,6 +56,18 @@ _COLDEST_K = 50.0
 Extra = Callable[[float, float, float, float], float]
 
 
+@lru_cache(maxsize=64)
+def holding(model: pin.Model, joints: tuple[int, ...]) -> pin.Model:
+    """Return the model in which some joints stand still: their rotors are infinitely heavy.
+
+    The articulated inertia I - U D^-1 U^T of a body at such a joint is then I, and its acceleration
+    D^-1 u is zero, both exactly (Featherstone 2008, chapter 7).
+    """
+    held = model.copy()
+    held.armature[list(joints)] = np.inf
+    return held
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` for a stiff drive.
@@ -65,7 +77,7 @@ class Plant:
     of all positions E q + e (N) of the model. In both cases `rotors` (n, n) has the rotor inertia
     instead. Drives with more than plain friction and a linear spring are in `functions`, by index,
     and have zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than `longest_step`
-    [s]. `models` are those of `holding`, made when they are first asked for.
+    [s].
     """
 
     model: pin.Model
@@ -83,18 +95,6 @@ class Plant:
     coupling: Array | None
     rotors: Array | None
     expansion: tuple[Array, Array] | None
-    models: dict[tuple[int, ...], pin.Model] = field(default_factory=dict)
-
-    def holding(self, joints: tuple[int, ...]) -> pin.Model:
-        """Return the model in which some joints stand still: their rotors are infinitely heavy.
-
-        The articulated inertia I - U D^-1 U^T of a body at such a joint is then I, and its
-        acceleration D^-1 u is zero, both exactly (Featherstone 2008, chapter 7).
-        """
-        if joints not in self.models:
-            self.models[joints] = self.model.copy()
-            self.models[joints].armature[list(joints)] = np.inf
-        return self.models[joints]
 
     def expanded(self, state: Array, order: int = 0) -> Array:
         """Return positions (n,), or time derivatives of an `order`, of all joints of the model."""
