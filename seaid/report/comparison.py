@@ -151,10 +151,7 @@ class Comparison(Result):
 
 @checked(IdentificationError)
 def comparison_of(
-    first: Identification,
-    second: Identification,
-    *,
-    names: tuple[str, str] = ("first", "second"),
+    first: Identification, second: Identification, *, names: tuple[str, str] = ("first", "second")
 ) -> Comparison:
     """Compare the parameters of two identifications, such as cold and warm, or before and after.
 

@@ -393,6 +393,8 @@ def setup_table(found: SetupCheck) -> Text:
     columns = (*words("joint"), *numbers("swing", "encoder slope"), *errors, *measured)
     made = _listed("Torques that the set-up as given leaves unexplained", columns, rows)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
+    if rows and not np.any(np.isfinite([row[2:6] for row in rows])):
+        nothing = [*nothing, "no torque in N m and no second encoder of a joint was compared"]
     return joined([*([made] if rows else []), *warning_lines(found.warnings), *nothing])
 
 

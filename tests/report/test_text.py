@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seaid.checks import JointCheck
 from seaid.errors import Finding
+from seaid.identification.checking import SetupCheck
 from seaid.identification.identification import identify, validate
 from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
@@ -18,6 +21,7 @@ from seaid.report.text import (
     identification_table,
     load_table,
     replay_table,
+    setup_table,
     table,
     validation_table,
     warning_lines,
@@ -203,3 +207,12 @@ def test_a_payload_is_advised_as_an_option_and_as_the_table_of_a_project() -> No
     assert content == {"payload": [{"link": "foot", "mass_kg": 1.9, "com_m": [0.15, 0, -0.1]}]}
     absent = replace(finding, remedy="option: without --payload foot:2:0.15,0,0")
     assert warning_lines([absent])[1] == f"    {absent.remedy}"
+
+
+def test_a_check_without_a_torque_or_two_encoders_says_what_was_not_compared() -> None:
+    """A table of dashes above "nothing contradicts the set-up" says that all was compared."""
+    for nominal, lines in ((0.1, 1), (math.nan, 2)):
+        joints = {"pan": JointCheck(swing=2.0, nominal=nominal)}
+        shown = str(setup_table(SetupCheck((), joints))).splitlines()
+        assert shown[-lines:][0] == "nothing contradicts the set-up"
+        assert (len(shown[-lines:]) == 2) == ("no second encoder" in shown[-1])
