@@ -107,7 +107,7 @@ def _driven(
     Friction that sticks holds joints, but not motors on springs, and is in none of the torques.
     """
     n = len(torque)
-    if not plant.functions:
+    if not (plant.functions or plant.extras):
         acting = np.concatenate([state.reshape(-1), torque, slip])
         return _moved(plant, data, state, acting, slip)
     at = drive_states(plant, state).T.tolist()

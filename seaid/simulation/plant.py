@@ -142,7 +142,7 @@ class Plant:
         matrix = np.concatenate(
             [load, np.where(self.elastic[:, None], free - lever * spring, free)]
         )
-        return matrix if self.functions else matrix[:, : -len(load)].copy()
+        return matrix if self.functions or self.extras else matrix[:, : -len(load)].copy()
 
     @cached_property
     def extras(self) -> tuple[tuple[int, Extra], ...]:

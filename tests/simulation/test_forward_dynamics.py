@@ -50,6 +50,9 @@ _SHIFTED = {"coulomb_width": 2.0, "coulomb_shift": 0.7}
 
 FRICTION: dict[str, Drive] = {
     "offset": stiff({"friction_offset": 0.01}, friction=(*DRY, "offset")),
+    # without any function of a drive beside it
+    "extra term stiff": replace(STIFF, extra_terms=("2e-4*theta_M'**2",)),
+    "extra term elastic": replace(ELASTIC, extra_terms=("2e-4*theta_M'**2",)),
     **{
         f"{term} {kind}": make(values, friction=friction)
         for kind, make in (("stiff", stiff), ("elastic", elastic))
