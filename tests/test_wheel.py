@@ -12,11 +12,12 @@ import zipfile
 from dataclasses import dataclass
 from email import message_from_bytes
 from email.message import Message
-from importlib.metadata import version
+from importlib.metadata import distributions, version
 from pathlib import Path
 
 import pytest
 import yaml
+from packaging.specifiers import SpecifierSet
 
 import seaid
 
@@ -185,3 +186,9 @@ def test_an_editable_install_is_found_from_the_folder_above_the_checkout(tmp_pat
         wheel.extractall(site)
     found = "import sys, site; sys.path.insert(0, ''); site.addsitedir('site'); import seaid; "
     assert run(f"{found}print(seaid.__version__)", tmp_path) == "0.0\n"
+
+
+def test_the_oldest_python_can_install_what_is_pinned() -> None:
+    """For a pin that it cannot install pip searches for hours (soupsieve 4.1.2 on Debian 12)."""
+    needed = {x.name: str(x.metadata.json.get("requires_python", "")) for x in distributions()}
+    assert {x: y for x, y in needed.items() if not SpecifierSet(y).contains("3.11.0")} == {}
