@@ -87,7 +87,7 @@ class TorqueScale:
         return self.factor if abs(self.factor) > tol.SURE * self.error else 0.0
 
 
-_OF_LOADS = ("robot", "joint", "motor", "direction")
+_OF_LOADS = ("robot", "joint", "motor", "direction", "sprung")
 _OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed", "unscaled")
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
@@ -120,7 +120,8 @@ class Experiment:
     speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
     without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
     unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
-    (n,): gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
+    (n,): gear ratios and rotor inertias; `sprung` (n,): whether a spring is parallel to the joint;
+    `bodies` (10n,): standard parameters with payloads;
     `sources`: of each log {joint: {quantity: column or entry of its description}}; `counted` (R,
     n): whether misfits are taken at an instant; `has_wrenches`: whether contact forces were
     measured.
@@ -139,6 +140,7 @@ class Experiment:
     both: BoolArray
     ratio: Array
     inertia: Array
+    sprung: BoolArray
     bodies: Array
     sources: tuple[Mapping[str, Mapping[str, Any]], ...]
     counted: BoolArray
@@ -256,10 +258,9 @@ class Experiment:
         of friction is one of theirs. Columns of springs that do not act on a joint are zero.
         """
         robot = self.robot
-        springs = ["linear" in drive.parallel_spring for drive in robot.drives.values()]
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
-        at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[springs]
-        columns = at_drives.T[:, None] * self.joint[0][:, springs]
+        at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
+        columns = at_drives.T[:, None] * self.joint[0][:, self.sprung]
         return np.concatenate([self.friction, columns], axis=2)
 
     @derived(*_OF_LOADS, "counted")
@@ -840,6 +841,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
         ratio=ratio,
         inertia=np.array([drive.values.get("motor_inertia", 0.0) for drive in drives]),
+        sprung=np.array(["linear" in drive.parallel_spring for drive in drives]),
         # a robot file may have no inertias
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
         sources=tuple(map(_sources, logs)),

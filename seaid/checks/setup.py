@@ -556,20 +556,15 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
 def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
     """Yield an undeclared spring parallel to a joint: to the fit it is a heavy body."""
     for j in experiment.used:
-        joint = experiment.robot.joint_names[j]
-        drive = experiment.robot.drives[joint]
-        if drive.parallel_spring:
-            continue
+        joint, is_own = experiment.robot.joint_names[j], np.arange(experiment.robot.n) == j
         # what the file leaves of the torque, over the angle
-        angles = np.where(np.arange(experiment.robot.n) == j, experiment.joint[0], 0.0)
-        stiffness = experiment.multiple(angles)
-        sprung = replace(drive, parallel_spring=("linear",))
-        if stiffness > 0:
+        stiffness = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
+        if stiffness > 0 and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             yield Transform(
                 codes.MISSING_TERM,
                 f"a spring of about {stiffness:.3g} {unit} is parallel to {joint}",
-                experiment.with_changes(robot=experiment.robot.with_drives({joint: sprung})),
+                experiment.with_changes(sprung=experiment.sprung | is_own),
                 joint,
                 in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'}),
                 evidence={"stiffness": stiffness},
