@@ -24,8 +24,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import seaid
+    from seaid._arrays import Array
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # after the code that is measured
 
@@ -59,21 +64,26 @@ class Row:
 
 def regressor() -> tuple[Work, Work]:
     """Return the stacked regressor of an arm, and the calls of Pinocchio alone."""
-    import pinocchio as pin
-
     import seaid
     from scripts.example_robots import example_urdf
     from seaid.regressor import rigid_body_regressor
 
     robot = seaid.load_robot(example_urdf("xarm7.urdf"))
-    data = robot.model.createData()
     q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, sized(10_000, 500), robot.n))
+    return lambda: rigid_body_regressor(robot, q, v, a), bare_calls(robot, q, v, a)
 
-    def bare() -> None:
+
+def bare_calls(robot: seaid.Robot, q: Array, v: Array, a: Array) -> Work:
+    """Return the calls of Pinocchio alone, one per sample (T, n) of a motion."""
+    import pinocchio as pin
+
+    data = robot.model.createData()
+
+    def calls() -> None:
         for t in range(len(q)):
             pin.computeJointTorqueRegressor(robot.model, data, q[t], v[t], a[t])
 
-    return lambda: rigid_body_regressor(robot, q, v, a), bare
+    return calls
 
 
 def least_squares() -> tuple[Work, Work]:
@@ -149,25 +159,18 @@ def planning() -> tuple[Work, Work]:
 
 def samples() -> tuple[Work, Work]:
     """Return the estimate of seven joints from a file in pieces, and a bare call per sample."""
-    import pinocchio as pin
-
     from scripts.benchmarks.long_log import estimate, robot, write_log
 
     count, arm = sized(100_000, 4_000), robot()
     folder = tempfile.TemporaryDirectory()  # removed with the work that refers to it
     path = Path(folder.name) / "log.npz"
     write_log(path, count)
-    data = arm.model.createData()
-    q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, count, arm.n))
-
-    def bare() -> None:
-        for t in range(count):
-            pin.computeJointTorqueRegressor(arm.model, data, q[t], v[t], a[t])
+    states = np.random.default_rng(0).uniform(-1, 1, (3, count, arm.n))
 
     def streamed() -> None:
         estimate(Path(folder.name) / "log.npz", "streamed")
 
-    return streamed, bare
+    return streamed, bare_calls(arm, *states)
 
 
 def exact_base() -> tuple[Work, None]:
