@@ -95,22 +95,10 @@ def least_squares() -> tuple[Work, Work]:
 
 def estimate() -> tuple[Work, None]:
     """Return an estimate with covariance from rows of six joints and 51 parameters."""
+    from scripts.benchmarks.long_log import random_rows
     from seaid.estimation.least_squares import ordinary
-    from seaid.regressor.regression import Regression
 
-    count, rng = sized(10_000, 200), np.random.default_rng(0)
-    H = rng.normal(size=(6 * count, 51))
-    rows = Regression(
-        H=H,
-        y=H @ rng.normal(size=51) + rng.normal(size=6 * count),
-        joint=np.tile(np.arange(6), count),
-        time=np.repeat(np.arange(count) / 100.0, 6),
-        names=tuple(f"p{k}" for k in range(51)),
-        units=("",) * 51,
-        run=np.zeros(6 * count),
-        excluded=0,
-        propagated=np.zeros((6 * count, 0)),
-    )
+    rows = random_rows(sized(10_000, 200), 6, 51)
     return lambda: ordinary(rows), None
 
 

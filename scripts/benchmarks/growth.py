@@ -27,13 +27,18 @@ sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.benchmarks.fast import chain
-from scripts.benchmarks.long_log import CUTOFF_HZ, RATE_HZ, elastic_robot, robot, write_elastic_log
+from scripts.benchmarks.long_log import (
+    CUTOFF_HZ,
+    elastic_robot,
+    random_rows,
+    robot,
+    write_elastic_log,
+)
 from scripts.short_form import add_quick, sized
 from seaid._arrays import Array
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters
-from seaid.regressor.regression import Regression
 from seaid.report.text import table
 
 INSTANTS = sized(300, 30)
@@ -114,19 +119,7 @@ def identifiability(joints: int, folder: Path) -> Work:
 
 def estimate(parameters: int, _: Path) -> Work:
     """Return least squares with its covariance from a fixed number of rows."""
-    rng = np.random.default_rng(0)
-    H = rng.normal(size=(ROWS, parameters))
-    rows = Regression(
-        names=tuple(f"p{column}" for column in range(parameters)),
-        units=("",) * parameters,
-        H=H,
-        y=H @ rng.normal(size=parameters) + rng.normal(size=ROWS),
-        joint=np.tile(np.arange(4), ROWS // 4),
-        time=np.repeat(np.arange(ROWS // 4) / RATE_HZ, 4),
-        run=np.zeros(ROWS),
-        excluded=0,
-        propagated=np.empty((ROWS, 0)),
-    )
+    rows = random_rows(ROWS // 4, 4, parameters)
     return lambda: ordinary(rows)
 
 

@@ -147,11 +147,11 @@ def _identified(path: Path) -> dict[str, object]:
     }
 
 
-def rows_to_estimate() -> list[list[str]]:
-    """Return the times of 60 000 rows of 51 columns from regressor to estimate."""
-    rng, instants, joints, p = np.random.default_rng(0), 10_000, 6, 51
+def random_rows(instants: int, joints: int, p: int) -> Regression:
+    """Return rows with p random columns, white noise, and parameters of about one."""
+    rng = np.random.default_rng(0)
     H = rng.normal(size=(instants * joints, p))
-    rows = Regression(
+    return Regression(
         names=tuple(f"p{column}" for column in range(p)),
         units=("",) * p,
         H=H,
@@ -162,7 +162,11 @@ def rows_to_estimate() -> list[list[str]]:
         excluded=0,
         propagated=np.empty((len(H), 0)),
     )
-    cells = []
+
+
+def rows_to_estimate() -> list[list[str]]:
+    """Return the times of 60 000 rows of 51 columns from regressor to estimate."""
+    rows, cells = random_rows(10_000, 6, 51), []
     for name, work in (("information (QR)", qr_factor_of), ("estimate, covariance", ordinary)):
         times = []
         for _ in range(sized(9, 1)):
