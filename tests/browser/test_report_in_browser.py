@@ -25,7 +25,7 @@ from tests.report_pages import HOSTILE, made_up
 pytestmark = pytest.mark.browser
 
 PICTURES = Path(__file__).parents[2] / "out" / "browser"
-LOAD_MS, PAGE_BYTES, PHONE_PX = 2000.0, 6_000_000, 390
+LOAD_S, PAGE_BYTES, PHONE_PX = 1.0, 6_000_000, 390
 WIDTHS = (320, 390, 600, 768, 900, 1040, 1100, 1280, 1600)
 REMEDY = 'in the drives file:\n[shoulder]\ngear_ratio = 100.0\nspring = ["linear"]'
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -41,7 +41,13 @@ class Opened:
         self.page.on("console", self._note)
         self.page.on("pageerror", lambda problem: self.wrong.append(str(problem)))
         self.page.on("request", lambda request: self.requests.append(request.url))
+        # Processor time of the page's main thread; a clock shows the other work of the machine too.
+        session = context.new_cdp_session(self.page)
+        session.send("Performance.enable", {"timeDomain": "threadTicks"})
         self.page.goto(path.as_uri(), wait_until="load")
+        metrics = session.send("Performance.getMetrics")["metrics"]
+        self.load_s = next(float(row["value"]) for row in metrics if row["name"] == "ThreadTime")
+        session.detach()
 
     def _note(self, said: ConsoleMessage) -> None:
         if "getImageData" not in said.text:  # that is `ink` below
@@ -135,13 +141,8 @@ def opened(browser: Browser, arm_page: Path) -> Iterator[Opened]:
     context.close()
 
 
-def load_ms(opened: Opened) -> float:
-    found: float = opened.find("performance.getEntriesByType('navigation')[0].loadEventEnd")
-    return found
-
-
 def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path) -> None:
-    assert load_ms(opened) < LOAD_MS
+    assert opened.load_s < LOAD_S
     assert arm_page.stat().st_size < PAGE_BYTES
     charts = "torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position"
     for chart in charts:
@@ -489,7 +490,7 @@ def test_three_hundred_joints_open_fast(browser: Browser, tmp_path: Path) -> Non
     assert path.stat().st_size < PAGE_BYTES
     context = browser.new_context(viewport={"width": 1200, "height": 900})
     opened = Opened(context, path)
-    assert load_ms(opened) < LOAD_MS
+    assert opened.load_s < LOAD_S
     opened.page.select_option("#joint", label="joint_299")
     assert "joint_299, load side" in opened.page.locator("#shown").inner_text()
     assert opened.ink("torque", "computed") > 100
