@@ -161,7 +161,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         "excitation.search",
-        *("checks.bodies", "checks.sensors"),
+        "checks.bodies",
         *("export.joint_actuators", "regressor.random_instants"),
     ),
     "one stage of reading each, which most logs do not pass": (

@@ -33,8 +33,7 @@ from seaid.checks.engine import (
     Trial,
     forward_selection,
 )
-from seaid.checks.gears import GEAR_CHECKS
-from seaid.checks.sensors import SENSOR_CHECKS, common_delay
+from seaid.checks.gears import GEAR_CHECKS, SENSOR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings

@@ -17,10 +17,11 @@ from seaid.checks.codes import consequences
 from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
 from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding
+from seaid.legged import load_robot
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.regressor import BaseParameters
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.representatives import quick_first
 

@@ -14,6 +14,7 @@ from seaid.checks import JointFit, RobotFit, fit_findings, unused_findings, verd
 from seaid.checks.codes import POORLY_IDENTIFIED
 from seaid.checks.verdict import _blocks
 from seaid.estimation import FittedRows, ordinary, qr_factor_of
+from seaid.export import content_of
 from seaid.log.reading import Log
 from seaid.regressor import Regression
 from seaid.simulation.simulation import measure
@@ -137,7 +138,7 @@ def test_a_load_side_that_hands_move_is_not_to_be_used_and_its_drive_is_good() -
     assert "; its motor equation holds, with an error of " in finding.message
     sentence = "do not use the load side of knee_pitch: no-fit; the drive of knee_pitch is good"
     assert (found.verdict.level, found.verdict.sentence) == ("do not use", sentence)
-    assert found.to_dict()["verdict"]["sentence"] == sentence
+    assert content_of(found)["verdict"]["sentence"] == sentence
     assert sentence in found.summary()
 
 
