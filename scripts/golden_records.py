@@ -221,7 +221,7 @@ def parameters(build: Build) -> Records:
     """Write `parameters.json`, and read it again."""
     found = build()
     with folder_of_files() as folder:
-        found.save(folder / "parameters.json")
+        seaid.write_parameters(found, folder / "parameters.json")
         robot = seaid.read_parameters(folder / "parameters.json", found.known)
     bodies = {f"parameter {place}": number(x) for place, x in enumerate(robot.parameters)}
     drives = {

@@ -47,7 +47,7 @@ def choices(robot: seaid.Robot) -> Iterator[tuple[str, Choice]]:
     yield "deflection, joint torque", ("deflection", "joint_torque")
 
 
-def row(name: str, found: seaid.Identifiability) -> list[str]:
+def row(name: str, found: seaid.regressor.Identifiability) -> list[str]:
     """Return the counts of one choice."""
     groups = " + ".join(str(len(group)) for group in found.ratios) or "-"
     counts = map(len, (found.identifiable, found.combinations))

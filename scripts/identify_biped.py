@@ -297,7 +297,7 @@ def main(output: Path, seed: int, duration_s: float) -> None:
     for name, found in (("hanging", legs), ("standing", whole), ("both", both)):
         print(f"{name}: {len(found.load.values)} base parameters, {found.verdict.sentence}")
         print("\n".join(warning_lines(found.warnings)))
-        found.save(output / f"{name}.json")
+        seaid.write_parameters(found, output / f"{name}.json")
     seaid.write_report(whole, output / "report.html")
 
 

@@ -72,7 +72,7 @@ def main(output: Path, drives: str, seed: int) -> None:
         f"{len(upright.columns)} with axis 1 vertical; condition number of the excitation "
         f"{plans[0].condition_number:.0f}"
     )
-    found.save(output / "parameters.json", result)
+    seaid.write_parameters(found, output / "parameters.json", result)
     save_load_figure(result, output / "load_side.png")
     if truth.elastic_joints:
         save_actuator_figure(result, output / "actuator_side.png")

@@ -157,7 +157,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
     plan.save_set_points(output / "excitation.csv")
     seaid.write_log(log, output / "identification_log.csv")
     seaid.write_log(other_log, output / "validation_log.csv")
-    found.save(output / "parameters.json", result)
+    seaid.write_parameters(found, output / "parameters.json", result)
     save_actuator_figure(result, output / "actuator_side.png", raw=other_log.motor_torque)
     save_load_figure(result, output / "load_side.png", raw=torque_of_springs(found, other_log))
     seaid.write_report(

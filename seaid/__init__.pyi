@@ -42,6 +42,7 @@ from .excitation import load_trajectory as load_trajectory
 from .export import read_parameters as read_parameters
 from .export import write_mjcf as write_mjcf
 from .export import write_model as write_model
+from .export import write_parameters as write_parameters
 from .export import write_randomization as write_randomization
 from .export import write_urdf as write_urdf
 from .frequency import frequency_response as frequency_response
@@ -62,6 +63,7 @@ from .identification import read_statics as read_statics
 from .identification import refine as refine
 from .identification import validate as validate
 from .legged import find_contacts as find_contacts
+from .legged import load_robot as load_robot
 from .log import BaseLog as BaseLog
 from .log import Log as Log
 from .log import LogDescription as LogDescription
@@ -78,7 +80,6 @@ from .project import run as run
 from .project import run_project as run_project
 from .project import save_run as save_run
 from .project import write_first_project as write_first_project
-from .regressor import Identifiability as Identifiability
 from .regressor import base_parameters as base_parameters
 from .regressor import cross_check as cross_check
 from .regressor import identifiability as identifiability
@@ -88,7 +89,6 @@ from .report import write_report as write_report
 from .robot import Contact as Contact
 from .robot import Payload as Payload
 from .robot import Robot as Robot
-from .robot import load_robot as load_robot
 from .simulation import Noise as Noise
 from .simulation import compare_replays as compare_replays
 from .simulation import replay as replay

@@ -16,7 +16,8 @@ from hypothesis import settings
 
 from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 
 if TYPE_CHECKING:
     from seaid.checks import Side, SideSelection

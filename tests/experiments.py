@@ -18,9 +18,10 @@ from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification, Validation
+from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 
 MODELS = Path(__file__).parents[1] / "models"

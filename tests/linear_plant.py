@@ -9,8 +9,9 @@ import numpy as np
 from scipy.signal import cont2discrete
 
 from seaid._arrays import Array
+from seaid.legged import load_robot
 from seaid.log.log import Log
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 
 RATE_HZ = 1000.0
 

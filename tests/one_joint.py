@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 
 BODY = (
     '<inertial><mass value="1"/>'

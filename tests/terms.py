@@ -28,12 +28,13 @@ from seaid.identification.result import (
     with_value_findings,
 )
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
+from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from tests.experiments import motion_of
 
 PERIOD_S, RATE_HZ = 8.0, 250.0

@@ -76,11 +76,6 @@ ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_files", "_progress"
 UPWARDS = {
     # results print themselves by the tables and figures of the report
     ("seaid._progress", "seaid.report"),
-    ("seaid.identification.identification", "seaid.report"),
-    # Identification.to_dict is the content of parameters.json
-    ("seaid.identification.result", "seaid.export"),
-    # a base that moves makes the robot of another type, which registers its additions
-    ("seaid.robot.robot", "seaid.legged"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
     ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
@@ -152,7 +147,7 @@ ONE_IMPORTER = {
         *("frequency.frequency_response", "identification.output_error"),
         *("log.long_log", "project.first_project", "project.project", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
-        *("export.mjcf", "export.urdf"),
+        *("export.mjcf", "export.parameters", "export.urdf"),
         "identification.identification",
     ),
     "one part of the page or window each": (

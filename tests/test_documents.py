@@ -97,7 +97,7 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         plan.symlink_to(ROOT / "models/tulip_plan.json")
     leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
     found = seaid.identify(leg, seaid.read_log(folder / "run.csv", leg), feasible=True)
-    found.save(folder / "parameters.json")
+    seaid.write_parameters(found, folder / "parameters.json")
     return {name: folder / name for name in (*LEG_LOGS, "plan.json", "parameters.json")}
 
 
@@ -165,7 +165,7 @@ def test_toml_is_a_project_drives_or_a_log_description(block: Block, tmp_path: P
 @pytest.mark.parametrize("block", of_language("json"))
 def test_json_has_the_keys_of_parameters_json(block: Block, leg_files: dict[str, Path]) -> None:
     leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
-    found = seaid.identify(leg, seaid.read_log(leg_files["run.csv"], leg)).to_dict()
+    found = seaid.export.content_of(seaid.identify(leg, seaid.read_log(leg_files["run.csv"], leg)))
     example = json.loads(block.code)
     assert set(example) <= set(found)
     assert set(example["load"][0]) == set(found["load"][0])

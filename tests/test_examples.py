@@ -134,7 +134,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     (place / "custom.csv").write_text(custom_columns((place / "run.csv").read_text()))
     (place / "models").symlink_to(MODELS)
     result = seaid.identify(robot, logs[0], feasible=True)
-    result.save(place / "parameters.json")
+    seaid.write_parameters(result, place / "parameters.json")
     quick = Quick(
         identify=lambda *logs, **options: result,
         design_excitation=partial(seaid.design_excitation, starts=1, iterations=2),

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import SeaidError
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
 from seaid.robot.inertia import parameter_names
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 
 STATES = 6
 

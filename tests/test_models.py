@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seaid.legged import load_robot
 from seaid.regressor.base import base_parameters
 from seaid.robot.inertia import is_physical
-from seaid.robot.robot import load_robot
 
 MODELS = Path(__file__).parents[1] / "models"
 

@@ -68,17 +68,10 @@ def calibrate(
     written(
         output, ".html", lambda file: seaid.write_calibration(fit, file, name=joint or table.stem)
     )
-    estimate = fit.estimate
-    values = zip(
-        estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
-    )
     content = {
         "law": fit.law,
-        "parameters": {
-            parameter: {"value": float(value), "standard_error": float(error), "unit": unit}
-            for parameter, value, error, unit in values
-        },
-        "rms": estimate.residual_std,
+        "parameters": seaid.export.values_of(fit.estimate),
+        "rms": fit.estimate.residual_std,
         "linearity": fit.linearity,
         "hysteresis": fit.hysteresis,
         "warnings": fit.warnings,

@@ -11,7 +11,7 @@ import typer
 import seaid
 from seaid.cli import kinds
 from seaid.cli.messages import is_stdout, is_terminal, written
-from seaid.cli.options import ResultOptions, RobotOptions, logs_of
+from seaid.cli.options import ResultOptions, RobotOptions, by_joint, logs_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class StanceOptions:
         """Return the stance; None without one."""
         if self.stance is None:
             return None
-        every = dict.fromkeys(robot.joint_names, posture) if isinstance(posture, float) else posture
+        every = None if posture is None else by_joint("--posture", posture, robot)
         values = dict(vars(self))
         return seaid.Stance(values.pop("stance"), posture=every, **values)
 

@@ -76,12 +76,7 @@ def _facts(frf: seaid.frequency.FrequencyResponse) -> dict[str, Any]:
         if curve is not None
     }
     drives = {
-        joint: [
-            {"name": name, "unit": unit, "value": value, "standard_error": error}
-            for name, unit, value, error in zip(
-                drive.names, drive.units, drive.values, drive.standard_errors, strict=True
-            )
-        ]
+        joint: [{"name": name, **value} for name, value in seaid.export.values_of(drive).items()]
         for joint, drive in frf.drives.items()
     }
     names = ("joints", "period_s", "frequency_hz", "noise_std", "total_std", "coherence")

@@ -103,27 +103,36 @@ def identify(
     refuse("it needs --condition", "specific", "condition_payload")
     files = (*options.files, *logs)
     result.check(output, read=files)
-    start = options.saved(run, "logs") if refine else None
-    robot = options.robot() if start is None else start.identification.known
-    read = [] if in_pieces else options.logs(logs, robot)
-    first = None if start is None else start.identification
-    fit = first or options.identify(robot, read or logs, feasible=feasible)
-    recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
     if refine:
-        recorded = options.recorded(logs, refine=True, iterations=iterations, run=run)
-        if start is not None:
-            # How the start was identified is in its run; the refinement has only these options.
-            of_refinement = ("logs", "run", "encoder_offset_std", "refine", "iterations")
-            kept = {name: recorded[name] for name in of_refinement}
-            recorded |= {**start.provenance.get("options", {}), **kept}
-        std, progress = options.encoder_offset_std, is_terminal()
-        fit = seaid.refine(
-            fit, read, encoder_offset_std=std, iterations=iterations, progress=progress
-        )
+        robot, fit, recorded = _refined(options, logs, iterations, run)
+    else:
+        robot = options.robot()
+        read = logs if in_pieces else options.logs(logs, robot)
+        fit = options.identify(robot, read, feasible=feasible)
+        recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
     _write(fit, output, files, recorded)
     text = seaid.report.short_text(fit, robot, verbose)
-    result.show(text, fit.to_dict(), output, **facts_of(fit))
+    result.show(text, seaid.export.content_of(fit), output, **facts_of(fit))
     fail.check(fit.warnings)
+
+
+def _refined(
+    options: IdentifyOptions, logs: Sequence[Path], iterations: int, run: Path | None
+) -> tuple[seaid.Robot, seaid.Identification, dict[str, Any]]:
+    """Return the robot as it was known, its refined identification, and the options of both."""
+    start = options.saved(run, "logs")
+    robot = options.robot() if start is None else start.identification.known
+    read = options.logs(logs, robot)
+    recorded = options.recorded(logs, refine=True, iterations=iterations, run=run)
+    if start is not None:
+        # How the start was identified is in its run; the refinement has only these options.
+        of_refinement = ("logs", "run", "encoder_offset_std", "refine", "iterations")
+        kept = {name: recorded[name] for name in of_refinement}
+        recorded |= {**start.provenance.get("options", {}), **kept}
+    fit = options.identify(robot, read) if start is None else start.identification
+    std, progress = options.encoder_offset_std, is_terminal()
+    fit = seaid.refine(fit, read, encoder_offset_std=std, iterations=iterations, progress=progress)
+    return robot, fit, recorded
 
 
 def _check_usage(options: IdentifyOptions, in_pieces: bool, refine: bool) -> None:
@@ -155,7 +164,7 @@ def _write(
 ) -> None:
     """Write an identification from the files `read`, whole or its parameters."""
     if output.suffix != ".npz":
-        written(output, ".json", lambda file: fit.save(file))
+        written(output, ".json", lambda file: seaid.write_parameters(fit, file))
         return
     origin = seaid.project.provenance_of(filter(None, read), options, command_line())
     seaid.save_run(fit, output, provenance=origin)
@@ -190,7 +199,9 @@ def _identify_conditions(
         progress=is_terminal(),
     )
     content = {
-        "conditions": {name: fit.to_dict() for name, fit in fits.identifications.items()},
+        "conditions": {
+            name: seaid.export.content_of(fit) for name, fit in fits.identifications.items()
+        },
         "differences": [
             {"parameter": str(name), "differs": test.bic > 0, **asdict(test)}
             for name, test in fits.differences.items()

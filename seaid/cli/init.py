@@ -7,7 +7,7 @@ from pathlib import Path
 import seaid
 from seaid.cli.kinds import ByJoint, Folder, LogFile, Names
 from seaid.cli.mistakes import check_log_files, check_robot_files
-from seaid.cli.options import JsonOptions, RobotOptions, check_joints
+from seaid.cli.options import JsonOptions, RobotOptions, by_joint
 from seaid.errors import abridged
 
 
@@ -75,12 +75,8 @@ def _controllers(
     robot = options.robot()
     if position_gain is None and not velocity_gain:
         return None
-    stiff, damped = (
-        gains if isinstance(gains, dict) else dict.fromkeys(robot.joint_names, gains or 0.0)
-        for gains in (position_gain, velocity_gain)
-    )
-    check_joints("--position-gain", stiff, robot)
-    check_joints("--velocity-gain", damped, robot)
+    stiff = by_joint("--position-gain", position_gain, robot)
+    damped = by_joint("--velocity-gain", velocity_gain, robot)
     return {
         joint: seaid.Controller(
             position_gain_Nm_per_rad=stiff.get(joint, 0.0),

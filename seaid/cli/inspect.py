@@ -245,14 +245,14 @@ def _base_lines(base: seaid.regressor.BaseParameters) -> Iterator[str]:
     yield from (f"  {expression}" for expression in base.expressions)
 
 
-def _identifiable(case: seaid.Identifiability) -> dict[str, Any]:
+def _identifiable(case: seaid.regressor.Identifiability) -> dict[str, Any]:
     kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
     by_derivatives = None if case.derivatives is None else case.derivatives.expressions
     facts = {name: getattr(case, name) for name in kept}
     return {"base_parameters": case.body_count, **facts, "by_derivatives": by_derivatives}
 
 
-def _identifiability_table(cases: dict[str, seaid.Identifiability]) -> str:
+def _identifiability_table(cases: dict[str, seaid.regressor.Identifiability]) -> str:
     """Return the numbers of parameters by identifiability for each set of sensors."""
     header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
     header.append("unidentifiable")

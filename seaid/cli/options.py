@@ -21,7 +21,7 @@ output
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from itertools import chain
 from pathlib import Path
@@ -215,19 +215,10 @@ class IdentifyOptions(LogOptions):
         """
         project = project_here()
         values = {option.name: getattr(self, option.name) for option in fields(IdentifyOptions)}
-        values |= {"project": project.file if project else None, **more}
-        repeated = {
-            "payload": [kinds.payload_text(payload) for payload in self.payload or ()],
-            "contact": [kinds.contact_text(contact) for contact in chain(*(self.contact or ()))],
-            "known_body": [*(self.known_body or ())],
-            "logs": [*map(str, logs)],
-        }
-        single = {
-            name: value if isinstance(value, int | float) else text_of(value)
-            for name, value in values.items()
-            if value is not None and value is not False and name not in repeated
-        }
-        return single | {name: texts for name, texts in repeated.items() if texts}
+        values |= {"contact": [*chain(*(self.contact or ()))], "logs": logs}
+        values |= {"project": project and project.file, **more}
+        texts = {name: _recorded(name, value) for name, value in values.items()}
+        return {name: text for name, text in texts.items() if text is not None}
 
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments of `seaid.identify`."""
@@ -235,6 +226,24 @@ class IdentifyOptions(LogOptions):
         std = self.known_std or {}
         known_std = std if isinstance(std, Mapping) else {"torque": std}
         return {**{name: getattr(self, name) for name in names}, "known_std": known_std}
+
+
+_REPEATED: dict[str, Callable[[Any], str]] = {
+    "payload": kinds.payload_text,
+    "contact": kinds.contact_text,
+    "known_body": str,
+    "logs": str,
+}
+"""{option that may be repeated: function that returns one of its values as text}."""
+
+
+def _recorded(name: str, value: Any) -> Any:
+    """Return the value of an option as the command line has it, None if it is not given."""
+    if name in _REPEATED:
+        return [*map(_REPEATED[name], value or ())] or None
+    if value is None or value is False:
+        return None
+    return value if isinstance(value, int | float) else text_of(value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,11 +271,10 @@ class IdentifiedOptions(IdentifyOptions):
 
         The run of a project file gives way to logs and options of the command line.
         """
-        if self.run is not None and is_typed("run") and is_typed("from_logs"):
-            raise typer.BadParameter("give one of the two", param_hint="--from, --run")
-        if (saved := self.saved(self.run, "from_logs")) is not None:
+        both = is_typed("run") and is_typed("from_logs")
+        if not both and (saved := self.saved(self.run, "from_logs")) is not None:
             return saved
-        if not self.from_logs:
+        if both or not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot()
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
@@ -350,6 +358,15 @@ def check_joints(option: str, joints: Iterable[str] | None, robot: seaid.Robot) 
     for joint in joints or ():
         if joint not in (*robot.joint_names, *robot.standing_joints):
             raise SeaidError(f"{option}: {unknown_name('joint', joint, robot.joint_names)}")
+
+
+def by_joint(
+    option: str, value: float | dict[str, float] | None, robot: seaid.Robot
+) -> dict[str, float]:
+    """Return {joint: number} of an option that is a number for all joints, or names some."""
+    numbers = value if isinstance(value, dict) else dict.fromkeys(robot.joint_names, value or 0.0)
+    check_joints(option, numbers, robot)
+    return numbers
 
 
 def logs_of(

@@ -87,13 +87,11 @@ def with_project(
         values = {**values, **defaults}
         if "urdf" in positional:
             _note_of_project(context, project, defaults)
-    if first is None:
+    if first is None or _is_robot(first) or not (project or values.get("run")):
         return values
     if project is not None and _project_file(first):
         return {**values, "urdf": Path(project.urdf)}
-    if len(positional) > 1 and not _is_robot(first) and (project or values.get("run")):
-        return _moved(values, positional[1], project)
-    return values
+    return values if len(positional) < 2 else _moved(values, positional[1], project)
 
 
 def _note_of_project(context: typer.Context, project: Project, defaults: Mapping[str, Any]) -> None:

@@ -47,13 +47,8 @@ def replay(
     before = fit.known if nominal is None else seaid.robot.nominal_model(nominal, fit.known)
     (measured,) = options.logs([log], fit.known)
     comparison = seaid.compare_replays(before, fit.robot, measured, fit.unusable_joints)
-    written(
-        output,
-        ".html",
-        lambda file: seaid.write_report(
-            fit, file, list(run.validations.values()), replays=comparison
-        ),
-    )
-    facts = facts_of(fit, *run.validations.values(), comparison)
+    tests = [*run.validations.values()]
+    written(output, ".html", lambda file: seaid.write_report(fit, file, tests, replays=comparison))
+    facts = facts_of(fit, *tests, comparison)
     result.show(comparison.summary(), {"log": str(log), **comparison.to_dict()}, output, **facts)
     fail.check(comparison.warnings)

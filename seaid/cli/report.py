@@ -60,23 +60,27 @@ def report(
     facts = seaid.project.facts_of(run.provenance)
     results, replays = dict(run.validations), list(run.replays.values())
     if is_typed("validation") or not results:
-        read = seaid.project.facts_of(
-            {"inputs": seaid.project.provenance_of(unseen, {}, ())["inputs"]}
-        )
-        facts |= {name.replace("Input", "Validated on"): text for name, text in read.items()}
+        facts |= _facts_of_tests(unseen)
         results, replays = _tested(options, fit, unseen)
     response = _response(options, fit, multisine, plan) if multisine else None
     every = list(results.values())
     notes = () if is_typed("validation") else run.provenance.get("notes", ())
     more: dict[str, Any] = {"replays": replays, "frequency": response, "notes": notes}
     written(output, ".html", lambda file: seaid.write_report(fit, file, every, facts=facts, **more))
-    content = {"validations": [test.to_dict() for test in results.values()]}
-    judged = facts_of(fit, *results.values(), *replays)
+    content = {"validations": [test.to_dict() for test in every]}
+    judged = facts_of(fit, *every, *replays)
     text = [
         f"{fit.robot.name}: {judged['verdict'].sentence}",
         *seaid.report.warning_lines(judged["warnings"]),
     ]
     result.show("\n".join(text), content, output, **judged)
+
+
+def _facts_of_tests(unseen: Sequence[Path]) -> dict[str, str]:
+    """Return the logs that the model was validated on, as facts {name: text}."""
+    origin = seaid.project.provenance_of(unseen, {}, ())
+    facts = seaid.project.facts_of({"inputs": origin["inputs"]})
+    return {name.replace("Input", "Validated on"): text for name, text in facts.items()}
 
 
 def _tested(

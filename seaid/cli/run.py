@@ -75,7 +75,7 @@ def _content(done: seaid.project.ProjectRun) -> dict[str, Any]:
         "not_written": done.notes,
         "conditions": {
             name: {
-                "parameters": run.identification.to_dict(),
+                "parameters": seaid.export.content_of(run.identification),
                 "validations": {log: each.to_dict() for log, each in run.validations.items()},
                 "replays": {log: each.to_dict() for log, each in run.replays.items()},
             }

@@ -72,49 +72,65 @@ def for_typer(
     fill : function of the context, the values and the names of the arguments
         Returns the values with those of a project file.
     """
-    parameters = dict(signature(command).parameters)
-    hints = get_type_hints(command, include_extras=True)
+    hints, texts = get_type_hints(command, include_extras=True), dict(shared)
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
-    fields = {name: dict(signature(group).parameters) for name, group in groups.items()}
-    texts = dict(shared)
-    flat: dict[str, Parameter] = {}
-    for name, parameter in parameters.items():
-        flat |= fields.get(name, {name: parameter})
-    for group in groups.values():
-        texts |= descriptions(group)
-        hints |= get_type_hints(group, include_extras=True)
-    texts |= descriptions(command)
+    for subject in (*groups.values(), command):
+        hints |= get_type_hints(subject, include_extras=True)
+        texts |= descriptions(subject)
+    flat = _flat_parameters(command, groups)
     positional = [name for name, p in flat.items() if p.kind is not Parameter.KEYWORD_ONLY]
-    options = [_option(flat[name], hints[name], texts.get(name, "")) for name in flat]
-    required = [name for name in positional if flat[name].default is Parameter.empty]
-    metavars = {p.name: p.annotation.__metadata__[0].metavar for p in options}
+    options = {name: _option(flat[name], hints[name], texts.get(name, "")) for name in flat}
+    required = {
+        name: options[name].annotation.__metadata__[0].metavar
+        for name in positional
+        if flat[name].default is Parameter.empty
+    }
 
     def run(context: typer.Context, **values: Any) -> None:
         values = fill(context, values, positional)
-        check_required({name: metavars[name] for name in required}, values)
-        for name, group in groups.items():
-            values[name] = group(**{field: values.pop(field) for field in fields[name]})
-        command(**values)
+        check_required(required, values)
+        command(**_in_groups(values, groups))
 
     first = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
     # Typer reads the options of a command from its signature.
-    run.__signature__ = Signature([first, *options])  # type: ignore[attr-defined]
+    run.__signature__ = Signature([first, *options.values()])  # type: ignore[attr-defined]
     return run
 
 
-def _option(parameter: Parameter, hint: Any, text: str) -> Parameter:
-    """Return a parameter with its type and its `Option` or `Argument`, as Typer has them."""
+def _flat_parameters(
+    command: Callable[..., None], groups: Mapping[str, Any]
+) -> dict[str, Parameter]:
+    """Return the parameters of a command, with the fields of a group in the place of the group."""
+    flat: dict[str, Parameter] = {}
+    for name, parameter in signature(command).parameters.items():
+        flat |= signature(groups[name]).parameters if name in groups else {name: parameter}
+    return flat
+
+
+def _in_groups(values: dict[str, Any], groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with an object of each group in the place of its fields."""
+    for name, group in groups.items():
+        values[name] = group(**{field: values.pop(field) for field in signature(group).parameters})
+    return values
+
+
+def _kind_of(option: str, hint: Any) -> tuple[Any, Kind, bool]:
+    """Return the type and the kind of the values of an option, and whether it may be repeated."""
     if NoneType in get_args(hint):
         (hint,) = (part for part in get_args(hint) if part is not NoneType)
     is_repeated = get_origin(hint) is list
     element = get_args(hint)[0] if is_repeated else hint
-    base, kind = element, Kind("")
     if get_origin(element) is Annotated:
-        base, kind = get_args(element)
-    elif get_origin(element) is Literal:
-        base = str
-        values = get_args(element)
-        kind = choice(option_name(parameter.name).removeprefix("--"), lambda: values)
+        return *get_args(element), is_repeated
+    if get_origin(element) is Literal:
+        return str, choice(option.removeprefix("--"), lambda: get_args(element)), is_repeated
+    return element, Kind(""), is_repeated
+
+
+def _option(parameter: Parameter, hint: Any, text: str) -> Parameter:
+    """Return a parameter with its type and its `Option` or `Argument`, as Typer has them."""
+    option = option_name(parameter.name)
+    base, kind, is_repeated = _kind_of(option, hint)
     is_argument = parameter.kind is not Parameter.KEYWORD_ONLY
     sentences = [text.removesuffix(".") + (f", {kind.hint}" if kind.hint else "") + "."]
     sentences += ["May be repeated."] * (is_repeated and not is_argument)
@@ -124,22 +140,17 @@ def _option(parameter: Parameter, hint: Any, text: str) -> Parameter:
         "parser": kind.parse,
         "autocompletion": kind.completer,
     }
-    default = _text(parameter.default, kind)
-    info: Any
+    default, info = parameter.default, None
+    if kind.parse is not None and default not in (None, Parameter.empty):
+        default = text_of(default)  # from which the kind parses it
     if is_argument:
         info = typer.Argument(**keywords)
         default = None if default is Parameter.empty else default
     else:
-        info = typer.Option(*WORDS.get(parameter.name, (option_name(parameter.name),)), **keywords)
+        info = typer.Option(*WORDS.get(parameter.name, (option,)), **keywords)
     base = str if kind.parse is not None else base
     annotation = Annotated[list[base] if is_repeated else base, info]  # type: ignore[valid-type]
     return Parameter(parameter.name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-
-
-def _text(default: Any, kind: Kind) -> Any:
-    """Return a default as the command line has it, from which its kind parses it."""
-    is_text = kind.parse is None or default is None or default is Parameter.empty
-    return default if is_text else text_of(default)
 
 
 def check_required(required: Mapping[str, str], values: Mapping[str, Any]) -> None:

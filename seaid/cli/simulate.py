@@ -8,7 +8,7 @@ from pathlib import Path
 import seaid
 from seaid.cli.kinds import ByJoint, JsonFile, Temperatures, WrittenLog
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.options import ResultOptions, RobotOptions, check_joints
+from seaid.cli.options import ResultOptions, RobotOptions, by_joint
 from seaid.cli.signature import option_name
 
 
@@ -40,8 +40,7 @@ class NoiseOptions:
         """Return the errors, with zero for joints that are not named."""
         errors: dict[str, tuple[float, ...]] = {}
         for name, error in vars(self).items():
-            sizes = error if isinstance(error, dict) else dict.fromkeys(robot.joint_names, error)
-            check_joints(option_name(name), sizes, robot)
+            sizes = by_joint(option_name(name), error, robot)
             unit = "Nm" if name == "torque_std" else "rad"
             errors[f"{name}_{unit}"] = tuple(sizes.get(joint, 0.0) for joint in robot.joint_names)
         return seaid.Noise(**errors)

@@ -66,7 +66,7 @@ def validate(
     fit = options.result().identification
     (unseen,) = options.logs(logs, fit.known)
     validation = seaid.validate(fit, unseen)
-    written(output, ".json", lambda file: fit.save(file, validation))
+    written(output, ".json", lambda file: seaid.write_parameters(fit, file, validation))
     text = [validation.summary(), *seaid.report.warning_lines(fit.warnings)]
     result.show("\n".join(text), validation.to_dict(), output, **facts_of(fit, validation))
 

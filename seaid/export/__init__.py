@@ -6,7 +6,7 @@ An `Identification`, or a `Robot` with its values, comes in; files go out:
 - `write_mjcf`: a MuJoCo model with the springs, the armature and the friction of the drives;
 - `write_model`: these, and actuators for Isaac Lab, USD, Newton and Drake;
 - `write_randomization`: ranges and correlated samples, for domain randomization;
-- `parameters.json` by `Identification.save`, which `read_parameters` reads back.
+- `write_parameters`: all values with their errors, which `read_parameters` reads back.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

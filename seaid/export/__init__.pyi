@@ -3,6 +3,8 @@ from .mjcf import write_mjcf as write_mjcf
 from .parameters import content_of as content_of
 from .parameters import parameters_content as parameters_content
 from .parameters import read_parameters as read_parameters
+from .parameters import values_of as values_of
+from .parameters import write_parameters as write_parameters
 from .randomization import Randomization as Randomization
 from .randomization import Range as Range
 from .randomization import write_randomization as write_randomization

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._files import plain, read_json
+from seaid._files import plain, read_json, write_json
 from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
-from seaid.errors import RobotError, SeaidWarning, checked, shortened, shown
+from seaid.errors import RobotError, SeaidError, SeaidWarning, checked, shortened, shown
 from seaid.log import Reader
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
@@ -58,8 +58,8 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "format": _FORMAT,
         "robot": robot.name,
         "joints": robot.joint_names,
-        "drives": {joint: _values(estimate) for joint, estimate in found.drives.items()},
-        "load": [{"expression": name, **value} for name, value in _values(found.load).items()],
+        "drives": {joint: values_of(estimate) for joint, estimate in found.drives.items()},
+        "load": [{"expression": name, **value} for name, value in values_of(found.load).items()],
         "base_columns": found.base.columns,
         "grouping": found.base.grouping,
         "validation": {} if validation is None else validation.to_dict(),
@@ -81,6 +81,33 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
     return {name: plain(value) for name, value in content.items()}
 
 
+@checked(SeaidError)
+def write_parameters(
+    found: Identification, path: str | Path, validation: Validation | None = None
+) -> None:
+    """Write `parameters.json`, whole or not at all; `read_parameters` reads it.
+
+    Parameters
+    ----------
+    found : Identification
+        The identified robot.
+    path : path
+        The file; an existing one is replaced.
+    validation : Validation, optional
+        A test on an unseen log, whose errors the file has too.
+
+    Raises
+    ------
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> seaid.write_parameters(found, "parameters.json")
+    """
+    write_json(path, content_of(found, validation))
+
+
 def _shared(shared: SharedParameter) -> dict[str, Any]:
     """Return a parameter that drives share: its group and joints, and whether these differ."""
     values = dict(zip(shared.joints, shared.values, strict=True))
@@ -95,7 +122,7 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     Parameters
     ----------
     path : path
-        A file that `Identification.save` or `seaid identify` wrote.
+        A file that `write_parameters` or `seaid identify` wrote.
     robot : Robot
         The robot that was identified; geometry and payloads are taken from it.
 
@@ -141,7 +168,7 @@ def parameters_content(path: Path) -> dict[str, Any]:
     if file_format != _FORMAT:
         raise RobotError(
             f"'{path}' is no file of identified parameters: 'format' is {shown(file_format)}, not "
-            f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
+            f"{_FORMAT!r}; give one written by seaid identify or write_parameters"
         )
     return _READER.table(dict.fromkeys(_KEYS, Any), content, f"'{path}'", _KEYS)
 
@@ -180,7 +207,7 @@ def _body(link: str, table: Any) -> list[float]:
     return [values[name] for name in PARAMETERS]
 
 
-def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
+def values_of(estimate: Estimate) -> dict[str, dict[str, Any]]:
     """Return {name: value with its standard error, 95 % interval and unit}."""
     numbers = (estimate.values, estimate.standard_errors, estimate.interval(), estimate.units)
     keys = ("value", "standard_error", "interval_95", "unit")

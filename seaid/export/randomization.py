@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ from seaid._progress import Display
 from seaid.drives import ParameterName, parameter_named, total_ratio, unit_of
 from seaid.errors import RobotError, checked, shortened
 from seaid.identification import Identification
-from seaid.robot import PARAMETERS, THIN, from_pseudo_inertia, pseudo_inertia
+from seaid.robot import PARAMETERS, THIN, from_pseudo_inertia, pseudo_inertia, second_moments
 
 FORMAT = "seaid randomization 1"
 
@@ -354,13 +354,10 @@ class _Cloud:
         """Return the step of least squares towards changes of combinations and of the prior."""
         # min |W (J dx - combinations)|^2 + |dx - prior|^2 / spread^2: unknowns are relative
         # changes, so the prior's covariance is spread^2 times the unit matrix.
-        slopes = np.vstack([self.W @ self._slopes(x), np.eye(self.count) / self.spread])
-        wanted = np.concatenate([self.W @ combinations, prior / self.spread])
-        return np.asarray(
-            safely(np.linalg.lstsq, slopes, wanted, what="a sample", error=RobotError, rcond=None)[
-                0
-            ]
-        )
+        A = np.vstack([self.W @ self._slopes(x), np.eye(self.count) / self.spread])
+        b = np.concatenate([self.W @ combinations, prior / self.spread])
+        step, *_ = safely(np.linalg.lstsq, A, b, what="a sample", error=RobotError, rcond=None)
+        return np.asarray(step)
 
     def draw(self, random: np.random.Generator) -> Array:
         """Return the parameters of one sample.
@@ -495,12 +492,8 @@ class _Cloud:
         return "prior", f"only in combination: {shortened(base.expressions[int(in_rows[0])])}"
 
 
-def _at_center(ten: Iterable[float]) -> Array:
+def _at_center(ten: Array) -> Array:
     """Return mass, centre of mass and inertia there of ten standard parameters."""
-    # Pinocchio's order: Iyy before Ixz.
-    mass, mx, my, mz, xx, xy, yy, xz, yz, zz = map(float, ten)
-    x, y, z = mx / mass, my / mass, mz / mass
-    # Steiner: I at the centre of mass = I at the frame - m (c.c 1 - c c^T)
-    moved = (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)
-    inertia = np.array([xx, xy, yy, xz, yz, zz]) - mass * np.array(moved)
-    return np.array([mass, x, y, z, *inertia])
+    # The pseudo-inertia about the centre of mass, whose first moments are zero.
+    about_center = block_diag(second_moments(ten), ten[0])
+    return np.concatenate([ten[:1], ten[1:4] / ten[0], from_pseudo_inertia(about_center)[4:]])

@@ -10,7 +10,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -450,12 +449,6 @@ class CutoffSensitivity(Result):
         near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
         off = np.abs(self.values[near] - self.values[self.proposed])
         return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
-
-    def save_figure(self, path: str | Path) -> None:
-        """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed cutoff marked."""
-        from seaid.report import save_sensitivity_figure
-
-        save_sensitivity_figure(self, path)
 
 
 @checked(IdentificationError)

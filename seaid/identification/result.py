@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
-from seaid._files import write_json
 from seaid._progress import Display, Result, counted, sampled_text
 from seaid.checks import (
     CODES,
@@ -294,16 +292,6 @@ class Identification(Result):
         """Return the identification with more findings, what the present ones explain as notes."""
         more = consequences(self.findings, findings)
         return replace(self, findings=(*self.findings, *more))
-
-    def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
-        """Return the content of `parameters.json` as plain data, null for missing values."""
-        from seaid.export import content_of
-
-        return content_of(self, validation)
-
-    def save(self, path: str | Path, validation: Validation | None = None) -> None:
-        """Write `parameters.json`, whole or not at all; `read_parameters` reads it."""
-        write_json(path, self.to_dict(validation))
 
 
 def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str, str]:

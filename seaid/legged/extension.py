@@ -1,11 +1,17 @@
-"""What a floating base adds to `identify` and `validate`: checks, sensors, and contact forces."""
+"""What a floating base adds to `identify` and `validate`: checks, sensors, and contact forces.
+
+The type of a robot whose base moves stands below what it adds to packages that know nothing of it,
+and this module above that: with it all is registered for the type. A robot that was sent to another
+process is restored here, so that it is registered there too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import copyreg
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +19,7 @@ from seaid._arrays import Array
 from seaid.checks import is_wrong, observed, unseen_motion
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
+from seaid.excitation import standing_robot
 from seaid.identification import (
     Dataset,
     Extension,
@@ -22,15 +29,20 @@ from seaid.identification import (
     Traces,
     Validation,
     compared,
+    extension_of,
     fit_of,
 )
 from seaid.legged.base import base_findings, missing_torques, sensor_bias, whole_body
 from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
 from seaid.legged.feet import FEET_CHECKS, feet_findings, force_findings, mass_findings
-from seaid.legged.floating import floating, row_scale
+from seaid.legged.floating import FloatingRobot, floating, row_scale
+from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
 from seaid.log import Log, Motion, smoothed_where
-from seaid.regressor import LoadModel
+from seaid.regressor import BodyEquations, LoadModel, LoadSide, body_equations, load_side
 from seaid.robot import BASE_ROWS, Robot
+
+if TYPE_CHECKING:
+    from seaid.excitation import JointLimits, Limits, Stance, StandingRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,3 +170,43 @@ def _contradictions(identification: Identification, result: LeggedValidation) ->
         known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
         ratio = rms / max(known) if known else np.inf
         yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
+
+
+@extension_of.register(FloatingRobot)
+def _(robot: FloatingRobot) -> Extension:
+    return LeggedExtension()
+
+
+@body_equations.register(FloatingRobot)
+def _(robot: FloatingRobot) -> BodyEquations:
+    return FloatingBodies(robot)
+
+
+@load_side.register(FloatingRobot)
+def _(robot: FloatingRobot) -> LoadSide:
+    return FloatingLoadSide(robot)
+
+
+@standing_robot.register(FloatingRobot)
+def _(
+    robot: FloatingRobot,
+    stance: Stance,
+    bounds: JointLimits,
+    limits: Limits | None,
+    torque_joints: str | Sequence[str] | None,
+) -> StandingRobot:
+    from seaid.legged.stance import stance_model
+
+    return stance_model(robot, stance, bounds, limits, torque_joints)
+
+
+def floating_robot(values: Mapping[str, Any]) -> FloatingRobot:
+    """Return the robot with these fields, of the type for which all is registered here."""
+    return FloatingRobot(**values)
+
+
+def _pickled(robot: FloatingRobot) -> tuple[Callable[..., FloatingRobot], tuple[dict[str, Any]]]:
+    return floating_robot, ({field.name: getattr(robot, field.name) for field in fields(robot)},)
+
+
+copyreg.pickle(FloatingRobot, _pickled)

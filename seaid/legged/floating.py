@@ -1,7 +1,5 @@
 """The robot whose base moves: its type, and the equations of its base and joints.
 
-Importing the type registers what such a robot adds to packages that know nothing of it.
-
 The rows are those of the base (force and moment on it, in its frame) and of the joints:
 M v' + h = S^T tau + sum J_c^T f_c. Contact forces that were not measured are unknown at every
 instant. Multiplied by P = 1 - Q Q^T, with Q an orthonormal basis of the columns of all J_c^T, the
@@ -12,24 +10,15 @@ contact forces as further unknowns.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
-from seaid.excitation import standing_robot
-from seaid.identification import extension_of
-from seaid.regressor import body_equations, load_side
 from seaid.robot import HANGING, Contact, FloatingBase, Robot, floating_model, rows_at_drives
-
-if TYPE_CHECKING:
-    from seaid.excitation import JointLimits, Limits, Stance, StandingRobot
-    from seaid.identification import Extension
-    from seaid.regressor import BodyEquations, LoadSide
 
 _G = 9.81
 
@@ -64,50 +53,10 @@ class FloatingRobot(Robot):
         return super().joint_of(0 if body == len(self.body_names) - 1 else body)
 
 
-def on_floating_base(robot: Robot, base: FloatingBase) -> FloatingRobot:
-    """Return an assembled robot, whose last body is that of the base, on this base."""
-    values = {x.name: getattr(robot, x.name) for x in fields(Robot)}
-    return FloatingRobot(**{**values, "floating_base": base})
-
-
 def floating(robot: Robot) -> FloatingRobot:
     """Return a robot whose base is known to move, as one of its type."""
     assert isinstance(robot, FloatingRobot)
     return robot
-
-
-@extension_of.register(FloatingRobot)
-def _(robot: FloatingRobot) -> Extension:
-    from seaid.legged.extension import LeggedExtension
-
-    return LeggedExtension()
-
-
-@body_equations.register(FloatingRobot)
-def _(robot: FloatingRobot) -> BodyEquations:
-    from seaid.legged.load_side import FloatingBodies
-
-    return FloatingBodies(robot)
-
-
-@load_side.register(FloatingRobot)
-def _(robot: FloatingRobot) -> LoadSide:
-    from seaid.legged.load_side import FloatingLoadSide
-
-    return FloatingLoadSide(robot)
-
-
-@standing_robot.register(FloatingRobot)
-def _(
-    robot: FloatingRobot,
-    stance: Stance,
-    bounds: JointLimits,
-    limits: Limits | None,
-    torque_joints: str | Sequence[str] | None,
-) -> StandingRobot:
-    from seaid.legged.stance import stance_model
-
-    return stance_model(robot, stance, bounds, limits, torque_joints)
 
 
 def floating_regressor(

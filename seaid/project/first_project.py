@@ -29,7 +29,7 @@ from seaid.drives import (
 )
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
-from seaid.legged import FloatingRobot, with_leg_order
+from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import (
     Description,
     Log,
@@ -41,7 +41,7 @@ from seaid.log import (
     open_tables,
     read_log,
 )
-from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
+from seaid.robot import BaseKind, Contact, Payload, Robot
 
 _OWN_PART = 0.7
 """Part of a single log that is used to identify; the rest validates."""

@@ -13,9 +13,9 @@ from seaid._progress import Display, counted
 from seaid.errors import SeaidError, Severity, checked, listed, unknown_name
 from seaid.estimation import EstimatorName
 from seaid.identification import Method
-from seaid.legged import find_contacts
+from seaid.legged import find_contacts, load_robot
 from seaid.log import Interval, Log, Reader, Repairs, read_log, types_of
-from seaid.robot import BaseKind, Contact, Payload, Robot, load_robot
+from seaid.robot import BaseKind, Contact, Payload, Robot
 
 FILE_NAME = PROJECT_FILE
 

@@ -328,6 +328,7 @@ def _text(value: Any) -> str:
 
 def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[str]]:
     """Write the results of one condition; return their names, and what could not be written."""
+    from seaid.export import write_parameters
     from seaid.report import write_report
 
     fit, robot = run.identification, run.identification.robot
@@ -338,7 +339,7 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     names, notes = [FILE, "provenance.json", "summary.txt"], []
     if "parameters" in project.write:
         last = next(iter(run.validations.values()), None)
-        fit.save(folder / "parameters.json", last)
+        write_parameters(fit, folder / "parameters.json", last)
         names.append("parameters.json")
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}

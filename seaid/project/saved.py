@@ -333,10 +333,9 @@ def _contains(value: Any, inner: tuple[Any, ...]) -> bool:
 
 def _check_origin(provenance: Mapping[str, Any]) -> None:
     """Raise ValueError for an origin that is not one of `provenance_of`, or empty."""
-    text = str | int | None
-    hints: dict[str, Any] = {"command": tuple[str, ...], "inputs": tuple[Mapping[str, text], ...]}
+    texts, entries = tuple[str, ...], tuple[Mapping[str, str | int | None], ...]
+    hints: dict[str, Any] = {"command": texts, "inputs": entries, "notes": texts}
     hints |= {"options": Mapping[str, Any], "versions": Mapping[str, str]}
-    hints |= {"notes": tuple[str, ...]}
     keys = {"path", "bytes", "sha256"}
     is_right = all(_matches(provenance[name], hints[name]) for name in hints if name in provenance)
     if not is_right or any(keys - {*entry} for entry in provenance.get("inputs", ())):
@@ -397,7 +396,8 @@ def _classes() -> dict[str, Any]:
 
     found: dict[str, Any] = {}
     waiting: list[Any] = [Identification, Validation, ReplayComparison]
-    # Subtypes of the types in the annotations.
+    # Subtypes of the types in the annotations. With the latter all is loaded that a robot on a
+    # floating base has registered.
     waiting += [FloatingRobot, LeggedValidation]
     while waiting:
         hint = waiting.pop()

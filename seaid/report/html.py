@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from seaid._files import plain, write_whole
+from seaid._files import write_whole
 from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.errors import SeaidError, checked
+from seaid.export import content_of
 from seaid.frequency import FrequencyResponse
 from seaid.identification import Identification, StaticCalibration, Validation, compared
 from seaid.report import figures, formats, html_charts, html_experiment, tables
@@ -464,7 +465,7 @@ def _packed_parameters(identification: Identification, results: Sequence[Validat
     """Return parameters.json, compressed, as base64; empty if its groupings are too large."""
     if identification.base.grouping.size > _LARGEST_GROUPING:
         return ""
-    content = identification.to_dict(results[0] if results else None)
-    text = json.dumps(plain(content), indent=2, allow_nan=False)
+    content = content_of(identification, results[0] if results else None)
+    text = json.dumps(content, indent=2, allow_nan=False)
     # Without the time of writing, so that equal results are equal pages.
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")

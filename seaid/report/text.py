@@ -256,6 +256,9 @@ def short_text(found: Identification, nominal: Robot, details: bool = False) -> 
     return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
 
 
+_SHARED = "Shared parameters (value +- standard error)"
+
+
 def _details(identification: Identification, *drives: Text) -> list[str]:
     return [
         _sources_text(identification),
@@ -263,7 +266,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
         *([f"method: {method_text(identification)}"] if identification.springs else []),
         *(f"constants: {text}" for text in exact_text(identification)),
         *drives,
-        *_shared_table(identification),
+        *_table_if_any(tables.shared_table(identification), _SHARED),
         *(_whole_body_table(identification) if drives else []),
         load_table("Base parameters", identification),
         checks_table(identification),
@@ -273,15 +276,13 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
 
 def _whole_body_table(identification: Identification) -> list[Text]:
     """Return the table of the mass and the centre of mass of a robot with a floating base."""
-    made = tables.whole_body_table(identification)
     title = "Whole robot, in the frame of its base at the mean posture"
+    return _table_if_any(tables.whole_body_table(identification), title)
+
+
+def _table_if_any(made: Table, title: str) -> list[Text]:
+    """Return a table as text, nothing if it has no rows."""
     return [table_text(made, title)] if made.rows else []
-
-
-def _shared_table(identification: Identification) -> list[Text]:
-    """Return the table of the parameters that drives share, if there are any."""
-    made = tables.shared_table(identification)
-    return [table_text(made, "Shared parameters (value +- standard error)")] if made.rows else []
 
 
 def _sources_text(identification: Identification) -> str:

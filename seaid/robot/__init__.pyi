@@ -3,6 +3,7 @@ from .floating_base import HANGING as HANGING
 from .floating_base import Contact as Contact
 from .floating_base import FloatingBase as FloatingBase
 from .floating_base import ImuMotion as ImuMotion
+from .floating_base import base_of_assembly as base_of_assembly
 from .floating_base import imu_motion as imu_motion
 from .inertia import PARAMETERS as PARAMETERS
 from .inertia import SMALLEST_KG as SMALLEST_KG
@@ -28,8 +29,8 @@ from .pinocchio_model import model_of as model_of
 from .robot import Robot as Robot
 from .robot import check_held as check_held
 from .robot import check_kind as check_kind
-from .robot import load_robot as load_robot
 from .robot import nominal_model as nominal_model
+from .robot import robot_of_file as robot_of_file
 from .robot_file import ROBOT_SUFFIXES as ROBOT_SUFFIXES
 from .robot_file import reread_urdf as reread_urdf
 from .robot_file import urdf_text as urdf_text
@@ -43,6 +44,7 @@ from .transmission import incomplete_group as incomplete_group
 from .transmission import rows_at_drives as rows_at_drives
 from .transmission import torques_at_drives as torques_at_drives
 from .transmission import torques_at_joints as torques_at_joints
+from .urdf import SNAP_RAD as SNAP_RAD
 from .urdf import UrdfTree as UrdfTree
 from .urdf import find_mesh as find_mesh
 from .urdf import numbers_of as numbers_of

@@ -174,19 +174,14 @@ class FloatingBase(Display):
         return self.frame(self.imu_link or self.link)[1:]
 
 
-def floating_base(
-    link: str,
+def base_of_assembly(
     built: Assembly,
-    order: tuple[int, ...],
     contacts: Sequence[str | Contact],
     imu_link: str | None,
     kind: BaseKind,
-    at_root: UrdfJoint | None,
 ) -> FloatingBase:
-    """Return the base of an assembled robot, whose bodies are in this `order`.
-
-    `at_root` is the joint of the file by which the base moves.
-    """
+    """Return the base of an assembled robot. Raises RobotError."""
+    link, at_root = next(iter(built.frames)), built.at_root
     if built.base[0, 0] <= 0:
         raise RobotError(
             f"base='{kind}': the link '{link}' and what is fixed to it have no mass: give the "
@@ -195,7 +190,7 @@ def floating_base(
             "base='fixed'",
         )
     frames = {
-        name: (order[joint - 1] if joint else -1, placement.rotation, placement.translation)
+        name: (built.order[joint - 1] if joint else -1, placement.rotation, placement.translation)
         for name, (joint, placement) in built.frames.items()
     }
     touching = tuple(Contact(x) if isinstance(x, str) else x for x in contacts)

@@ -42,7 +42,7 @@ def urdf_of_mjcf(path: Path) -> bytes:
         warnings.warn(
             f"'{path.name}' has a gravity of ({gravity}) m/s^2, which gravity= must repeat",
             SeaidWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
     root = etree.Element("robot", name=path.stem)
     anchors = [np.zeros(3)]

@@ -234,7 +234,8 @@ class Assembly:
     The model has one coordinate for every joint, dependent ones too. `order` has the index of each
     of its joints among the n moving joints and the dependent ones, which follow them. `base` (2,
     10) are the parameters of what no joint moves and of the payloads on it; `frames` {link: joint
-    of the model (0 for the base), placement in its body}.
+    of the model (0 for the base), placement in its body}, that of the base first. `at_root` is the
+    joint of the file by which the base moves, if it has one.
     """
 
     model: pin.Model
@@ -243,11 +244,13 @@ class Assembly:
     payloads: Array
     base: Array
     frames: Mapping[str, tuple[int, pin.SE3]]
+    at_root: UrdfJoint | None = None
 
-    def with_base_last(self) -> Assembly:
-        """Return the assembly with the base as the last of its bodies."""
+    def with_base_last(self, at_root: UrdfJoint | None) -> Assembly:
+        """Return the assembly with the base, which a joint of the file moves, as its last body."""
         bodies, payloads = np.vstack([self.bodies, self.base[0]]), self.payloads
-        return replace(self, bodies=bodies, payloads=np.vstack([payloads, self.base[1]]))
+        payloads = np.vstack([payloads, self.base[1]])
+        return replace(self, bodies=bodies, payloads=payloads, at_root=at_root)
 
 
 def assemble(

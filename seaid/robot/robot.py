@@ -1,4 +1,4 @@
-"""Robot and load_robot: a URDF, its drives and known payloads as one frozen object."""
+"""Robot: a URDF, its drives and known payloads as one frozen object."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
-from seaid.errors import RobotError, SeaidError, checked, shown, unknown_name
-from seaid.robot.floating_base import Contact, FloatingBase, floating_base
+from seaid.errors import RobotError, SeaidError, shown, unknown_name
+from seaid.robot.floating_base import FloatingBase
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
@@ -35,7 +35,7 @@ from seaid.robot.robot_file import is_mjcf, read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
 from seaid.robot.urdf import SNAP_RAD, UrdfJoint, UrdfTree
 
-__all__ = ["Payload", "Robot", "load_robot"]
+__all__ = ["Payload", "Robot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,8 +272,7 @@ class Robot(Display):
         return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
 
 
-@checked(RobotError)
-def load_robot(
+def robot_of_file(
     urdf: str | Path,
     drives: str | Path | Mapping[str, Any] | None = None,
     *,
@@ -285,62 +284,11 @@ def load_robot(
     snap_tolerance_rad: float = SNAP_RAD,
     independent_mimics: bool = False,
     base: BaseKind = "fixed",
-    contacts: Sequence[str | Contact] = (),
-    imu_link: str | None = None,
-) -> Robot:
-    """Load a URDF with a fixed or a floating base, and its drives.
+) -> tuple[Robot, Assembly]:
+    """Return the robot of a file as on a base that is held, and how it was assembled.
 
-    Revolute, continuous and prismatic joints of any axis can move; links behind fixed joints are
-    merged into their parents. A mimic joint moves with its leader, as by a transmission: it has no
-    drive, no column in a log and no equation of its own, and its body loads its leader.
-
-    Parameters
-    ----------
-    urdf : str or Path
-        The robot description; meshes are not opened.
-    drives : path of a TOML file, mapping {joint: drive or table}, or None
-        A joint without a drive has an ideal stiff one: its torque is known at the joint.
-    joints : list of str, optional
-        The joints that move, in the order of all arrays; the others are locked at zero. Default:
-        all but those of `locked`, in Pinocchio's order.
-    locked : mapping {joint: position}, optional
-        Joints that stand still elsewhere, at these positions [rad or m].
-    payloads : list of Payload
-        Known bodies fixed to links; they are not identified.
-    known_bodies : list of str
-        Links whose inertial parameters in the URDF are known and not identified; "all": all that
-        have any there.
-    gravity : 3 floats, default (0, 0, -9.81)
-        Gravity [m/s^2] in the base frame.
-    snap_tolerance_rad : float, default 2e-3
-        Rounded angles in joint origins become the multiples of pi/2 that they mean, such as 1.5708,
-        if they are closer than this; 0 keeps all angles. See `seaid.robot.robot_file.read_urdf`.
-    independent_mimics : bool, default False
-        Whether mimic joints are independent ones with their own drives, as without <mimic>.
-    base : {"fixed", "floating", "planar", "planar_xy", "planar_xz", "planar_yz"}
-        Whether something holds the base, or it moves freely, as that of a legged robot; a planar
-        one moves in a plane of the axes of its link, as that of a hopper on a boom ("planar_xz"),
-        whose guide has unknown forces. A floating or planar joint at the root of the file is that
-        of the base; "planar" takes the plane from it.
-    contacts : list of str or Contact
-        Links that can touch the ground, of a floating base: a name is a point contact at the origin
-        of the link's frame.
-    imu_link : str, optional
-        The link of the inertial measurement unit, also one that joints move. Default: the base.
-
-    Returns
-    -------
-    Robot
-
-    Raises
-    ------
-    RobotError
-        For files that cannot be read, joints of other types, and arguments that do not fit.
-
-    Examples
-    --------
-    >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
-    >>> robot.joint_names, robot.elastic_joints
+    The base is the last body of a robot whose base moves. `seaid.load_robot` describes the
+    arguments, and puts the robot on its base. Raises RobotError.
     """
     urdf = urdf_path(urdf)
     tree = read_urdf(urdf, snap_tolerance_rad)
@@ -361,25 +309,14 @@ def load_robot(
     down = finite("gravity", gravity, (3,), RobotError)
     built = assemble(tree, everything, payloads, down, floats=moves)
     if moves:
-        built = built.with_base_last()
+        built = built.with_base_last(at_root)
     robot = replace(
         _robot(tree, moving, by_joint, built, followers),
         urdf=urdf,
         locked=FrozenMapping(locked, "joint"),
         joints_of_file=movable,
     )
-    if moves:
-        root = floating_base(tree.root, built, robot.model_order, contacts, imu_link, base, at_root)
-        # The type registers what it adds to all packages between this one and its own.
-        from seaid.legged import on_floating_base
-
-        robot = on_floating_base(robot, root)
-    elif contacts or imu_link:
-        raise RobotError(
-            "contacts= and imu_link= are those of a floating base: give base='floating' with them",
-            "base='floating'",
-        )
-    return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
+    return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies)), built
 
 
 def _check_locked(tree: UrdfTree, locked: Iterable[str], joints: Iterable[str] | None) -> None:
@@ -401,7 +338,7 @@ def nominal_model(path: Path, robot: Robot) -> Robot:
     if path.suffix.lower() == ".toml":
         return robot.with_drives(read_drives(path))
     gravity = robot.model.gravity.linear.tolist()
-    loaded = load_robot(
+    loaded, _ = robot_of_file(
         path, robot.drives, joints=robot.joint_names, locked=robot.locked, gravity=gravity
     )
     loaded = replace(loaded, payload_parameters=robot.payload_parameters)

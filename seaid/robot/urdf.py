@@ -464,7 +464,7 @@ def _snap_joints(path: Path, joints: Iterable[Any], tolerance_rad: float) -> Non
                 f"'{path.name}': {len(snapped)} rounded {what} they mean ({shown}); "
                 "snap_tolerance_rad=0 leaves them as written",
                 SeaidWarning,
-                stacklevel=6,
+                stacklevel=7,
             )
 
 
@@ -481,7 +481,7 @@ def _warn_of_negative_moments(path: Path, root: Any) -> None:
             f"'{path.name}': no body has the negative moments of inertia of {listed(negative)}: "
             "correct ixx, iyy and izz of <inertia>, or identify with feasible=True",
             SeaidWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
 
 
@@ -502,7 +502,7 @@ def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Mapping[str,
             f"'{path.name}': <mimic> of {listed(lost)} names joints that are not there "
             f"({listed(mimics[name].leader for name in lost)}): taken as independent",
             SeaidWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
     mimics = {name: mimic for name, mimic in mimics.items() if name not in lost}
     for name in mimics:

@@ -22,10 +22,11 @@ from playwright.sync_api import (
 )
 
 from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.legged import load_robot
 from seaid.log.reading import Log
 from seaid.robot.inertia import in_parent_frame
 from seaid.robot.pinocchio_model import Payload
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.view.playback import Shown
 from seaid.view.window import View, view_robot
 

@@ -19,6 +19,7 @@ import pytest
 import seaid
 from seaid._files import plain
 from seaid.cli.commands import COMMANDS, command_of
+from seaid.export import content_of
 from tests.cli.small_arm import done, log_of, refused, robot_and_drives, robot_of, run
 
 
@@ -27,7 +28,8 @@ def results(arm: Path) -> None:
     """Write the runs and the parameters that commands read."""
     for name in ("run", "other"):
         done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.npz")
-        seaid.load_run(arm / f"{name}.npz").identification.save(arm / f"{name}.json")
+        run = seaid.load_run(arm / f"{name}.npz")
+        seaid.write_parameters(run.identification, arm / f"{name}.json")
 
 
 def identified(arm: Path, name: str = "run.csv") -> seaid.Identification:
@@ -38,7 +40,7 @@ def conditions(arm: Path) -> dict[str, Any]:
     robot, logs = robot_of(arm), {"a": log_of(arm), "b": log_of(arm, "other.csv")}
     pairs = {name: (robot, log) for name, log in logs.items()}
     found = seaid.identify_conditions(pairs, condition_specific=("viscous_friction",))
-    each = {name: one.to_dict() for name, one in found.identifications.items()}
+    each = {name: content_of(one) for name, one in found.identifications.items()}
     names = [{"parameter": str(name)} for name in found.differences]
     return {"conditions": each, "differences": names}
 
@@ -136,11 +138,11 @@ LINES: dict[str, tuple[str, str, Library]] = {
         },
     ),
     "calibrate": ("weights.csv", "html", calibrated),
-    "identify": (LOG, "json", lambda arm: identified(arm).to_dict()),
+    "identify": (LOG, "json", lambda arm: content_of(identified(arm))),
     "identify --refine": (
         LOG,
         "json",
-        lambda arm: seaid.refine(identified(arm), log_of(arm)).to_dict(),
+        lambda arm: content_of(seaid.refine(identified(arm), log_of(arm))),
     ),
     "identify --condition a=run.csv": (
         f"{ARM} --condition b=other.csv --specific viscous_friction",
@@ -337,7 +339,7 @@ def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
         {"bare": (robot_of(arm), log_of(arm)), "loaded": (loaded, seaid.read_log(log, loaded))},
         condition_specific=(),
     )
-    each = {name: {"load": one.to_dict()["load"]} for name, one in own.identifications.items()}
+    each = {name: {"load": content_of(one)["load"]} for name, one in own.identifications.items()}
     check_part(json.loads(done(*line, "--json").out)["result"]["conditions"], plain(each))
 
 

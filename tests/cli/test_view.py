@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import seaid
 from seaid.cli.commands import app, command_of
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log, write_log
@@ -93,7 +94,7 @@ def test_options_reach_the_robot(opened: list[View]) -> None:
 
 def test_identified_parameters_are_compared(tmp_path: Path, opened: list[View]) -> None:
     found = arm_found()
-    found.save(tmp_path / "parameters.json")
+    seaid.write_parameters(found, tmp_path / "parameters.json")
     assert found.robot.urdf is not None
     urdf, parameters = found.robot.urdf, tmp_path / "parameters.json"
     drives = urdf.with_suffix(".toml")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 
 SLIDER_ARM = """<robot name="slider_arm">
   <link name="ground"/><link name="carriage">{body}</link>

@@ -12,7 +12,8 @@ import numpy as np
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.excitation import Excitation, design_excitation
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Payload, Robot
 
 MODELS = Path(__file__).parents[2] / "models"
 PANDA = [f"panda_joint{i}" for i in range(1, 8)]

@@ -17,8 +17,9 @@ from seaid.excitation.limits import (
     limit_values,
     positive_values,
 )
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import simulate_motion
 from tests.excitation.robots import plan
 

@@ -23,9 +23,10 @@ from seaid.excitation.observation_matrix import (
     regressor_pull_back,
     stacked_regressor,
 )
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.regressor.regression import motor_regressor
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 
 MODELS = Path(__file__).parents[2] / "models"

@@ -25,7 +25,8 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
 from seaid.export.mjcf import write_mjcf
 from seaid.identification.identification import identify
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.forward_dynamics import accelerations, advance
 from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log

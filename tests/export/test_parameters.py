@@ -15,6 +15,7 @@ import seaid
 from seaid._files import plain
 from seaid.errors import RobotError, SeaidWarning
 from seaid.estimation.estimate import Estimate
+from seaid.export import content_of, write_parameters
 from seaid.export.parameters import read_parameters
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
@@ -32,7 +33,7 @@ def found() -> Identification:
 
 
 def saved(folder: Path) -> Path:
-    found().save(folder / "parameters.json")
+    write_parameters(found(), folder / "parameters.json")
     return folder / "parameters.json"
 
 
@@ -44,7 +45,7 @@ def content(folder: Path) -> dict[str, Any]:
 
 
 def test_content_is_what_is_written(tmp_path: Path) -> None:
-    assert content(tmp_path) == found().to_dict()
+    assert content(tmp_path) == content_of(found())
     assert content(tmp_path)["seaid"] == seaid.__version__
 
 
@@ -69,7 +70,7 @@ def test_feasible_parameters_are_written_with_their_distance(tmp_path: Path) -> 
     assert told["chi_square"] == own.chi_square
     assert [one["name"] for one in told["combinations"]] == list(own.names)
     assert [one["distance"] for one in told["combinations"]] == own.distance.tolist()
-    assert identify(KNOWN, perfect_log(KNOWN, arm_motion())).to_dict()["feasible"] is None
+    assert content_of(identify(KNOWN, perfect_log(KNOWN, arm_motion())))["feasible"] is None
 
 
 def test_processing_of_each_log_is_there_with_its_pass_band(tmp_path: Path) -> None:
@@ -93,7 +94,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
         residual_std=load.residual_std,
         condition_number=np.inf,
     )
-    text = json.dumps(replace(found(), load=worse).to_dict(), allow_nan=False)
+    text = json.dumps(content_of(replace(found(), load=worse)), allow_nan=False)
     assert {one["standard_error"] for one in json.loads(text)["load"]} == {None}
 
 

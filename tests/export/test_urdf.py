@@ -31,8 +31,9 @@ from seaid.export.urdf import (
     without,
     write_urdf,
 )
+from seaid.legged import load_robot
 from seaid.robot.inertia import from_center_of_mass
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from tests.experiments import MODELS
 
 FIXED = """<?xml version="1.0"?>

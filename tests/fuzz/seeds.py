@@ -162,7 +162,7 @@ def log_file(name: str) -> bytes:
 def parameters_text() -> str:
     """Return a parameters.json of the arm."""
     found = seaid.identify(robot(), log(), feasible=True)
-    return written(lambda folder: found.save(folder / "a"))["a"].decode()
+    return written(lambda folder: seaid.write_parameters(found, folder / "a"))["a"].decode()
 
 
 @cache

@@ -467,7 +467,7 @@ def identify(rng: Random, folder: Path) -> Check:
             law(bool(np.all(np.isfinite(one.values))), "estimates are not finite")
             law(not np.any(one.standard_errors < 0), "a standard error is negative")
         found.summary()
-        found.save(folder / "parameters.json")
+        seaid.write_parameters(found, folder / "parameters.json")
         again = seaid.read_parameters(folder / "parameters.json", robot)
         law(np.array_equal(again.parameters, found.robot.parameters), "parameters read otherwise")
         with suppress(RobotError):  # bodies as estimated need not be possible

@@ -258,7 +258,7 @@ def writers() -> dict[str, Use]:
     found = seaid.identify(robot, log)
     return {
         **{e: lambda path: seaid.write_log(log, path) for e in (".csv", ".npz", ".parquet", ".h5")},
-        ".json": found.save,
+        ".json": lambda path: seaid.write_parameters(found, path),
         ".urdf": lambda path: seaid.write_urdf(robot, path),
         ".xml": lambda path: seaid.write_mjcf(robot, path),
         ".usda": lambda path: seaid.write_model(robot, path),

@@ -21,9 +21,10 @@ from seaid.checks.experiment import _slope, experiment_of, fitted
 from seaid.checks.setup import transforms
 from seaid.errors import Finding, SeaidError, by_severity
 from seaid.identification.checking import check
+from seaid.legged import load_robot
 from seaid.log.log import Log
 from seaid.log.motion import reconstruct_motions
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     LEG_SENSORS,
@@ -302,7 +303,7 @@ def test_identify_has_the_findings_and_a_verdict() -> None:
     assert right.verdict.level == "good"
     assert max(one.identified for one in right.joint_fits.values()) < 0.1
     assert max(one.blocks for one in right.joint_fits.values()) < 0.25
-    content = right.to_dict()
+    content = seaid.export.content_of(right)
     assert content["verdict"]["level"] == "good"
     assert [one["code"] for one in content["warnings"]] == [one.code for one in right.warnings]
 

@@ -23,11 +23,12 @@ from seaid.identification.consistency import (
     prior_bodies,
 )
 from seaid.identification.identification import identify
+from seaid.legged import load_robot
 from seaid.log.reading import Log, read_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion
 from tests.measured import LOGS

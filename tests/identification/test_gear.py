@@ -11,6 +11,7 @@ import pytest
 
 from seaid.drives import SeriesElasticDrive, drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
+from seaid.export import content_of
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify, validate
 from seaid.identification.output_error import refine
@@ -196,7 +197,7 @@ def found_with_deflection() -> Identification:
 def test_identified_robot_says_so_in_its_files() -> None:
     table = drive_table(found_with_deflection().robot.drives["shoulder"])
     assert table["gear_stiffness_Nm_per_rad"] == pytest.approx(GEAR, rel=0.02)
-    assert "gear_stiffness" in found_with_deflection().to_dict()["drives"]["shoulder"]
+    assert "gear_stiffness" in content_of(found_with_deflection())["drives"]["shoulder"]
     assert "gear_stiffness" in found_with_deflection().summary()
 
 

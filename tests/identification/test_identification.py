@@ -19,14 +19,15 @@ from seaid.errors import ExcitationError, IdentificationError, LogError, RobotEr
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import Orthonormal, orthonormal
 from seaid.estimation.qr_factor import QRFactor
+from seaid.export import content_of, write_parameters
 from seaid.identification import Method
 from seaid.identification.identification import cross_validate, identify, validate
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.regressor import joint_torques
 from seaid.robot.inertia import is_physical
-from seaid.robot.robot import load_robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ARM_SENSORS,
@@ -141,7 +142,7 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
 
 def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
     path = tmp_path / "parameters.json"
-    found().save(path, validate(found(), leg_log(2)))
+    write_parameters(found(), path, validate(found(), leg_log(2)))
     content = json.loads(path.read_text())
     assert content["robot"] == "tulip_leg"
     assert content["joints"] == list(KNOWN.joint_names)
@@ -161,8 +162,8 @@ def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
     assert content["validation"]["load"]["knee_pitch"]["relative_error"] < 0.05
     assert content["validation"]["actuator"]["hip_yaw"]["relative_error"] is None
     assert list(tmp_path.iterdir()) == [path]
-    assert found().to_dict()["validation"] == {}
-    json.dumps(found().to_dict(), allow_nan=False)
+    assert content_of(found())["validation"] == {}
+    json.dumps(content_of(found()), allow_nan=False)
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,11 @@ from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.report.html_experiment import settings_facts
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,

@@ -15,11 +15,12 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
+from seaid.legged import load_robot
 from seaid.log.log import Log
 from seaid.project import load_project, write_first_project
 from seaid.project.first_project import _drives_text, inferred_drives
 from seaid.robot.inertia import is_physical
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,

@@ -27,6 +27,7 @@ from seaid.checks import noisy_springs
 from seaid.drives import total_ratio
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import Finding, IdentificationError, LogError
+from seaid.export import write_parameters
 from seaid.identification.identification import identify
 from seaid.identification.motor_side import (
     joint_angle,
@@ -174,7 +175,7 @@ def test_the_result_says_its_method_in_tables_report_and_file(
     assert found.drives["arm"].value("spring_offset") == 0.0
     assert "spring_offset" in str(short_text(found, found.known, True))
     assert "motor-side" in str(found.summary())
-    found.save(tmp_path / "parameters.json")
+    write_parameters(found, tmp_path / "parameters.json")
     seaid.write_report(found, tmp_path / "report.html")
     assert "no sensor behind the spring" in (tmp_path / "report.html").read_text("utf-8")
     again = refine(found, log_of(ANYDRIVE)).drives["arm"]

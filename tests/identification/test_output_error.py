@@ -26,9 +26,10 @@ from seaid.identification.output_error import (
     runs_of,
 )
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     DATA,

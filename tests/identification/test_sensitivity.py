@@ -18,9 +18,11 @@ from seaid.estimation.least_squares import ordinary
 from seaid.identification.identification import CutoffSensitivity, cutoff_sensitivity, identify
 from seaid.identification.result import Identification
 from seaid.identification.sensitivity import _influences, difference, fit_of
+from seaid.legged import load_robot
 from seaid.log.reading import Log
 from seaid.regressor.regression import Regression, stacked
-from seaid.robot.robot import Robot, load_robot
+from seaid.report import save_sensitivity_figure
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
 from tests.standard_errors import check_scores
@@ -283,7 +285,7 @@ def test_default_cutoffs_go_from_a_third_to_three_times(tmp_path: Path) -> None:
     result = cutoff_sensitivity(KNOWN, log())
     proposed = result.cutoffs_hz[result.proposed]
     assert result.cutoffs_hz[[0, -1]] == pytest.approx([proposed / 3, 3 * proposed])
-    result.save_figure(tmp_path / "bands.png")
+    save_sensitivity_figure(result, tmp_path / "bands.png")
     assert (tmp_path / "bands.png").stat().st_size > 20_000
 
 

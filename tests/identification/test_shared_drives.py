@@ -15,15 +15,17 @@ from seaid.drives.toml import read_drives, write_drives
 from seaid.errors import Finding, IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.fitting import estimator_named, fit
+from seaid.export import content_of
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.project.saved import load_run, save_run
 from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import wiggle
 
@@ -163,7 +165,7 @@ def test_drives_that_are_not_of_one_type_are_named() -> None:
 def test_what_is_shared_is_in_the_summary_the_files_and_a_saved_run(tmp_path: Path) -> None:
     _, shared = both_ways()
     assert "stiffness of calf_motor ankle, elbow, hip, knee" in " ".join(shared.summary().split())
-    content = json.loads(json.dumps(shared.to_dict()))["shared"]
+    content = json.loads(json.dumps(content_of(shared)))["shared"]
     (stiffness,) = [x for x in content if x["parameter"] == "stiffness"]
     assert stiffness["group"] == "calf_motor"
     assert set(stiffness["alone"]) == set(JOINTS)

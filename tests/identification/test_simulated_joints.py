@@ -18,10 +18,11 @@ from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
+from seaid.legged import load_robot
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_columns, load_model
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, perfect_log, wiggle
 from tests.representatives import quick_first

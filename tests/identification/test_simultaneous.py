@@ -30,13 +30,14 @@ from seaid.identification.simultaneous import (
     whitened,
 )
 from seaid.identification.stacked_fits import RobotEstimate
+from seaid.legged import load_robot
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
 from seaid.regressor.regression import Regression, stacked
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ELASTIC,

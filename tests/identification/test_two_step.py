@@ -16,13 +16,14 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.estimation.least_squares import ordinary
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor import regressor_at_drives
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
@@ -222,6 +226,26 @@ def test_each_foot_that_always_stands_hides_one_parameter(name: str) -> None:
     for count in range(1, 5):  # a point mass at the foot is carried by the ground
         assert union(robot, feet[:count]) == in_flight - count
     assert union(robot, (feet[0], feet[3]), (feet[1], feet[2])) == in_flight  # a trot
+
+
+def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
+    """Its type knows nothing of what is registered for it, so that the pickle must load that."""
+    robot = floating("go2.urdf", contacts=FEET["go2.urdf"])
+    (tmp_path / "robot.pkl").write_bytes(pickle.dumps(robot))
+    code = (
+        "import pickle, sys; robot = pickle.load(open(sys.argv[1], 'rb'));"
+        "from seaid.regressor import load_side; print(type(load_side(robot)).__name__)"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "robot.pkl"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert shown.stdout.strip() == "FloatingLoadSide"
+    copied = copy.deepcopy(robot)
+    assert type(copied) is type(robot)
+    np.testing.assert_array_equal(copied.parameters, robot.parameters)
 
 
 @pytest.mark.slow  # 1.2 s

@@ -13,11 +13,12 @@ from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array
 from seaid.errors import LogError
+from seaid.legged import load_robot
 from seaid.log.description import LogDescription, changed_source, description_for
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair import Repairs
 from seaid.log.usable_parts import holes
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS

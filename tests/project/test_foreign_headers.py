@@ -16,11 +16,12 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.identification.result import Identification
+from seaid.legged import load_robot
 from seaid.log.reading import Log
 from seaid.project.first_project import FirstProject, write_first_project
 from seaid.project.project import load_project
 from seaid.project.running import run_project
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure, simulate_motion
 from tests import experiments
 

@@ -15,11 +15,11 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
+from seaid.export import content_of
 from seaid.identification import compared, identify, validate
 from seaid.identification.result import Identification
-from seaid.legged import LeggedValidation
+from seaid.legged import LeggedValidation, load_robot
 from seaid.project.saved import FILE, _checksum, _thinned_validation, load_run, save_run
-from seaid.robot import load_robot
 from tests import experiments
 from tests.measured import LOGS
 from tests.representatives import quick_first
@@ -52,7 +52,7 @@ def test_what_is_loaded_is_what_was_saved(case, tmp_path: Path) -> None:  # type
     run = load_run(tmp_path / "a.npz")
     again = run.identification
     assert again.summary() == found.summary()
-    assert again.to_dict(run.validations["x.csv"]) == found.to_dict(validation)
+    assert content_of(again, run.validations["x.csv"]) == content_of(found, validation)
     assert str(again.verdict) == str(found.verdict)
     assert [str(one) for one in again.warnings] == [str(one) for one in found.warnings]
     assert np.array_equal(again.load.covariance, found.load.covariance)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid.legged import load_robot
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import (
     base_parameters,
@@ -22,7 +23,7 @@ from seaid.regressor.base import (
     negligible,
     random_states,
 )
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 from tests.experiments import motion_of
 

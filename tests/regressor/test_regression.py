@@ -12,6 +12,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
+from seaid.legged import load_robot
 from seaid.log.filtering import low_pass
 from seaid.log.motion import Motion
 from seaid.log.rows import in_band, row_samples, standstill
@@ -26,7 +27,7 @@ from seaid.regressor.regression import (
     spring_regressor,
     stacked,
 )
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 
 LEG = leg(TEST_MASS)

@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.exact.geometry import exact_tree
@@ -30,7 +31,7 @@ from seaid.regressor.structural_identifiability import (
     Sensor,
     identifiability,
 )
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 from tests.plants import tree, write_robot
 from tests.regressor.modular.arithmetic import ResidueNumbers
 from tests.regressor.modular.decision import exact_decision

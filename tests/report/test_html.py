@@ -22,6 +22,7 @@ from seaid.checks import CODES
 from seaid.drives import ParameterName
 from seaid.errors import Finding, SeaidError
 from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
+from seaid.export import content_of
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification, Validation
 from seaid.identification.validation import compared
@@ -574,7 +575,7 @@ def test_without_nominal_values_no_nominal_line_is_drawn() -> None:
 def test_parameters_json_of_the_page_is_that_of_the_identification(page: Page) -> None:
     packed = base64.b64decode(page.scripts["parameters-data"])
     content = json.loads(gzip.decompress(packed))
-    assert content == json.loads(json.dumps(plain(arm_found().to_dict(arm_result()))))
+    assert content == json.loads(json.dumps(plain(content_of(arm_found(), arm_result()))))
 
 
 # Comparison

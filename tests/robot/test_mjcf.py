@@ -9,8 +9,9 @@ import pytest
 
 from seaid.drives import StiffDrive
 from seaid.errors import RobotError, SeaidWarning
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques
-from seaid.robot import load_robot, nominal_model
+from seaid.robot import nominal_model
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -301,7 +301,7 @@ def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Pa
     saved = seaid.load_run(tmp_path / "run.npz").identification.robot
     assert saved.dependent_joints == found.robot.dependent_joints
     np.testing.assert_allclose(joint_torques(saved, q, v, a), joint_torques(found.robot, q, v, a))
-    found.save(tmp_path / "parameters.json")
+    seaid.write_parameters(found, tmp_path / "parameters.json")
     back = seaid.read_parameters(tmp_path / "parameters.json", gripper)
     np.testing.assert_allclose(back.parameters, found.robot.parameters)
 

@@ -11,8 +11,9 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
-from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.robot.robot import Payload, Robot
 
 Load = Callable[..., Robot]
 Chain = Callable[..., Path]

@@ -13,7 +13,8 @@ import pytest
 
 from scripts.example_robots import example_urdf
 from seaid.errors import RobotError, SeaidWarning
-from seaid.robot import Robot, load_robot, search_folders
+from seaid.legged import load_robot
+from seaid.robot import Robot, search_folders
 from tests.one_joint import BODY
 from tests.plants import tree
 

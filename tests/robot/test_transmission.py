@@ -43,6 +43,7 @@ from seaid.identification.result import Identification
 from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
 from seaid.identification.validation import _actuator
+from seaid.legged import load_robot
 from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.log.sources import both_sides
@@ -58,7 +59,7 @@ from seaid.regressor.load import (
     offset_sensitivity,
 )
 from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.robot.transmission import (
     at_drives,
     at_joints,

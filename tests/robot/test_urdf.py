@@ -12,7 +12,8 @@ import pinocchio as pin
 import pytest
 
 from seaid.errors import RobotError, SeaidWarning
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 from seaid.robot.robot_file import read_urdf, reread_urdf
 from tests.one_joint import BODY
 

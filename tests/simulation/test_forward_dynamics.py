@@ -22,7 +22,8 @@ from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, d_0, f_0, known_values
 from seaid.errors import RobotError, SeaidError
 from seaid.identification.identification import identify
-from seaid.robot.robot import Robot, load_robot
+from seaid.legged import load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.controller import motor_inputs
 from seaid.simulation.forward_dynamics import accelerations, advance, gear_torques, slip_directions
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of

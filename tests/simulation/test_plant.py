@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from seaid.legged import load_robot
 from seaid.regressor import joint_torques
-from seaid.robot.robot import Payload, load_robot
+from seaid.robot.robot import Payload
 from seaid.simulation.plant import (
     TorqueJacobians,
     bias_torques,

@@ -17,9 +17,10 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
+from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, wiggle

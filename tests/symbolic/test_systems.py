@@ -11,7 +11,7 @@ import sympy as sp
 from mpmath import mp, mpf
 from sympy.parsing.sympy_parser import implicit_multiplication, standard_transformations
 
-from seaid.robot.robot import load_robot
+from seaid.legged import load_robot
 from seaid.symbolic import (
     BaseForm,
     RegressorForm,

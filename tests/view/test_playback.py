@@ -16,9 +16,10 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.legged import load_robot
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import simulate
 from seaid.view.panel import deflection_colors, gradient, legend, plain_text, table
 from seaid.view.picture import NEUTRAL

@@ -22,9 +22,10 @@ from seaid._arrays import Array
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.legged import load_robot
 from seaid.log.reading import Log
 from seaid.robot.pinocchio_model import Payload
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.view.panel import bodies_table, deflection_colors
 from seaid.view.picture import (
     IDENTIFIED,

@@ -11,11 +11,11 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.controller import Controller
 from seaid.errors import LogError
+from seaid.legged import load_robot
 from seaid.log import describe
 from seaid.log.describe import Description, describe_log
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
-from seaid.robot.robot import load_robot
 from tests.measured import LOGS
 from tests.one_joint import chain, one_joint
 from tests.plants import write_columns

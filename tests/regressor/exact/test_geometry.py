@@ -13,6 +13,7 @@ from flint import fmpq, fmpq_mat
 from hypothesis import given
 from hypothesis import strategies as st
 
+from seaid.legged import load_robot
 from seaid.regressor.exact.geometry import (
     as_floats,
     exact_number,
@@ -24,7 +25,7 @@ from seaid.regressor.exact.geometry import (
     twist_transform,
 )
 from seaid.robot.inertia import in_parent_frame
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 
 IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
 angles = st.floats(-3.2, 3.2)

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid.errors import RobotError, SeaidWarning, SymbolicError
+from seaid.legged import load_robot
 from seaid.regressor.base import base_parameters as numeric_base_parameters
 from seaid.regressor.base import cross_check
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.symbolic import ExactBaseParameters, base_parameters
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 

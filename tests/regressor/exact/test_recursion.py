@@ -11,11 +11,12 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import SymbolicError
+from seaid.legged import load_robot
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import left_to_right, random_states
 from seaid.regressor.exact.geometry import exact_tree, number
 from seaid.regressor.exact.recursion import null_space
-from seaid.robot.robot import Robot, load_robot
+from seaid.robot.robot import Robot
 from seaid.symbolic import base_parameters
 
 X, Y, Z = ('<axis xyz="{} {} {}"/>'.format(*axis) for axis in ("100", "010", "001"))
