@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -73,8 +73,7 @@ def drifts_of(
     The array (p, K) of a drift, times normal numbers, is its effect on the right-hand side of the
     weighted normal equations.
 
-    Equations share parameters, so that the drift of one is in the residuals of others: each is
-    sought with those before it known.
+    Equations share parameters, so that the drift of one is in the residuals of others.
     """
     bands = [
         _band(rows, int(equation), weight, _FLAT * cutoff_hz)
@@ -89,25 +88,34 @@ def drifts_of(
         return ()
     scaled = _orthonormal(scaled, levels)
     likelihoods = [_likelihood(band, highest_hz) for band in scaled]
-    moments = [likelihood.moments[0] for likelihood in likelihoods]
     count = sum(len(band.rows) for band in scaled)
     drifts: list[tuple[Drift, Array]] = []
-    rest = list(range(len(bands)))
-    while rest:
-        every = np.sum(moments, axis=0)
-        likely = {place: likelihoods[place].best(every - moments[place], count) for place in rest}
-        best, (corner, ratio) = max(likely.items(), key=lambda item: item[1][1])
+    for best, corner, ratio in _sought(likelihoods, count):
         corner_hz = float(likelihoods[best].corners_hz[corner])
         drift, influence = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
-        if ratio < _SIGNIFICANT:  # and so are the ratios of all others
-            break
         # A drift that small is a numerical error, and one that large a defect of the model: it
         # stays in the residual, and only the search for drifts of other equations allows for it.
         if _LEAST_SHARE <= drift.share < _LARGEST_SHARE:
             drifts.append((drift, influence))
+    return tuple(drifts)
+
+
+def _sought(likelihoods: Sequence[_Likelihood], count: int) -> Iterator[tuple[int, int, float]]:
+    """Yield equation, corner and likelihood ratio of the significant drifts of `count` rows.
+
+    Each is sought with those before it known, the clearest first.
+    """
+    moments = [likelihood.moments[0] for likelihood in likelihoods]
+    rest = list(range(len(likelihoods)))
+    while rest:
+        every = np.sum(moments, axis=0)
+        likely = {place: likelihoods[place].best(every - moments[place], count) for place in rest}
+        best, (corner, ratio) = max(likely.items(), key=lambda item: item[1][1])
+        if ratio < _SIGNIFICANT:  # and so are the ratios of all others
+            return
+        yield best, corner, ratio
         rest.remove(best)
         moments[best] = likelihoods[best].moments[corner]
-    return tuple(drifts)
 
 
 def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> _Band:

@@ -224,14 +224,8 @@ def _settled(
             break
         norms = equations.residual_norms(weights)
         last = [*last[-2:], np.log(weights)]
-        if iteration >= _PLAIN_REWEIGHTINGS and iteration % 3 == 0:
-            led = extrapolated(last)
-            led = np.clip(led - np.max(led), -np.log(_MOST_UNEQUAL), 0.0)
-            further = equations.residual_norms(np.exp(led))
-            # -2 log L = 2 sum_e n_e log |r_e| + constant falls towards the settled weights.
-            if further is not None and norms is not None:
-                is_nearer = qr_factor.counts @ np.log(further / norms) < 0
-                norms = further if is_nearer else norms
+        if iteration >= _PLAIN_REWEIGHTINGS and iteration % 3 == 0 and norms is not None:
+            norms = _further_norms(equations, last, norms, qr_factor.counts)
     else:
         raise IdentificationError(
             f"the weights of the joints did not converge in {_MOST_REWEIGHTINGS} iterations: a "
@@ -239,6 +233,23 @@ def _settled(
             "estimator='ols'",
         )
     return weights, residual_norms
+
+
+def _further_norms(
+    equations: Orthonormal, last: Sequence[Array], norms: Array, counts: Sequence[int]
+) -> Array:
+    """Return the residual norms (E,) where the `last` three weights lead, if they are more likely.
+
+    Else the present `norms`.
+    """
+    led = extrapolated(last)
+    further = equations.residual_norms(
+        np.exp(np.clip(led - np.max(led), -np.log(_MOST_UNEQUAL), 0.0))
+    )
+    # -2 log L = 2 sum_e n_e log |r_e| + constant falls towards the settled weights.
+    if further is None or not np.dot(counts, np.log(further / norms)) < 0:
+        return norms
+    return further
 
 
 def extrapolated(last: Sequence[Array] | Array) -> Array:

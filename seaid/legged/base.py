@@ -390,36 +390,42 @@ class SensorBias:
         """Yield the notes on the errors that were identified and subtracted."""
         pairs = zip(self.value.tolist(), self.errors.tolist(), strict=True)
         estimates = dict(zip(self.places, pairs, strict=True))
-        bias = np.array([estimates.pop(("", axis), (0.0, 0.0)) for axis in range(3)])
-        error = float(np.max(bias[:, 1]))
-        if error and self.imu is not None:
-            evidence = dict(
-                zip(("x [m/s^2]", "y [m/s^2]", "z [m/s^2]"), bias[:, 0] @ self.imu, strict=True)
-            )
-            yield BASE_BIAS.note(
-                "the accelerometer has a bias of "
-                f"{', '.join(f'{x:.2g}' for x in evidence.values())} m/s^2 (x, y, z, standard "
-                f"error {error:.1g}): it was identified with the bodies and subtracted",
-                evidence=evidence,
-                remedy="calibrate the accelerometer in several orientations, or let the base tilt "
-                "more: the bodies are less certain by the error of the bias",
-            )
-        if not estimates:
-            return
-        zeros = {
-            f"{_axis_of(*x)} [{'N m' if x[1] > 2 else 'N'}]": pair for x, pair in estimates.items()
-        }
-        texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items())
-        hidden = listed(_axis_of(*place) for place in self.hidden)
-        unknown = f"; not determined: {hidden}" if hidden else ""
-        yield SENSOR_ZERO.note(
-            f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
-            f"and subtracted{unknown}",
-            next(iter(estimates))[0],
-            evidence={name: value for name, (value, _) in zeros.items()},
-            remedy="set the sensors to zero with the feet in the air: the bodies are less certain "
-            "by the errors of the zeros",
-        )
+        bias = [estimates.pop(("", axis), (0.0, 0.0)) for axis in range(3)]
+        if self.imu is not None and any(error for _, error in bias):
+            yield _bias_note(np.array(bias), self.imu)
+        if estimates:
+            yield _zeros_note(estimates, self.hidden)
+
+
+def _bias_note(bias: Array, imu: Array) -> Finding:
+    """Return the note on the bias (3, 2) of an accelerometer, with its error, in axes `imu`."""
+    names = ("x [m/s^2]", "y [m/s^2]", "z [m/s^2]")
+    evidence = dict(zip(names, bias[:, 0] @ imu, strict=True))
+    return BASE_BIAS.note(
+        f"the accelerometer has a bias of {', '.join(f'{x:.2g}' for x in evidence.values())} m/s^2 "
+        f"(x, y, z, standard error {np.max(bias[:, 1]):.1g}): it was identified with the bodies "
+        "and subtracted",
+        evidence=evidence,
+        remedy="calibrate the accelerometer in several orientations, or let the base tilt more: "
+        "the bodies are less certain by the error of the bias",
+    )
+
+
+def _zeros_note(
+    estimates: Mapping[tuple[str, int], tuple[float, float]], hidden: Sequence[tuple[str, int]]
+) -> Finding:
+    """Return the note on zeros of force sensors {axis: value and error}, some axes `hidden`."""
+    zeros = {f"{_axis_of(*x)} [{'N m' if x[1] > 2 else 'N'}]": y for x, y in estimates.items()}
+    texts = (f"{name} {value:.3g} +- {std:.1g}" for name, (value, std) in zeros.items())
+    unknown = listed(_axis_of(*place) for place in hidden)
+    return SENSOR_ZERO.note(
+        f"force sensors have zeros of {', '.join(texts)}: they were identified with the bodies "
+        f"and subtracted{unknown and f'; not determined: {unknown}'}",
+        next(iter(estimates))[0],
+        evidence={name: value for name, (value, _) in zeros.items()},
+        remedy="set the sensors to zero with the feet in the air: the bodies are less certain "
+        "by the errors of the zeros",
+    )
 
 
 _BIASED_M_S2, _NO_BIAS_M_S2 = 0.02, 1.0
@@ -518,19 +524,19 @@ def _acting_axes(
 
     The rows have columns of all sensors of `wrenches`, in their order, with and without limits.
     """
-    imu = [("", axis) for axis in range(3)]
     forces = [(link, axis) for link, x in wrenches.items() for axis in range(x.shape[1])]
-    equations: dict[str, tuple[list[tuple[str, int]], Regress]] = {
-        "imu": (imu, partial(accelerometer_rows, robot, model=model)),
-        "force sensors": (forces, partial(wrench_rows, robot, model=model)),
+    axes = {"imu": [("", axis) for axis in range(3)], "force sensors": forces}
+    equations: dict[str, Regress] = {
+        "imu": partial(accelerometer_rows, robot, model=model),
+        "force sensors": partial(wrench_rows, robot, model=model),
     }
-    asked = {name: regress for name, (axes, regress) in equations.items() if {*axes} & {*limits}}
+    asked = {name: equations[name] for name in axes if {*axes[name]} & {*limits}}
     places, columns = list[tuple[str, int]](), list[Array]()
     for name, rows in rows_in_memory(datasets, asked).items():
         norms = np.linalg.norm(rows.H, axis=0)
-        acts = norms > _NOTHING * np.max(norms)
-        kept = [k for k, axis in enumerate(equations[name][0]) if acts[k] and axis in limits]
-        places += [equations[name][0][k] for k in kept]
+        is_limited = np.array([axis in limits for axis in axes[name]])
+        kept = (norms > _NOTHING * np.max(norms)) & is_limited
+        places += compress(axes[name], kept)
         columns.append(rows.H[:, kept])
     sizes = np.array([limits[place] for place in places]).reshape(-1, 2)
     return _Axes(places, np.hstack(columns), *sizes.T)
@@ -541,20 +547,31 @@ def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, f
     limits: dict[tuple[str, int], tuple[float, float]] = {}
     if all(base.imu is not None for base in bases):
         limits = {("", axis): (_BIASED_M_S2, _NO_BIAS_M_S2) for axis in range(3)}
-    shapes = [{x: y.shape[1] for x, y in base.wrenches.items()} for base in bases]
-    if any(shape != shapes[0] for shape in shapes):
+    if len({_axes_of_sensors(base) for base in bases}) > 1:
         return limits
-    for link, width in shapes[0].items():
-        values = np.concatenate([base.wrenches[link] for base in bases])
-        forces = np.linalg.norm(values[:, :3], axis=1)
-        if np.min(forces) > _UNLOADED * np.quantile(forces, 0.99):
-            continue  # always loaded: without accelerations its zero is that of the mass
-        for axis in range(width):
-            part = values[:, axis // 3 * 3 : axis // 3 * 3 + 3]
-            # Forces and moments have sizes of their own: axes 0 to 2, and 3 to 5.
-            size = float(np.quantile(np.linalg.norm(part, axis=1), 0.99))
+    for link in bases[0].wrenches:
+        sizes = _sizes_of_axes(np.concatenate([base.wrenches[link] for base in bases]))
+        for axis, size in enumerate(sizes):
             limits[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
     return limits
+
+
+def _axes_of_sensors(base: BaseMotion) -> tuple[tuple[str, int], ...]:
+    """Return the force sensors of a motion and their numbers of axes."""
+    return tuple(sorted((link, wrench.shape[1]) for link, wrench in base.wrenches.items()))
+
+
+def _sizes_of_axes(wrench: Array) -> list[float]:
+    """Return the size of each axis of a force sensor, nothing for one that is always loaded.
+
+    Without accelerations the zero of such a sensor is that of the mass.
+    """
+    # Forces and moments have sizes of their own: axes 0 to 2, and 3 to 5.
+    norms = np.array([np.linalg.norm(wrench[:, k : k + 3], axis=1) for k in (0, 3)])
+    sizes = np.quantile(norms, 0.99, axis=1)
+    if np.min(norms[0]) > _UNLOADED * sizes[0]:
+        return []
+    return [float(size) for size in np.repeat(sizes, 3)[: wrench.shape[1]]]
 
 
 def _significant(axes: _Axes, value: Array, covariance: Array, freedom: float) -> list[int]:

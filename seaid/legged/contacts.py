@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid._progress import Display
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import FittedRows
 from seaid.identification import Dataset, SensorErrors, for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
-from seaid.legged.feet import FeetInMotion, LeggedFit, LoadedFeet, best_order
+from seaid.legged.feet import FeetInMotion, LeggedFit, LegOrder, LoadedFeet, best_order
 from seaid.legged.floating import (
     FloatingRobot,
     contact_equations,
@@ -41,8 +41,10 @@ from seaid.legged.floating import (
 from seaid.legged.load_side import contact_force_columns, contact_force_rows
 from seaid.log import (
     FOUND_CONTACT,
+    BaseMotion,
     Description,
     Log,
+    LogDescription,
     Motion,
     Repair,
     decimated,
@@ -54,6 +56,7 @@ from seaid.log import (
     reconstruct_motion,
     smoothed_where,
 )
+from seaid.regressor import LoadModel
 from seaid.robot import Contact, Robot, torques_at_joints
 
 if TYPE_CHECKING:
@@ -235,15 +238,11 @@ def force_instants(
     identification: Identification, motion: Motion, contacts: Sequence[Contact], bodies: Array
 ) -> _Instants:
     """Return the forces at the instants of one motion."""
-    robot, model = floating(identification.known), identification.model
-    base, q = motion.base, motion.joint_position
+    robot, model, base = floating(identification.known), identification.model, motion.base
     assert base is not None
     theta = identification.load_side.values
-    joints = [robot.index(joint) for joint in model.torque_joints]
     rows, unknown = contact_force_rows(robot, motion, model, identification.springs, theta, bodies)
-    always = np.ones(len(q), dtype=bool)
-    touching = {contact.link: base.contacts.get(contact.link, always) for contact in contacts}
-    A, inverse = contact_equations(robot, q, contacts, touching, joints, unknown, base.up)
+    touching, A, inverse = _equations_at(robot, motion, model, contacts, unknown)
     # Forces times a length and moments have one unit, in which least squares is meaningful.
     rows = rows * row_scale(robot, rows.shape[1])[:, 0]
     # At standstill the friction of a drive is unknown: its row determines nothing, as in A.
@@ -259,31 +258,52 @@ def force_instants(
     diagonal = projector[:, places, places]
     stands = np.stack([touching[contact.link] for contact in contacts], axis=1)
     counts = stands & (np.min(diagonal, axis=2) > 1 - _DETERMINED) & base.used[:, None]
-    R = contact_rotations(robot, q, contacts)
-    measured = np.full((len(q), len(contacts), 3), np.nan)
-    for k, contact in enumerate(contacts):
-        if contact.link in base.wrenches:
-            measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[contact.link][:, :3])
+    R = contact_rotations(robot, motion.joint_position, contacts)
     up = _verticals(base.up, base.specific_force, contacts, R, counts)
     # Normal force u^T f = (u^T A^+) rows: its variance is |u^T A^+|^2 for rows of variance 1.
     spread = np.einsum("tki,tkir->tkr", up, inverse[:, places])
-    free = np.append(robot.floating_base.free_axes, np.ones(len(joints), dtype=bool))
-    free = np.broadcast_to(free, rows.shape).copy()
-    free[:, 6:] &= ~unknown
+    # Six rows of the base, of which a guide leaves some, and those of joints.
+    count = np.sum(robot.floating_base.free_axes) + np.sum(~unknown, axis=1)
     residual = in_band(motion, residual * base.used[:, None])
     split = forces[:, places]
     return _Instants(
         forces=smoothed_where(motion, split, counts),
-        measured=smoothed_where(motion, measured, counts),
+        measured=smoothed_where(motion, _measured_forces(base, contacts, R), counts),
         up=up,
         counts=counts,
         spread=np.sum(spread**2, axis=2),
         squares=np.sum(residual**2, axis=1),
         # Rows with an equation less the forces that they determine.
-        freedom=free.sum(axis=1) - rank,
+        freedom=count - rank,
         used=base.used & inside_transients(motion),
         stands=stands,
     )
+
+
+def _equations_at(
+    robot: FloatingRobot,
+    motion: Motion,
+    model: LoadModel,
+    contacts: Sequence[Contact],
+    unknown: BoolArray | None,
+    steps: IndexArray | slice = slice(None),
+) -> tuple[dict[str, BoolArray], Array, Array]:
+    """Return which contacts touch at some steps, by link, and their `contact_equations` there."""
+    base, always = motion.base, np.ones(len(motion.time), dtype=bool)
+    assert base is not None
+    joints = [robot.index(joint) for joint in model.torque_joints]
+    touching = {x.link: base.contacts.get(x.link, always)[steps] for x in contacts}
+    up, q = None if base.up is None else base.up[steps], motion.joint_position[steps]
+    return touching, *contact_equations(robot, q, contacts, touching, joints, unknown, up)
+
+
+def _measured_forces(base: BaseMotion, contacts: Sequence[Contact], R: Array) -> Array:
+    """Return the measured forces (T, k, 3) in the frame of the base, NaN without a sensor."""
+    measured = np.full((len(R), len(contacts), 3), np.nan)
+    for k, contact in enumerate(contacts):
+        if contact.link in base.wrenches:
+            measured[:, k] = np.einsum("tij,tj->ti", R[:, k], base.wrenches[contact.link][:, :3])
+    return measured
 
 
 _DETERMINED = 1e-6
@@ -324,20 +344,13 @@ def _basis(
 
     Both are those at some instants of the first motion.
     """
-    robot, model, estimate = identification.known, identification.model, identification.load_side
+    robot, model = floating(identification.known), identification.model
     steps = np.flatnonzero(np.any(whole.counts[: len(motion.time)], axis=1))
     variance = np.full(len(contacts), np.nan)
     if not len(steps):
         return ("none",) * len(contacts), variance
     steps = steps[np.linspace(0, len(steps) - 1, min(len(steps), _INSTANTS)).astype(int)]
-    assert motion.base is not None
-    joints = [robot.index(joint) for joint in model.torque_joints]
-    always = np.ones(len(steps), dtype=bool)
-    flags = {x: y[steps] for x, y in motion.base.contacts.items()}
-    touching = {contact.link: flags.get(contact.link, always) for contact in contacts}
-    up = None if motion.base.up is None else motion.base.up[steps]
-    q = motion.joint_position[steps]
-    _, inverse = contact_equations(robot, q, contacts, touching, joints, None, up)
+    *_, inverse = _equations_at(robot, motion, model, contacts, None, steps)
     columns, grouping = contact_force_columns(robot, motion, model, steps)
     F = inverse @ (row_scale(robot, columns.shape[1]) * columns)
     bodies = robot.parameters.size
@@ -357,8 +370,8 @@ def _basis(
         basis.append("identified" if is_identified else "robot file" if is_whole else "none")
         normal = np.einsum("ti,tim->tm", whole.up[steps[counts], k], F[counts, axes])[:, identified]
         # u^T F_b C F_b^T u.
-        variances = np.einsum("tm,mn,tn->t", normal, estimate.covariance, normal)
-        variance[k] = np.median(variances)
+        covariance = identification.load_side.covariance
+        variance[k] = np.median(np.einsum("tm,mn,tn->t", normal, covariance, normal))
     return tuple(basis), variance
 
 
@@ -391,21 +404,12 @@ def _summary(
     for k in range(len(contacts)):
         known = np.isfinite(normal[:, k])
         if np.any(known):
-            f_n, f_t = normal[known, k], along[known, k]
             # Independent parts: noise of the rows, and errors of the parameters.
             error = np.sqrt(noise * np.median(whole.spread[known, k]) + variance[k])
-            loaded = f_n > LOADED * weight
-            used_friction = (
-                np.quantile(f_t[loaded] / f_n[loaded], 0.99) if np.any(loaded) else np.nan
-            )
-            pulls = np.mean(f_n < -max(_PULLS * error, FREE * weight))
-            numbers[4:, k] = f_n.mean(), f_n.min(), error, used_friction, pulls
+            numbers[4:, k] = _normal_numbers(normal[known, k], along[known, k], error, weight)
         both = np.all(np.isfinite(forces[:, k] + measured[:, k]), axis=1)
         if np.any(measured[both, k]):
-            f_m, f_p = measured[both, k], forces[both, k]
-            rms = np.sqrt(np.mean(np.sum(f_m**2, axis=1)))
-            difference = np.sqrt(np.mean(np.sum((f_p - f_m) ** 2, axis=1)))
-            numbers[:4, k] = rms, difference, difference / rms, np.sum(f_m * f_p) / np.sum(f_m**2)
+            numbers[:4, k] = _errors_of_forces(measured[both, k], forces[both, k])
     of_measured = np.einsum("tki,tki->tk", whole.up, measured)
     by_name: dict[str, Any] = dict(zip(CONTACT_NUMBERS, numbers, strict=True))
     return ContactForces(
@@ -418,6 +422,23 @@ def _summary(
         vertical=_mean_sum(normal, whole.stands),
         measured_vertical=_mean_sum(of_measured, whole.stands),
     )
+
+
+def _normal_numbers(
+    f_n: Array, f_t: Array, error: float, weight: float
+) -> tuple[float, float, float, float, float]:
+    """Return mean, least and error of normal forces (T,), used friction, and the share of pulls."""
+    loaded = f_n > LOADED * weight
+    used = np.quantile(f_t[loaded] / f_n[loaded], 0.99) if np.any(loaded) else np.nan
+    pulls = np.mean(f_n < -max(_PULLS * error, FREE * weight))
+    return float(f_n.mean()), float(f_n.min()), error, float(used), float(pulls)
+
+
+def _errors_of_forces(f_m: Array, f_p: Array) -> tuple[float, float, float, float]:
+    """Return the rms of measured forces (T, 3), the absolute and relative error, and the factor."""
+    rms = float(np.sqrt(np.mean(np.sum(f_m**2, axis=1))))
+    difference = float(np.sqrt(np.mean(np.sum((f_p - f_m) ** 2, axis=1))))
+    return rms, difference, difference / rms, float(np.sum(f_m * f_p) / np.sum(f_m**2))
 
 
 def _mean_sum(normal: Array, stands: BoolArray) -> float:
@@ -593,25 +614,13 @@ def with_leg_order(guess: Description, robot: Robot, log: Log) -> Description:
     >>> guess = with_leg_order(guess, robot, log)
     """
     described, names = guess.description, robot.joint_names
-    named = (
-        meaning_of(str(source.column), names).joint == joint
-        for joint, sources in described.joints.items()
-        for source in sources.values()
-    )
-    if log.base is None or not log.base.contacts or any(named):
+    order = _better_order(described, robot, log)
+    if order is None:
         return guess
-    if not isinstance(robot, FloatingRobot):
-        return guess
-    order = best_order(FeetInMotion(robot, reconstruct_motion(robot, log), [log]))
-    if order is None or not set(names) <= set(described.joints):
-        return guess
-    joints = {
-        joint: described.joints[names[j]] for joint, j in zip(names, order.joints, strict=True)
-    }
+    joints = {x: described.joints[names[j]] for x, j in zip(names, order.joints, strict=True)}
     contacts = {x: described.contacts[order.contacts.get(x, x)] for x in described.contacts}
-    first = [
-        str(joints[x]["joint_position"].column) for x in names if "joint_position" in joints[x]
-    ]
+    positions = (joints[joint].get("joint_position") for joint in names)
+    first = [str(position.column) for position in positions if position is not None]
     text = (
         f"joints, contacts: in the order in which standing feet rest, with {order.speed:.2g} m/s "
         f"(rms), {order.speed_as_given:.2g} m/s in the order of the robot: {', '.join(names)} are "
@@ -623,3 +632,18 @@ def with_leg_order(guess: Description, robot: Robot, log: Log) -> Description:
         description=replace(described, joints=joints, contacts=contacts),
         unsure=(text, *unsure),
     )
+
+
+def _better_order(described: LogDescription, robot: Robot, log: Log) -> LegOrder | None:
+    """Return the order of legs in which feet rest, None if names of columns have another one."""
+    names = robot.joint_names
+    if not isinstance(robot, FloatingRobot) or log.base is None or not log.base.contacts:
+        return None
+    named = (
+        meaning_of(str(source.column), names).joint == joint
+        for joint, sources in described.joints.items()
+        for source in sources.values()
+    )
+    if not {*names} <= {*described.joints} or any(named):
+        return None
+    return best_order(FeetInMotion(robot, reconstruct_motion(robot, log), [log]))

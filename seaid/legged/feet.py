@@ -293,13 +293,15 @@ def foot_places(robot: FloatingRobot, q: Array, links: Sequence[str]) -> Array:
 def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Finding]:
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
-        flagged = [x for x in motions if x.base is not None and link in x.base.contacts]
-        lifts = [(x, x.base.used, ~x.base.contacts[link]) for x in flagged if x.base is not None]
-        count = sum(len(runs(is_up)) for *_, is_up in lifts)
-        if count == 0 or any(np.any(is_up & used) for _, used, is_up in lifts):
+        flagged = _flagged(link, motions)
+        lifts = [~moved.contacts[link] for _, moved in flagged]
+        count = sum(map(len, map(runs, lifts)))
+        used = [moved.used for _, moved in flagged]
+        if count == 0 or np.any(np.concatenate(used) & np.concatenate(lifts)):
             continue
-        duration_s = sum(float(is_up.sum()) / motion.rate_hz for motion, _, is_up in lifts)
-        least_s = LEAST_LIFT / (POSITION_BAND * min(motion.cutoff_hz for motion in flagged))
+        rates = np.array([(motion.rate_hz, motion.cutoff_hz) for motion, _ in flagged])
+        duration_s = float(np.sum(list(map(np.sum, lifts)) / rates[:, 0]))
+        least_s = LEAST_LIFT / (POSITION_BAND * float(np.min(rates[:, 1])))
         yield UNIDENTIFIABLE.note(
             f"{link} is in the air for {duration_s:.2g} s in all, in {count} lifts, which are not "
             "used: next to a change of contact the positions have a corner, and half a period of "
@@ -310,6 +312,11 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
             certainty="certain",
         )
+
+
+def _flagged(link: str, motions: Sequence[Motion]) -> list[tuple[Motion, BaseMotion]]:
+    """Return the motions that have flags of a contact, and those of their bases."""
+    return [(x, x.base) for x in motions if x.base is not None and link in x.base.contacts]
 
 
 def feet_findings(
@@ -388,17 +395,22 @@ def _late(feet: FeetInMotion) -> Iterator[Finding]:
     readings = _best_readings(starmap(shifted, product(shifts, [links, *([k] for k in links)])))
     if not readings or abs(readings[1].late) < 2 * step:
         return
-    now, late_s = readings[0].speed, float(readings[1].late / rate_hz)
-    sources, late = {}, [feet.links[k] for k in readings[1].flags]
+    yield _late_flags(feet, readings[0].speed, readings[1])
+
+
+def _late_flags(feet: FeetInMotion, now: float, best: _Reading) -> Finding:
+    """Return the finding of flags that are late as in the `best` reading; `now` is a speed."""
+    late_s, late = float(best.late / feet.motion.rate_hz), [feet.links[k] for k in best.flags]
+    sources = {}
     for link in late:
         source = feet.source_of(link)
         whole = source if isinstance(source, Mapping) else {"columns": source}
         sources[link] = {"contact": changed_source(whole, delay_s=round(late_s, 3))}
-    yield CONTACT_FLAGS.wrong(
+    return CONTACT_FLAGS.wrong(
         f"the {f'flag of {late[0]} is' if len(late) == 1 else 'flags of the contacts are'} "
         f"{'late' if late_s > 0 else 'early'} by about "
         f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
-        f"{readings[1].speed:.2g} m/s without this delay",
+        f"{best.speed:.2g} m/s without this delay",
         only_joint(late),
         evidence={"delay [s]": late_s, "speed [m/s]": now},
         remedy=in_description(sources, table="contacts"),
@@ -559,6 +571,13 @@ class LeggedFit:
         """The motions of the base."""
         return [motion.base for motion in self.motions if motion.base is not None]
 
+    @property
+    def weight_N(self) -> float:
+        """The weight of the robot, NaN where its mass is not determined."""
+        # The specific force of a base that comes to rest again is about g on average.
+        forces = [np.linalg.norm(base.specific_force, axis=1).mean() for base in self.bases]
+        return self.mass_kg * float(np.mean(forces))
+
     def sure_columns(
         self, regress: Callable[[Motion], Regression], names: Sequence[str], least: float
     ) -> list[tuple[str, float, float]]:
@@ -596,8 +615,8 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     """
     base = fit.robot.floating_base
     radii = {x.link: x.radius_m for x in base.contacts if not x.is_flat}
-    above_m = [float(np.linalg.norm(base.frame(link)[2])) for link in radii]
-    largest_m = min([length_m for length_m in above_m if length_m > 0], default=math.inf)
+    above_m = np.array([np.linalg.norm(base.frame(link)[2]) for link in radii])
+    largest_m = float(np.min(above_m[above_m > 0], initial=math.inf))
     flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
     if len({*radii.values()}) != 1 or not flagged:
         return
@@ -621,14 +640,11 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
 
 def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     """Yield feet that push at the ground before or after their flag, by the rows of a fit."""
-    lifts = any(not np.all(flag) for base in fit.bases for flag in base.contacts.values())
-    if not lifts or not np.isfinite(fit.mass_kg):
+    flags = (flag for base in fit.bases for flag in base.contacts.values())
+    if all(map(np.all, flags)) or not np.isfinite(fit.mass_kg):
         return
-    # The specific force of a base that comes to rest again is about g on average.
-    gravity = np.mean([np.linalg.norm(base.specific_force, axis=1).mean() for base in fit.bases])
-    least_N = FEW * fit.mass_kg * float(gravity)
     regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=FOOT_TOUCHES_S)
-    times = ("before a landing", "after it leaves")
+    times, least_N = ("before a landing", "after it leaves"), FEW * fit.weight_N
     pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
         texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error in pushes]
@@ -678,11 +694,9 @@ def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array]
     """
     motion, base = feet.motion, feet.motion.base
     assert base is not None
+    up = _upwards(motion, base)
     # Two feet have a difference in height. A plane goes through any three: it needs a fourth.
-    up, fewest = base.up, 2
-    if up is None:
-        mean, fewest = in_band(motion, base.specific_force), 4
-        up = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    fewest = 4 if base.up is None else 2
     places = foot_places(robot, motion.joint_position, feet.links)
     places = smoothed_where(motion, places, feet.counts)
     height, *aside = (np.einsum("tki,ti->tk", places, axis) for axis in (up, *_level(up)))
@@ -718,6 +732,14 @@ def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array]
         propagated=np.empty((len(y), 0)),
     )
     return regression, load[rows]
+
+
+def _upwards(motion: Motion, base: BaseMotion) -> Array:
+    """Return the vertical (T, 3) in the frame of the base, as the mean specific force if needed."""
+    if base.up is not None:
+        return base.up
+    mean = in_band(motion, base.specific_force)
+    return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
 
 
 def _level(up: Array) -> tuple[Array, Array]:
