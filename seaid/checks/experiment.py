@@ -255,13 +255,15 @@ class Experiment:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs. Columns of springs that do not act on a joint are zero.
+        of friction is one of theirs. The last column is that of a rotor of unknown inertia. Columns
+        of what does not act on a joint are zero.
         """
         robot = self.robot
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
-        columns = at_drives.T[:, None] * self.joint[0][:, self.sprung]
-        return np.concatenate([self.friction, columns], axis=2)
+        springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
+        rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
+        return np.concatenate([self.friction, springs, rotors], axis=2)
 
     @derived(*_OF_LOADS, "counted")
     def _of_loads(self) -> tuple[Array, Array]:
@@ -288,7 +290,8 @@ class Experiment:
         """
         y = np.clip(self.lever[j] * self.torque[:, j], -limit, limit)
         columns = [self.of_file[:, j], self.loads[j]]
-        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
+        is_unknown = self._is_open[j] and not self._has_open_rotor[j]
+        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or is_unknown))
         if has_rotor:  # N r_L / r_M I_M theta_M''
             columns.append(self.lever[j] * self.motor[2][:, j])
         y = self.sensed[:, j] if np.all(np.isnan(y)) else y
@@ -314,29 +317,28 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived(*_OF_TORQUES)
-    def _further(self) -> Array:
-        """Columns (n, R, 2) of what a torque may have besides bodies and `loads`, zero if not.
-
-        A motor torque may be late, which is no mistake of a value, and the rotor inertia of a stiff
-        drive may be unknown.
-        """
-        rates = np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0)
-        is_free = self._is_open & ~np.isin(np.arange(self.robot.n), self._elastic)
-        return np.stack([rates, is_free * self.motor[2]], axis=-1).swapaxes(0, 1)
+    @derived("torque_rate")
+    def _lateness(self) -> Array:
+        """Columns (n, R, 1) of a late motor torque, zero without one: no mistake of a value."""
+        is_known = np.all(np.isfinite(self.torque_rate), axis=0)
+        return np.where(is_known, self.torque_rate, 0.0).T[..., None]
 
     @derived(*_SIGNALS)
     def _factors(self) -> Array:
-        """Triangular factors (u, m, p + 3) of the used joints, without their `loads`.
+        """Triangular factors (u, m, p + 2) of the used joints, without their `loads`.
 
-        Their columns are the base columns of bodies, the torque, and what `_further` may be in it.
+        Their columns are the base columns of bodies, the torque, and its `_lateness`.
         All sums of squares of misfits are in them (Frisch and Waugh 1933).
         """
         used, U = self.used, self._of_loads[0][self.used]
         torques = self.target.T[used, :, None]
-        Z = np.concatenate([self.columns[used], torques, self._further[used]], axis=2)
+        Z = np.concatenate([self.columns[used], torques, self._lateness[used]], axis=2)
         Z *= self.counted.T[used, :, None]
-        return np.asarray(np.linalg.qr(Z - U @ (U.swapaxes(1, 2) @ Z), mode="r"))
+        rest = Z - U @ (U.swapaxes(1, 2) @ Z)
+        # A body that only adds to the inertia of a rotor has a column of rounding.
+        norms, before = np.linalg.norm(rest, axis=1), np.linalg.norm(Z, axis=1)
+        rest *= (norms > _TINY * before)[:, None]
+        return np.asarray(np.linalg.qr(rest, mode="r"))
 
     @cached_property
     def nominal(self) -> Array:
@@ -348,7 +350,11 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used])[1]
+            left, rotors = self._left((self.regressor @ bodies).T[self.used])[1:]
+            # A rotor of negative inertia is none: it would explain a torque of the wrong sign.
+            driving = np.minimum(rotors, 0.0) * np.std(self.motor[2][:, self.used], axis=0)
+            sizes = np.maximum(self._torque_sizes[self.used], _LEAST)
+            misfit[self.used] = np.hypot(left, driving / sizes)
         return misfit
 
     @property
@@ -364,18 +370,20 @@ class Experiment:
         if not used:
             return misfit, per_row
         # Each joint counts alike: its equations are over the size of its torque.
-        R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
+        R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
         factor = triangle(R.reshape(-1, R.shape[2]))
         theta = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
-        residual, misfit[used] = self._left(self.columns[used] @ theta)
+        # The inertia of a rotor is in those of bodies just as well.
+        residual, misfit[used], _ = self._left(self.columns[used] @ theta)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
 
-    def _left(self, torques: Array) -> tuple[Array, Array]:
+    def _left(self, torques: Array) -> tuple[Array, Array, Array]:
         """Return what torques (u, R) of bodies leave of those of used joints, and misfits.
 
-        The misfits (u,) are those with the friction that explains most.
+        The misfits (u,) are those with the friction that explains most, and with the inertias (u,)
+        of unknown rotors, times N r_L / r_M, which come last.
         """
         used, counted = self.used, self.counted.T[self.used]
         y = self.target.T[used] - torques
@@ -384,7 +392,7 @@ class Experiment:
         # The mean is zero, because a constant is among the loads.
         rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
         sizes = np.maximum(self._torque_sizes[used], _LEAST)
-        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes
+        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes, x[:, -1, 0]
 
     def _next_to_bodies(
         self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
@@ -445,6 +453,14 @@ class Experiment:
         drives = self.robot.drives.values()
         unknown = [x.motor_inertia_kg_m2 is None or x == IDEAL_DRIVE for x in drives]
         return np.array(unknown, dtype=bool)
+
+    @derived("robot")
+    def _has_open_rotor(self) -> BoolArray:
+        """Whether the logged motor torque (n,) of a stiff joint turns a rotor of any inertia."""
+        sources = [self.sources[0][joint] for joint in self.robot.joint_names]
+        is_of_motor = np.array(["motor_torque" in source for source in sources], dtype=bool)
+        is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
+        return np.asarray(self._is_open & is_of_motor & is_stiff)
 
     @cached_property
     def torque_delays(self) -> dict[int, tuple[float, float]]:
@@ -609,7 +625,7 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        return scaled_svd(np.concatenate([self.loads, self._further], axis=2)[self.used]).spans
+        return scaled_svd(np.concatenate([self.loads, self._lateness], axis=2)[self.used]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
@@ -621,8 +637,8 @@ class Experiment:
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, further = self._factors[..., :-2], scaled_svd(self._factors[..., -2:]).spans
-        R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
+        bodies, late = self._factors[..., :-1], scaled_svd(self._factors[..., -1:]).spans
+        R = (bodies - late @ (late.swapaxes(1, 2) @ bodies)) / self._noise
         return triangle(R.reshape(-1, R.shape[2]))
 
     @derived(*_SIGNALS)
