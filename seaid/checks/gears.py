@@ -9,7 +9,7 @@ undo it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -218,38 +218,69 @@ def _between_encoders(experiment: Experiment) -> list[int]:
     return [j for j in both if j in experiment.used or not drives[j].is_elastic]
 
 
+def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
+    """Return how often (k,) a motor turns with `joints`, beyond its drive, per turn of each."""
+    # theta_M / lever - phi_j = sum_i a_i q_i + c + deflection: the motor turns a_i times with i.
+    H = np.column_stack([experiment.joint[0][:, joints], with_constant(experiment.deflection(j))])
+    x, covariance = fitted(H, experiment.apart[:, j])
+    errors = np.sqrt(np.diag(covariance))
+    rounded = np.round(x / tol.SLIGHT) * tol.SLIGHT
+    return np.where(abs(x - rounded) < tol.SURE * errors, rounded, x)[: len(joints)]
+
+
+def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -> Transform:
+    """Return the transform of motors that turn with joints, {motor: {joint: turns}}."""
+    names, drives = experiment.robot.joint_names, {**experiment.robot.drives}
+    lines = {}
+    for j, added in turns.items():
+        factors = {**(drives[names[j]].transmission or {names[j]: 1.0})}
+        for i, count in added.items():
+            factors[names[i]] = float(f"{factors.get(names[i], 0.0) + count:.4g}")
+        drives[names[j]] = replace(drives[names[j]], transmission=factors)
+        table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
+        lines[names[j],] = f"transmission = {{ {table} }}"
+    j, *others = turns
+    return Transform(
+        codes.COUPLED_JOINTS,
+        f"the motors of {listed(names[x] for x in turns)} turn with both joints, as those of a "
+        "differential do",
+        experiment.with_changes(robot=experiment.robot.with_drives(drives)),
+        names[j],
+        in_drives(lines),
+        partner=names[others[0]] if others else "",
+        penalty=float(len(turns)),
+    )
+
+
 def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
-    robot = experiment.robot
+    robot, driven = experiment.robot, list[tuple[int, int]]()
     for j, i in product(_between_encoders(experiment), range(robot.n)):
         joint, mover = robot.joint_names[j], robot.joint_names[i]
-        drive = robot.drives[joint]
-        if mover in {joint, *drive.transmission} or robot.is_prismatic[i] != robot.is_prismatic[j]:
+        if mover in {joint, *robot.drives[joint].transmission}:
             continue
-        # theta_M / lever - phi_j = a q_i + c + deflection: the motor turns a times with joint i.
-        columns = experiment.joint[0][:, i], with_constant(experiment.deflection(j))
-        x, covariance = fitted(np.column_stack(columns), experiment.apart[:, j])
-        turns, error = float(x[0]), math.sqrt(covariance[0, 0])
+        if robot.is_prismatic[i] != robot.is_prismatic[j]:
+            continue
+        driven.append((j, i))
+        turns = float(_turns(experiment, j, [i])[0])
         if abs(turns) < tol.POOR:
             continue
-        rounded = round(turns / tol.SLIGHT) * tol.SLIGHT
-        turns = rounded if abs(turns - rounded) < tol.SURE * error else turns
-        factors = {**(drive.transmission or {joint: 1.0}), mover: float(f"{turns:.4g}")}
-        changed = robot.with_drives({**robot.drives, joint: replace(drive, transmission=factors)})
-        table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
-        coupled = Transform(
-            codes.COUPLED_JOINTS,
-            f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times with "
-            f"{mover}: it drives both, by a differential, a tendon or a parallel linkage",
-            experiment.with_changes(robot=changed),
-            joint,
-            in_drives({(joint,): f"transmission = {{ {table} }}"}),
+        coupled = replace(
+            _coupled(experiment, {j: {i: turns}}),
+            message=f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times "
+            f"with {mover}: it drives both, by a differential, a tendon or a parallel linkage",
             evidence={f"turns with {mover}": turns},
-            penalty=1.0,
         )
         yield coupled
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
             yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
+    for j, i in (pair for pair in driven if pair[0] < pair[1] and pair[::-1] in driven):
+        # both rows at once: a motor of a differential may turn against its joint
+        of_pair = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
+        is_coupled = np.min(np.abs(of_pair[[0, 1], [1, 0]])) > tol.POOR
+        if is_coupled and abs(np.linalg.det(of_pair + np.eye(2))) > tol.POOR:
+            rows = ({j: float(x), i: float(y)} for x, y in of_pair)
+            yield _coupled(experiment, dict(zip((j, i), rows, strict=True)))
 
 
 def _against_another_link(

@@ -6,6 +6,7 @@ rnea, the drives' equations written out, the matrix a literal.
 
 from __future__ import annotations
 
+import tomllib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -334,6 +335,21 @@ def test_the_sign_of_an_encoder_behind_a_differential_is_found(name: str) -> Non
     assert (finding.code, finding.joint) == ("sign", joint)
     assert "joint_position = { column = " in finding.remedy
     assert "sign = -1" in finding.remedy
+
+
+@pytest.mark.parametrize("name", ["stiff differential", "elastic differential"])
+def test_a_differential_that_is_not_declared_is_named_with_both_lines(name: str) -> None:
+    """One row alone looks like an encoder that measures its angle against another link."""
+    case = CASES[name]()
+    drives = {joint: replace(x, transmission={}) for joint, x in case.robot.drives.items()}
+    findings = check(case.robot.with_drives(drives), log_of(true_motion(case))).warnings
+    assert findings[0].code == "coupled-joints"
+    assert "as those of a differential do" in findings[0].message
+    lines = tomllib.loads(findings[0].remedy.partition("\n")[2])
+    names = case.robot.joint_names
+    rows = [lines.get(joint, {"transmission": {joint: 1.0}})["transmission"] for joint in names]
+    matrix = [[row.get(joint, 0.0) for joint in names] for row in rows]
+    assert np.array(matrix) == pytest.approx(case.C, abs=0.01)
 
 
 def matrices() -> st.SearchStrategy[Array]:
