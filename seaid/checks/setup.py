@@ -437,23 +437,34 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         # beyond, one of the torques is nothing but rounding next to the other
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
             continue
-        slope *= _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
+        factor, error = _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
+        slope *= factor
         if abs(slope - 1) > tol.SLIGHT:
             words = f"the torque of {experiment.robot.joint_names[j]} is"
-            yield _scale(experiment, [j], slope, words)
+            yield _scale(experiment, [j], slope, words, error=error)
 
 
 def _scale(
-    experiment: Experiment, joints: Sequence[int], slope: float, words: str, penalty: float = 0.0
+    experiment: Experiment,
+    joints: Sequence[int],
+    slope: float,
+    words: str,
+    penalty: float = 0.0,
+    error: float = 0.0,
 ) -> Transform:
-    """Return the transform of torques that are `slope` times too large, or in another unit."""
+    """Return the transform of torques that are `slope` times too large, or in another unit.
+
+    `error` is the relative standard error of the slope, zero if it is not known.
+    """
     size, sign = abs(slope), math.copysign(1.0, slope)
     unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
     is_unit = abs(math.log(size)) > math.log(tol.FAR)
     exact = is_unit and abs(math.log(size / _UNITS[unit])) < math.log(tol.TWICE)
     # A unit is one of few values and no fitted number: it costs one parameter less.
     factor = sign / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
-    off = f"{size:.3g} times too large" if size > 1 else f"{1 / size:.3g} times too small"
+    times = max(size, 1 / size)
+    spread = f" +- {times * error:.2g}" if error else ""
+    off = f"{times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
     return multiplied(
         codes.UNIT if is_unit else codes.TORQUE_SCALE,
@@ -467,10 +478,11 @@ def _scale(
     )
 
 
-def _refinement(experiment: Experiment, j: int) -> float:
+def _refinement(experiment: Experiment, j: int) -> tuple[float, float]:
     """Return the factor on the torque of a joint that the nominal bodies of all joints suggest.
 
-    Nominal torques are the instrument: noise of the logged one would bias least squares.
+    The second value is its standard error, with the errors of these bodies. Nominal torques are the
+    instrument: noise of the logged one would bias least squares.
     """
     nominal, is_own = experiment.of_file, np.arange(experiment.robot.n) == j
     of_motors = experiment.lever * experiment.torque
@@ -480,7 +492,9 @@ def _refinement(experiment: Experiment, j: int) -> float:
     # z . (u + (f - 1) x) = 0 for a factor f on the torque x, of which u is unexplained now:
     # f = 1 - z . u / z . x.
     inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
-    return 1 / inverse if 1 / tol.TWICE < inverse < tol.TWICE else 1.0
+    factor = 1 / inverse if 1 / tol.TWICE < inverse < tol.TWICE else 1.0
+    # z . n has the variance |z|^2 for what is unexplained, of variance 1.
+    return factor, factor * float(np.linalg.norm(z)) / abs(size) if size else 0.0
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
