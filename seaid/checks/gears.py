@@ -103,8 +103,8 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
     return codes.TRANSMISSION_ERROR.finding(
-        f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
-        "gear or its encoders, or ripple of the motor",
+        f"{share:.0%} of the residual of the motor equation of {joint} is periodic ({text}): an "
+        "error of the gear or its encoders, or ripple of the motor",
         joint,
         "doubtful" if share >= tol.MATTERS else "note",
         evidence,
@@ -252,16 +252,21 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
     )
 
 
+def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
+    """Return (motor, joint) that the drives do not couple and a mechanism may."""
+    robot = experiment.robot
+    return [
+        (j, i)
+        for j, i in product(_between_encoders(experiment), range(robot.n))
+        if i != j and robot.joint_names[i] not in robot.drives[robot.joint_names[j]].transmission
+        if robot.is_prismatic[i] == robot.is_prismatic[j]
+    ]
+
+
 def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
-    robot, driven = experiment.robot, list[tuple[int, int]]()
-    for j, i in product(_between_encoders(experiment), range(robot.n)):
-        joint, mover = robot.joint_names[j], robot.joint_names[i]
-        if mover in {joint, *robot.drives[joint].transmission}:
-            continue
-        if robot.is_prismatic[i] != robot.is_prismatic[j]:
-            continue
-        driven.append((j, i))
+    for j, i in _uncoupled(experiment):
+        joint, mover = experiment.robot.joint_names[j], experiment.robot.joint_names[i]
         turns = float(_turns(experiment, j, [i])[0])
         if abs(turns) < tol.POOR:
             continue
@@ -274,12 +279,16 @@ def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
         yield coupled
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
             yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
-    for j, i in (pair for pair in driven if pair[0] < pair[1] and pair[::-1] in driven):
-        # both rows at once: a motor of a differential may turn against its joint
-        of_pair = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
-        is_coupled = np.min(np.abs(of_pair[[0, 1], [1, 0]])) > tol.POOR
-        if is_coupled and abs(np.linalg.det(of_pair + np.eye(2))) > tol.POOR:
-            rows = ({j: float(x), i: float(y)} for x, y in of_pair)
+
+
+def differentials(experiment: Experiment) -> Iterator[Transform]:
+    """Yield pairs of motors that turn with both of their joints, each also against its joint."""
+    pairs = _uncoupled(experiment)
+    for j, i in (pair for pair in pairs if pair[0] < pair[1] and pair[::-1] in pairs):
+        turns = np.array([_turns(experiment, motor, [j, i]) for motor in (j, i)])
+        is_coupled = np.min(np.abs(turns[[0, 1], [1, 0]])) > tol.POOR
+        if is_coupled and abs(np.linalg.det(turns + np.eye(2))) > tol.POOR:
+            rows = ({j: float(x), i: float(y)} for x, y in turns)
             yield _coupled(experiment, dict(zip((j, i), rows, strict=True)))
 
 

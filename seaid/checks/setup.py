@@ -697,6 +697,7 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
     _has_other_ratios: {gears.gear_ratios: codes.GEAR_RATIO},
     _has_encoders_apart: {
         gears.coupled_motors: codes.COUPLED_JOINTS,
+        gears.differentials: codes.COUPLED_JOINTS,
         gears.linkages: codes.VARYING_RATIO,
     },
 }
