@@ -151,13 +151,17 @@ class Experiment:
         source: str | Mapping[str, Any] = self.sources[log][self.robot.joint_names[j]][quantity]
         return source
 
+    def input(self, j: int) -> str:
+        """Return the quantity by which the torque of motor j is logged, such as its current."""
+        return INPUT_FIELDS[self.robot.drives[self.robot.joint_names[j]].motor_input]
+
     def logged(self, j: int, channels: str) -> list[str]:
         """Return the logged quantities of joint j for channels of q, m and t.
 
         A position that was computed from the other side's changes with that one.
         """
         sources = self.sources[0][self.robot.joint_names[j]]
-        sides = {"q": ["joint_position", "motor_position"], "t": ["motor_torque", "joint_torque"]}
+        sides = {"q": ["joint_position", "motor_position"], "t": [self.input(j), "joint_torque"]}
         sides["m"] = sides["q"][::-1]
         choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
         return list(dict.fromkeys(name for choice in choices for name in choice))
@@ -458,7 +462,7 @@ class Experiment:
     def _has_open_rotor(self) -> BoolArray:
         """Whether the logged motor torque (n,) of a stiff joint turns a rotor of any inertia."""
         sources = [self.sources[0][joint] for joint in self.robot.joint_names]
-        is_of_motor = np.array(["motor_torque" in source for source in sources], dtype=bool)
+        is_of_motor = np.array([self.input(j) in x for j, x in enumerate(sources)], dtype=bool)
         is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
         return np.asarray(self._is_open & is_of_motor & is_stiff)
 
@@ -901,6 +905,10 @@ def _windows(motion: Motion) -> list[Motion]:
     return [motion.samples(slice(start, start + size)) for start in starts]
 
 
+_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
+"""{input of a motor: its constant}; the torque that a voltage drives the current of is viscous."""
+
+
 def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     """Return the signals of an experiment, by name, at not many more than `most` instants."""
     rows = row_samples(motion)
@@ -912,16 +920,16 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
         known = in_band_at(motion, np.nan_to_num(signal), samples)
         return np.where(np.isnan(signal[0]), np.nan, known)
 
-    drives = robot.drives.values()
-    fields = [INPUT_FIELDS[drive.motor_input] for drive in drives]
-    is_torque = [field == "motor_torque" for field in fields]
-    is_known = np.array(is_torque) & ~np.array([drive.is_up_to_scale for drive in drives])
-    unscaled = np.full(motion.motor_position.shape, np.nan)
-    for j, name in enumerate(fields):
-        channel = getattr(motion, name)
-        if not is_torque[j] and channel is not None:
+    unscaled, of_motors = np.full((2, *motion.motor_position.shape), np.nan)
+    for j, drive in enumerate(robot.drives.values()):
+        channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
+        constant = _CONSTANTS.get(drive.motor_input, "")
+        if channel is None or drive.is_up_to_scale:
+            continue
+        if not constant or constant in drive.known:
+            of_motors[:, j] = drive.values.get(constant, 1.0) * channel[:, j]
+        else:
             unscaled[:, j] = channel[:, j]
-    of_motors = np.where(is_known, motion.motor_torque, np.nan)
     # At all samples, because the derivative needs the neighbours of a row.
     torque = filtered(of_motors, np.arange(len(of_motors)))
     motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration

@@ -508,6 +508,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
     yield _scale(experiment, used, middle, "the torques of all joints are", float(of_masses))
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
+    is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
         yield _behind_gears(experiment, middle)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.

@@ -71,6 +71,26 @@ def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> 
     assert np.all(negative.nominal > 0.8 * shares)
 
 
+@pytest.mark.parametrize("known", [("torque_constant",), ()])
+def test_currents_are_compared_as_torques_are_if_their_constants_are_known(
+    known: tuple[str, ...],
+) -> None:
+    robot, log, constant = arm(), arm_log(), 0.05
+    drives = {
+        joint: replace(x, motor_input="current", nominal={"torque_constant": constant}, known=known)
+        for joint, x in robot.drives.items()
+    }
+    sign = np.where(np.array(robot.joint_names) == "shoulder", -1.0, 1.0)
+    currents = replace(
+        log,
+        motor_current=sign * log.motor_torque / constant,
+        motor_torque=np.full_like(log.motor_torque, np.nan),
+    )
+    findings, _ = mistakes(experiment(robot.with_drives(drives), currents))
+    signs = [(x.joint, "motor_current" in x.remedy) for x in findings if x.code == "sign"]
+    assert signs == ([("shoulder", True)] if known else [])
+
+
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("factor", [0.75, 1.25])
 def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: float) -> None:
