@@ -435,7 +435,8 @@ _ECHOES = (
 def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> list[Finding]:
     """Return findings without those that noise alone raises, or whose torques do not matter.
 
-    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none.
+    A weak spring, whose deflection is mostly noise, has such findings; with backlash it is none. A
+    wrong set-up is never dropped: what it explains is a note already.
     What a model lacks is a note at `exact` joints, whose torque errors do not matter, and so is a
     symptom of a cause that explains it: the cause is as severe as its symptoms, whose remedies have
     the numbers of a model without it. Too few rows are a note where another finding is why blocks
@@ -447,7 +448,7 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     minor: dict[str, Collection[str]] = dict.fromkeys(_ECHOES, exact)
     if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
         minor[FEW_ROWS.name] = {""}
-    kept = (finding for finding in findings if finding.joint not in echoes.get(finding.code, ()))
+    kept = (x for x in findings if x.severity == "wrong" or x.joint not in echoes.get(x.code, ()))
     matter = [
         replace(finding, severity="note")
         if finding.joint in minor.get(finding.code, ())

@@ -49,6 +49,9 @@ def test_a_weak_spring_silences_what_noise_alone_raises() -> None:
     weak = Finding("weak-spring", "hardly loaded", "knee")
     term = replace(TERM, evidence={"explained": 0.3})
     assert that_matter([weak, term]) == [weak]
+    # A wrong set-up has made notes of its symptoms: without it nothing would be left of both.
+    wrong = replace(term, severity="wrong")
+    assert that_matter([replace(weak, severity="note"), wrong])[1] == wrong
 
 
 @pytest.mark.parametrize(
