@@ -163,6 +163,17 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     return size / given if is_off else None
 
 
+def _fits(experiment: Experiment, j: int, factor: float) -> bool:
+    """Whether the torque of joint j, times a factor on its gear ratio, comes nearer to the bodies.
+
+    A torque that friction alone explains as well shows no ratio.
+    """
+    scale = experiment.scales.get(j)
+    if scale is None or not scale.shown > 0:
+        return scale is None
+    return abs(math.log(factor * scale.shown)) < abs(math.log(scale.shown))
+
+
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
     for j in experiment.used:
@@ -170,7 +181,8 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         is_stiff = not experiment.robot.drives[joint].is_elastic
         is_linear = experiment.robot.is_prismatic[j] and is_stiff
         key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        ratio, factors = float(experiment.ratio[j]), [] if experiment.both[j] else [0.5, 2.0]
+        ratio = float(experiment.ratio[j])
+        factors = [] if experiment.both[j] else [x for x in (0.5, 2.0) if _fits(experiment, j, x)]
         by, evidence = ",", {"given ratio": ratio}
         if slope:
             by, factors = " by its two encoders,", near(slope)
