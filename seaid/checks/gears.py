@@ -573,18 +573,22 @@ def _zero_is_off(
 ) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
-    An angle beyond a turn, or one that is not determined, stands for something else.
+    An angle beyond a turn, or one that is not determined, stands for something else. Known bodies
+    whose centres of mass lie in another direction have the same torque.
     """
     (offset,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
     if abs(offset) > tol.SURE * side.offset_std:  # else its effect is linear, and in the errors
         offset, error = _searched_zero(side, joint)
     if abs(offset) > np.pi or abs(offset) < tol.SIGNIFICANT * error:
         return None
+    is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
+    is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * is_known)
     return codes.ENCODER_OFFSET.finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
-        f"that of the robot file: that explains {share:.0%} of the squared residual of its torque",
+        f"that of the robot file{rival * is_known}: that explains {share:.0%} of the squared "
+        "residual of its torque",
         joint,
-        "note" if abs(offset) < tol.SURE * side.offset_std else "doubtful",
+        "note" if is_minor else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
         zeros_in_description(side.robot, {joint: offset}, side.sources),
     )

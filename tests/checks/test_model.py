@@ -386,6 +386,15 @@ def test_a_zero_that_is_off_is_named_with_its_angle(joint: str, offset: float) -
     assert abs(finding.evidence["offset [rad]"] + offset) < 3.3 * error < 0.003
 
 
+def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None:
+    """What a joint moves is taken from the robot file, whose centres have their own errors."""
+    robot = replace(leg(TEST_MASS), known_bodies=("shank", "foot"))
+    findings = identify(robot, with_zero(robot, leg_log(1), "hip_pitch", 0.008)).findings
+    (finding,) = (finding for finding in findings if finding.code == "encoder-offset")
+    assert finding.severity == "note"
+    assert "or centres of known bodies are off as much" in finding.message
+
+
 @pytest.mark.parametrize("joint", quick_first(["hip_roll", "hip_pitch"]))
 def test_the_lines_of_a_zero_repair_the_log(joint: str) -> None:
     """The motor moves by the lever of its gear and pulleys."""
