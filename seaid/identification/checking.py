@@ -51,9 +51,9 @@ from seaid.errors import (
 )
 from seaid.estimation import estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
-from seaid.identification.motor_side import with_regressed_angles, without_joint_encoder
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
+from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
 from seaid.log import Log, Motion, row_samples
 from seaid.regressor import actuator_rows, is_linear, load_model_of, motor_regressor, usable_rows
 from seaid.robot import Robot
@@ -114,7 +114,7 @@ def check(
     """
     sources = sources_of(logs)
     in_memory = [source for source in sources if isinstance(source, Log)]
-    unseen = without_joint_encoder(robot, in_memory) if in_memory else ()
+    unseen = joints_sensed_by_motor_only(robot, in_memory) if in_memory else ()
     if unseen and len(in_memory) == len(sources):
         sources = list(with_regressed_angles(robot, in_memory, unseen, cutoff_hz))
     findings = log_findings(robot, in_memory)

@@ -31,12 +31,6 @@ from seaid.estimation import Estimate, EstimatorName
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.extension import extension_of
 from seaid.identification.model_selection import with_fixed_default_terms
-from seaid.identification.motor_side import (
-    cutoff_of,
-    shown_springs,
-    starts_by_regression,
-    without_joint_encoder,
-)
 from seaid.identification.output_error import (
     FirstEstimate,
     first_estimate,
@@ -46,6 +40,12 @@ from seaid.identification.output_error import (
 from seaid.identification.problem import Method, Options, concluded, solved
 from seaid.identification.result import Fit, Identification, Validation, consistent_bodies
 from seaid.identification.simulated_joints import check_refinable
+from seaid.identification.unseen_springs import (
+    cutoff_of,
+    hidden_spring_findings,
+    joints_sensed_by_motor_only,
+    starts_by_regression,
+)
 from seaid.identification.validation import compared
 from seaid.log import Log, reconstruct_motions
 from seaid.robot import Robot
@@ -148,7 +148,7 @@ def identify(
     )
     sources = sources_of(logs)
     in_memory = [source for source in sources if isinstance(source, Log)]
-    unseen = without_joint_encoder(robot, in_memory) if len(in_memory) == len(sources) else ()
+    unseen = joints_sensed_by_motor_only(robot, in_memory) if len(in_memory) == len(sources) else ()
     if unseen:
         return _identify_from_motors(robot, in_memory, unseen, options)
     return _fit(robot, sources, options)
@@ -250,7 +250,7 @@ def _refined_from_motors(
             "or log the joint position"
         ) from None
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
-    findings = (*refined.findings, *shown_springs(refined, joints, rate_hz))
+    findings = (*refined.findings, *hidden_spring_findings(refined, joints, rate_hz))
     return replace(refined, findings=findings)
 
 
@@ -282,7 +282,7 @@ def validate(identification: Identification, log: Log) -> Validation:
     --------
     >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
     """
-    unseen = without_joint_encoder(identification.known, [log])
+    unseen = joints_sensed_by_motor_only(identification.known, [log])
     log = simulated_from_motors(identification, log)
     motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
     result = compared(identification, *motions)

@@ -35,14 +35,6 @@ from seaid.estimation import (
     without_information,
 )
 from seaid.identification.drive_estimates import with_estimate, with_values, without_torque
-from seaid.identification.motor_side import (
-    SAMPLES,
-    with_angles,
-    with_joint_angles,
-    with_motor_side_findings,
-    with_rigid_angles,
-    without_joint_encoder,
-)
 from seaid.identification.sensitivity import STEP, Constant, constants_of
 from seaid.identification.simulated_joints import (
     CommandedLog,
@@ -57,6 +49,14 @@ from seaid.identification.simulated_joints import (
     with_hysteresis,
 )
 from seaid.identification.stacked_fits import TORQUE_OFFSET, merged_estimates
+from seaid.identification.unseen_springs import (
+    SAMPLES,
+    joints_sensed_by_motor_only,
+    with_angles,
+    with_joint_angles,
+    with_motor_side_findings,
+    with_rigid_angles,
+)
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
@@ -103,7 +103,7 @@ WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
 
 SHORT_WINDOW_S, _FIRST_STEPS, _CLOSE_TO_LONGER = 0.25, 12, 0.5
-"""Windows and most steps of a first estimate without joint encoders, see `motor_side`; its next
+"""Windows and most steps of a first estimate without joint encoders, see `unseen_springs`; its next
 step [standard errors] from which longer windows go on."""
 
 
@@ -836,7 +836,7 @@ def refine(
         identification.robot, "refine", IdentificationError, why="seaid does not simulate contacts"
     )
     check_offset_std(encoder_offset_std)
-    _check_start(identification, without_joint_encoder(identification.known, logs))
+    _check_start(identification, joints_sensed_by_motor_only(identification.known, logs))
     if identification.known.has_controllers:
         return _commanded_refinement(identification, logs, iterations, progress)
     return refined_with_logs(identification, logs, encoder_offset_std, iterations, progress)[0]
@@ -920,7 +920,7 @@ def refined_with_logs(
     progress: bool = False,
 ) -> tuple[Identification, list[Log]]:
     """Return the result of `refine`, and the logs with the simulated angles of unseen joints."""
-    unseen = without_joint_encoder(identification.known, logs)
+    unseen = joints_sensed_by_motor_only(identification.known, logs)
     layout = layout_of(identification, encoder_offset_std, unseen)
     if not (layout.simulated or encoder_offset_std):
         return identification.with_findings([nothing_to_simulate()]), logs
@@ -998,7 +998,7 @@ def simulated_from_motors(identification: Identification, log: Log) -> Log:
 
     The motors turn as measured; only the initial state of each window is fitted to their torques.
     """
-    unseen = without_joint_encoder(identification.known, [log])
+    unseen = joints_sensed_by_motor_only(identification.known, [log])
     if not unseen:
         return log
     _check_start(identification, unseen)
@@ -1021,7 +1021,7 @@ class FirstEstimate:
 
 def first_estimate(identification: Identification, logs: list[Log]) -> FirstEstimate:
     """Return the fit in short windows of logs without some joint encoders."""
-    layout = layout_of(identification, 0.0, without_joint_encoder(identification.known, logs))
+    layout = layout_of(identification, 0.0, joints_sensed_by_motor_only(identification.known, logs))
     x = layout.start
     for joint in layout.unseen:  # the angles of the start are those of a spring without damping
         if (damping := Parameter("spring_damping", joint)) in layout.places:

@@ -737,7 +737,7 @@ def test_the_count_is_that_of_simulated_motor_angles(
     assert "By derivatives of motor angle and motor torque" in str(found.summary())
 
 
-def test_the_leg_without_joint_encoders() -> None:
+def test_the_leg_joints_sensed_by_motor_onlys() -> None:
     leg = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
     by_regression = seaid.identifiability(leg)
     found = seaid.identifiability(leg, MOTOR_SIDE)

@@ -29,14 +29,14 @@ from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.export import write_parameters
 from seaid.identification.identification import identify
-from seaid.identification.motor_side import (
-    joint_angle,
-    with_motor_side_findings,
-    with_rigid_angles,
-    without_joint_encoder,
-)
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
+from seaid.identification.unseen_springs import (
+    joint_angle,
+    joints_sensed_by_motor_only,
+    with_motor_side_findings,
+    with_rigid_angles,
+)
 from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.report.text import short_text
@@ -125,12 +125,12 @@ def test_an_uncertain_rotor_inertia_is_in_the_errors_of_all_parameters(
 @pytest.mark.slow  # 6.9 s
 def test_joints_without_a_sensor_behind_the_spring_are_found(robot: Robot) -> None:
     log = log_of(ANYDRIVE)
-    assert without_joint_encoder(robot, [log]) == ("arm",)
+    assert joints_sensed_by_motor_only(robot, [log]) == ("arm",)
     seen = replace(log, joint_position=np.zeros_like(log.joint_position))
-    assert without_joint_encoder(robot, [log, seen]) == ()
-    assert without_joint_encoder(robot, [replace(log, deflection=log.motor_position)]) == ()
+    assert joints_sensed_by_motor_only(robot, [log, seen]) == ()
+    assert joints_sensed_by_motor_only(robot, [replace(log, deflection=log.motor_position)]) == ()
     blind = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
-    assert without_joint_encoder(robot, [blind]) == ()
+    assert joints_sensed_by_motor_only(robot, [blind]) == ()
 
 
 def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
@@ -307,7 +307,7 @@ def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> 
     path = tmp_path / "run.csv"
     seaid.write_log(log_of(ANYDRIVE), path)
     log = seaid.read_log(path, robot)
-    assert without_joint_encoder(robot, [log]) == ("arm",)
+    assert joints_sensed_by_motor_only(robot, [log]) == ("arm",)
     with pytest.raises(LogError, match="identify needs the log in memory, of read_log"):
         reconstruct_motion(robot, log)
     with pytest.raises(LogError, match="not in pieces"):

@@ -1,13 +1,14 @@
-"""Springs and loads from motor angle and motor torque alone, without a sensor behind the spring.
+"""Start angles and findings for joints whose springs only the motor senses.
 
-From (7) the torque on the load follows from the motor, tau_L = n (tau_M - I_M theta_M'' - friction)
-with n = N r_L / r_M, and from (4b) the angle of the joint, q = theta_M / n - tau_L / (k r_L^2):
-nothing is integrated, but noise of the torque enters (8) with two derivatives. So these angles only
-start the fit. `refine` simulates the joints from the motors instead, the one direction in which the
-equations neither drift nor depend on dry friction at rest, and compares the motor torques, whose
-noise no controller feeds back into the motor angles. Windows shorter than a period of the joint
-keep the cost smooth far from the solution (multiple shooting, Bock 1983); longer ones then give the
-accuracy. `filled_by_model` gives the first start, by a robot without springs.
+The fit itself is `refine` of output_error.py. From (7) the torque on the load follows from the
+motor, tau_L = N_t (tau_M - I_M theta_M'' - friction) with the total ratio N_t = N r_L / r_M, and
+from (4b) the angle of the joint, q = theta_M / N_t - tau_L / (k r_L^2): nothing is integrated, but
+noise of the torque enters (8) with two derivatives. So these angles only start the fit. `refine`
+simulates the joints from the motors instead, the one direction in which the equations neither drift
+nor depend on dry friction at rest, and compares the motor torques, whose noise no controller feeds
+back into the motor angles. Windows shorter than a period of the joint keep the cost smooth far from
+the solution (multiple shooting, Bock 1983); longer ones then give the accuracy.
+`starts_by_regression` gives the first start, by a search of the compliances.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ _BANDS = (0.25, 0.5, 0.125)
 """Parts of the cutoff below which a regression starts the fit. It is a good start where the motion
 fills the band, a quarter of the proposed cutoff for a multisine; above are derivatives of noise."""
 
-_TRIED_HZ = np.geomspace(0.3, 4.0, 14)
-"""Antiresonances over the band that the regression tries, by the apparent inertia of the motor. Far
-below the band, the joint angle is a multiple of the torque, and anything fits."""
+_TRIED_RATIOS = np.geomspace(0.3, 4.0, 14)
+"""Antiresonances that the regression tries, as multiples of the band; the inertia of each is the
+apparent one of the motor. Far below the band, the joint angle is a multiple of the torque, and
+anything fits."""
 
 _SWEEPS, _WEIGHTINGS, _FACTORS = 3, 3, (0.6, 0.8, 1.25, 1.6)
 """Regressions at a compliance, for its friction, and of joints by their errors; then changes of one
@@ -68,7 +70,7 @@ SAMPLES = 8
 _OF_SPRING = ("stiffness", "spring_damping", "spring_offset")
 
 
-def without_joint_encoder(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
+def joints_sensed_by_motor_only(robot: Robot, logs: Sequence[Log]) -> tuple[str, ...]:
     """Return the elastic joints of which each log has the motor side only."""
     return tuple(
         joint for joint in robot.elastic_joints if all(_only_motor(log, joint) for log in logs)
@@ -88,7 +90,9 @@ def _only_motor(log: Log, joint: str) -> bool:
 def with_motor_side_findings(
     refined: Identification, terms: Mapping[str, Mapping[int, Array]], motion: Motion
 ) -> Identification:
-    """Return a refined identification with what its `terms` say that no model has.
+    """Return a refined identification with findings of damped springs or elastic links.
+
+    The model leaves both out.
 
     `terms` {joint: {order: [value, standard error]}} of joints without a sensor behind the spring
     are torques by derivatives of the deflection: spring damping, and order 2, of an elastic link
@@ -100,17 +104,17 @@ def with_motor_side_findings(
     antiresonances_hz = {}
     for joint, orders in terms.items():
         drive = refined.known.drives[joint]
-        k = refined.drive_side[joint].value("stiffness") * drive.load_radius**2
-        # x w_a^n / (k r_L^2): a torque x d^(n)/dt^n of the deflection over that of the spring, at
-        # w_a = sqrt(k r_L^2 / J).
-        rate = float(np.sqrt(abs(k) / inertia[refined.known.index(joint)]))
-        scaled = {order: pair * rate**order / k for order, pair in orders.items()}
+        joint_stiffness = refined.drive_side[joint].value("stiffness") * drive.load_radius**2
+        # x w_a^order / (k r_L^2): a torque, x times a derivative of the deflection, over that of
+        # the spring, at w_a = sqrt(k r_L^2 / J).
+        rate = float(np.sqrt(abs(joint_stiffness) / inertia[refined.known.index(joint)]))
+        scaled = {order: pair * rate**order / joint_stiffness for order, pair in orders.items()}
         tests[joint] = {order: (float(x), float(error)) for order, (x, error) in scaled.items()}
         antiresonances_hz[joint] = rate / (2 * np.pi)
     others = [
         finding
         for finding in refined.findings
-        if finding.code != "gear-compliance"  # which the note says
+        if finding.code != "gear-compliance"  # The finding "motor-side" states the same.
         if finding.code != "motor-side" or "unexplained" in finding.evidence
     ]
     findings = motor_side_findings(tests, antiresonances_hz)
@@ -177,11 +181,14 @@ def cutoff_of(
 
 
 @dataclass(frozen=True, eq=False)
-class MotorSide:
-    """A motion, and what (7) says of the torques on the loads of joints without a sensor there.
+class UnseenLoads:
+    """A motion, and the torques that (7) gives on the loads of joints without a sensor there.
 
     `joints` are their places; `torque` (T, joints) is that without friction, from which `friction`
-    (T, joints, f) times its parameters is subtracted.
+    (T, joints, f) times its parameters is subtracted. The cutoff of the motion is the band of the
+    regression, a part of the cutoff of the log (`_BANDS`), below which the rows are filtered. Both
+    are smoothed below twice this band: that low pass has a gain of 0.94 at the end of the band, and
+    removes the noise above it, which two derivatives of the joint positions would enlarge.
     """
 
     motion: Motion
@@ -190,17 +197,18 @@ class MotorSide:
     friction: Array
 
     def moved(self, compliance: Array, friction: Array) -> Motion:
-        """Return the motion with the joint positions of (7) and (4b), below twice the cutoff."""
+        """Return the motion with the joint positions of (7) and (4b), below twice the band."""
         motion, q = self.motion, self.motion.joint_position.copy()
-        # (4b): q = theta_M / N - c tau_L with c = 1 / (k r_L^2), from rigid angles theta_M / N.
+        # (4b): q = theta_M / N_t - c tau_L with c = 1 / (k r_L^2); the positions are rigid so far,
+        # q = theta_M / N_t.
         q[:, self.joints] -= compliance * (self.torque - self.friction @ friction)
         q = low_pass(q, motion.rate_hz, 2 * motion.cutoff_hz)
         states = spline_derivatives(motion.time, q[:, self.joints])
         return with_joints(motion, self.joints, states)
 
 
-def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSide:
-    """Return the motor side below twice the cutoff, with few samples."""
+def _unseen_loads(robot: Robot, motion: Motion, joints: Sequence[str]) -> UnseenLoads:
+    """Return the torques on the loads below twice the band, with few samples."""
     torques, columns = [], []
     for joint in joints:
         regressor, zeta, R = actuator_columns(robot, motion, joint)
@@ -221,7 +229,7 @@ def _motor_side(robot: Robot, motion: Motion, joints: Sequence[str]) -> MotorSid
 
     flat = smooth(friction.reshape(len(friction), -1)).reshape(-1, *friction.shape[1:])
     places = [robot.index(joint) for joint in joints]
-    return MotorSide(decimated(motion, few), places, smooth(np.column_stack(torques)), flat)
+    return UnseenLoads(decimated(motion, few), places, smooth(np.column_stack(torques)), flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,17 +242,17 @@ class MotorRegression:
 
     robot: Robot
     joints: Sequence[str]
-    sides: list[MotorSide]
+    loads: list[UnseenLoads]
     model: LoadModel
 
     def best_compliance(self, band_hz: float) -> Array:
         """Return the compliances (joints,) of least misfit, from antiresonances about a band."""
-        torque = np.concatenate([side.torque for side in self.sides])
-        motion = [side.motion.joint_acceleration[:, side.joints] for side in self.sides]
+        torque = np.concatenate([load.torque for load in self.loads])
+        motion = [load.motion.joint_acceleration[:, load.joints] for load in self.loads]
         # The apparent inertia J is rms torque over rms acceleration; the antiresonance is
         # w_a = sqrt(1 / (c J)), so that c = 1 / (J w_a^2).
         inertia = np.sqrt(np.mean(torque**2, axis=0) / np.mean(np.concatenate(motion) ** 2, axis=0))
-        tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_HZ]
+        tried = [1 / (inertia * (2 * np.pi * band_hz * part) ** 2) for part in _TRIED_RATIOS]
         best: Array = min(tried, key=lambda compliance: self.fit(compliance)[0])
         for changed in [*np.eye(len(self.joints), dtype=bool)] * 2:
             near = [best * np.where(changed, factor, 1.0) for factor in (1.0, *_FACTORS)]
@@ -256,24 +264,24 @@ class MotorRegression:
 
         The misfit is the mean log of the rms error over that of the torque.
         """
-        friction = np.zeros(self.sides[0].friction.shape[2])
+        friction = np.zeros(self.loads[0].friction.shape[2])
         for _ in range(_SWEEPS):
-            rows = np.concatenate([self._rows(side, compliance, friction) for side in self.sides])
+            rows = np.concatenate([self._rows(load, compliance, friction) for load in self.loads])
             misfit, x = _weighted_fit(rows)
             # Not x[-f:], which is all of x for f = 0.
             friction = x[len(x) - len(friction) :]
         return misfit, friction
 
-    def _rows(self, side: MotorSide, compliance: Array, friction: Array) -> Array:
+    def _rows(self, load: UnseenLoads, compliance: Array, friction: Array) -> Array:
         """Return the rows [columns of bodies and friction, torque] at the moved joints."""
-        robot, motion = self.robot, side.moved(compliance, friction)
+        robot, motion = self.robot, load.moved(compliance, friction)
         # the torques of the springs are those that (7) leaves of the motors'
         springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
         rows = [self.model.torque_joints.index(joint) for joint in self.joints]
         torque, payload, H, _ = load_columns(robot, motion, self.model, springs)
-        torque[:, rows] = side.torque
+        torque[:, rows] = load.torque
         columns = np.zeros((*H.shape[:2], len(friction)))
-        columns[:, rows] = side.friction
+        columns[:, rows] = load.friction
         whole = np.concatenate([H, columns, (torque - payload)[:, :, None]], axis=2)
         return in_band_at(motion, whole, row_samples(motion))
 
@@ -299,8 +307,9 @@ def starts_by_regression(
 ) -> list[list[Log]]:
     """Return the logs with the angles of regressions in bands below the cutoff.
 
-    Those that explain the torques best are first, since one that ends in a wrong minimum may come
-    near to the noise: that of the torque of the rotor is large below a high cutoff.
+    The starts with the least misfit come first. The caller stops at the first whose fit reaches the
+    noise, and a fit in a wrong minimum may seem to reach it: below a high cutoff the rotor inertia
+    times the noisy acceleration is large.
     """
     starts, problem = [], None
     for part in _BANDS:
@@ -318,16 +327,17 @@ def _start_by_regression(
 ) -> tuple[float, list[Log]]:
     """Return the misfit of a regression in a band, and the logs with its joint positions."""
     shortest_s = min(float(log.time[-1] - log.time[0]) for log in logs)
+    # A fifth above the lowest band of a log of this length: rest at its ends is excluded later.
     band_hz = max(band_hz, 1.2 * FEWEST_PERIODS / shortest_s)
     rigid = [with_rigid_angles(robot, log, joints) for log in logs]
     grouped = [reconstruct_motions(robot, log, band_hz) for log in rigid]
-    sides = [[_motor_side(robot, motion, joints) for motion in group] for group in grouped]
-    every = list(chain(*sides))
-    model = _model_of_torques(robot, [side.motion for side in every], joints)
+    loads = [[_unseen_loads(robot, motion, joints) for motion in group] for group in grouped]
+    every = list(chain(*loads))
+    model = _model_of_torques(robot, [load.motion for load in every], joints)
     regression = MotorRegression(robot, joints, every, model)
     compliance = regression.best_compliance(band_hz)
     misfit, friction = regression.fit(compliance)
-    moved = [[side.moved(compliance, friction) for side in group] for group in sides]
+    moved = [[load.moved(compliance, friction) for load in group] for group in loads]
     pairs = zip(rigid, moved, strict=True)
     return misfit, [with_angles(robot, log, motions, joints) for log, motions in pairs]
 
@@ -343,8 +353,7 @@ def with_regressed_angles(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float | None
 ) -> list[Log]:
     """Return the logs with the joint positions of the regression that explains them best."""
-    cutoff_hz = cutoff_of(robot, logs, joints, cutoff_hz)
-    return starts_by_regression(robot, logs, joints, cutoff_hz)[0]
+    return starts_by_regression(robot, logs, joints, cutoff_of(robot, logs, joints, cutoff_hz))[0]
 
 
 def inertia_about(robot: Robot, motion: Motion) -> Array:
@@ -356,8 +365,10 @@ def inertia_about(robot: Robot, motion: Motion) -> Array:
     return np.asarray(np.abs(inertia))
 
 
-def shown_springs(refined: Identification, joints: Sequence[str], rate_hz: float) -> list[Finding]:
-    """Return what hides the springs of joints from their motors, in logs with a rate."""
+def hidden_spring_findings(
+    refined: Identification, joints: Sequence[str], rate_hz: float
+) -> list[Finding]:
+    """Return findings of what hides the springs of joints from motors, in logs with a rate."""
     inertia = inertia_about(refined.robot, refined.motions[0])
     springs, antiresonances_hz = {}, {}
     for joint in joints:
@@ -367,6 +378,5 @@ def shown_springs(refined: Identification, joints: Sequence[str], rate_hz: float
         springs[joint] = k, error
         antiresonances_hz[joint] = float(np.sqrt(spring)) / (2 * np.pi)
     fits = {joint: refined.joint_fits[joint].own for joint in joints if joint in refined.joint_fits}
-    logged = rate_hz, SAMPLES
-    hidden = hidden_springs(springs, antiresonances_hz, refined.cutoff_hz, logged)
+    hidden = hidden_springs(springs, antiresonances_hz, refined.cutoff_hz, (rate_hz, SAMPLES))
     return [*hidden, *noisy_springs(fits)]
