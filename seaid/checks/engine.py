@@ -1,11 +1,11 @@
-"""The engine: which columns belong into an equation, by forward selection.
+"""Forward selection of the columns that an equation lacks.
 
 What is wrong with a set-up or a model, a torque that is late or a term that a drive lacks, is a
 `Candidate`: columns that it adds to the rows of a fit. Every candidate is tested at the same rows:
-which part of the residual it explains, whether an information criterion for as many tests allows
-for that, and whether excluded blocks are predicted better. The best one is accepted, its columns
-are put into the model, and all others are tested again, until nothing matters. What vanishes on
-the way was an echo of what was accepted.
+which part of the residual it explains, whether the decrease of an information criterion exceeds its
+penalty for the number of tests, and whether excluded blocks are predicted better. The best one is
+accepted, its columns are put into the model, and all others are tested again, until nothing
+matters. What vanishes on the way was an echo of what was accepted.
 
 All alternatives of a step are compared at once. The columns that they share are projected out of
 the others first (Frisch and Waugh 1933), once for each excluded block, so that every further
@@ -50,9 +50,9 @@ spring; four spread over the log find a cubic spring twice as often, and no more
 class Alternative:
     """A larger model: the columns (R, c) in addition to, or in place of, those of the rows.
 
-    `replaced` are the places of the columns that it lacks, `parameters` the number of parameters
-    that it has in addition: nonlinear ones, at whose `values` the columns are, included. `names`
-    are the parameters of the columns, if they are those of a term.
+    `replaced` are the places of the columns that it lacks. `parameters` is the number of additional
+    parameters, linear and nonlinear; `values` are those of the nonlinear ones at which the columns
+    were computed. `names` are the parameters of the columns, if they are those of a term.
     """
 
     columns: Array
@@ -89,11 +89,12 @@ class ModelComparison:
     share: float = 0.0
 
     @property
-    def is_supported(self) -> bool:
+    def is_supported_overall(self) -> bool:
         """Whether the criterion and the prediction improve, and a part of the residual goes.
 
         The prediction improves if the squared error of all blocks is smaller, and that of a block
-        significantly: by a t test (one-sided, `CONFIDENCE`) that one block cannot decide.
+        significantly: by a t test (one-sided, `CONFIDENCE`) that one block cannot decide. The part
+        is that of all rows of the fit.
         """
         return self.explained > LEAST_EXPLAINED and self.is_better
 
@@ -137,9 +138,11 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
     joint_factor = np.concatenate(factors)
     # What the core leaves of the other columns and of y has the residuals of the whole model.
-    whole = _without_core(joint_factor, len(core))[1]
-    # Row by row, not as a factor: the autocorrelation of the residual needs the order in time.
-    rest = X[:, p:] - X[:, :p] @ _without_core(joint_factor, p)[0]
+    whole = _projected_out(joint_factor, len(core))[1]
+    # The first p columns of X, core and replaced, are all of the smaller model. The rest is row by
+    # row, not a factor: the autocorrelation of the residual needs the order in
+    # time.
+    rest = X[:, p:] - X[:, :p] @ _projected_out(joint_factor, p)[0]
     ends = np.cumsum([model.columns.shape[1] for model in alternatives]).tolist()
     starts = dict(zip(alternatives, [0, *ends], strict=False))
     return _SharedModel(equation, replaced, len(core), starts, factors, whole, rest)
@@ -188,8 +191,8 @@ class _SharedModel:
         kept = [k for k, place in enumerate(self.replaced) if place not in model.replaced]
         return [*kept, *(len(self.replaced) + k for k in self.columns_of(model))]
 
-    def growth(self, model: Alternative) -> float:
-        """Return the squared residual of the smaller model over that of a larger one.
+    def rss_ratio(self, model: Alternative) -> float:
+        """Return RSS_0 / RSS, the squared residual of the smaller model over that of a larger one.
 
         It is below one if columns that replace others fit worse than these.
         """
@@ -197,29 +200,30 @@ class _SharedModel:
         return self.before / max(after, 1e-300)
 
     def compared(
-        self, model: Alternative, growth: float, asked: int, least_bic: float | None
+        self, model: Alternative, rss_ratio: float, asked: int, least_bic: float | None
     ) -> ModelComparison:
-        """Compare the model with a larger one, by whose columns the residual has such a `growth`.
+        """Compare the smaller model with a larger one.
 
-        The arguments are those of `compared_candidates`.
+        `rss_ratio` is that of `model`; `asked` and `least_bic` are those of `compared_candidates`.
         """
         equation, in_full = self.equation, least_bic is None
-        explained, count = 1 - 1 / max(growth, 1e-300), 1.0
+        explained, count = 1 - 1 / max(rss_ratio, 1e-300), 1.0
         acts = np.any(model.columns != 0, axis=1)
         part = equation.squares(acts) / max(equation.squares(), 1e-300)
         share = explained / max(part, 1e-300)
+        # Not counted otherwise: a share this small is never supported, whatever its criterion.
         if in_full or share > LEAST_EXPLAINED:
             columns = self.rest[:, [*self.columns_of(model)]]
             count = _independent_rows(equation.rows, columns, self.rest[:, -1])
         # With n independent rows and n' = n - p - k: n' log(RSS_0 / RSS) - k log n - 2 log(asked).
         freedom = max(count - len(equation.rows.names) - model.parameters, 1.0)
         penalty = model.parameters * math.log(count) + 2 * math.log(max(asked, 1))
-        bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
+        bic = freedom * math.log(max(rss_ratio, 1e-300)) - penalty  # Chen and Chen 2008
         without = within = np.zeros(len(self.factors))
         if least_bic is None or (bic > least_bic and share > LEAST_EXPLAINED):
             without, within = self.without, _squares(*self.blocks, self.places_of(model))
         # F = ((RSS_0 - RSS) / k) / (RSS / n')
-        F = freedom / model.parameters * max(growth - 1, 0.0)
+        F = freedom / model.parameters * max(rss_ratio - 1, 0.0)
         numbers = bic, F, explained, *_changes(without, within), count, model.parameters, share
         return ModelComparison(*numbers)
 
@@ -229,7 +233,8 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
 
     It is the number of rows over the variance inflation of their coefficients, by the
     autocorrelation of what the residual is once they are in the model, and at most two for each
-    period of the cutoff: below a low pass there are no more, whatever few rows seem to show.
+    period of the cutoff (rows are decimated to ROWS_PER_PERIOD of them): below a low pass there are
+    no more, whatever few rows seem to show.
     """
     svd = scaled_svd(columns)
     error = residual - columns @ svd.solve(residual)
@@ -256,12 +261,12 @@ def _t(changes: Array) -> float:
     return math.sqrt(len(changes)) * float(np.mean(changes)) / max(spread, 1e-300)
 
 
-def _without_core(X: Array, p: int) -> tuple[Array, Array]:
+def _projected_out(X: Array, p: int) -> tuple[Array, Array]:
     """Return the coefficients (p, s) of the last s columns on the first p, and what is left."""
     R = triangle(X)
     svd = scaled_svd(R[:, :p])
     kept = slice(svd.rank(ROUNDING))
-    # y - U U^T y: also right where columns of the core depend on each other.
+    # y - U U^T y: also right where the first p columns depend on each other.
     seen = svd.left[:, kept].T @ R[:, p:]
     scaled = svd.vectors[kept].T @ (seen / svd.sizes[kept, None])
     return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
@@ -270,15 +275,15 @@ def _without_core(X: Array, p: int) -> tuple[Array, Array]:
 def _held_out(factors: Sequence[Array], core: int) -> tuple[Array, Array]:
     """Return the factors (B, c, c) of the other blocks and the rows (B, m, c) of each one.
 
-    `factors` are those of [columns y] of the blocks; c of their columns are no `core` ones. The
-    coefficients of these, the first ones, are those of the other blocks.
+    `factors` are those of [columns y] of the blocks. The first `core` columns are projected out by
+    the coefficients of the other blocks; c columns remain, y the last.
     """
     height, width = max(map(len, factors)), factors[0].shape[1] - core
     rests, blocks = np.zeros((len(factors), width, width)), np.zeros((len(factors), height, width))
     for place, block in enumerate(factors):
         # Factors add up by stacking: without block b there is no pass over the rows again.
         others = np.concatenate([*factors[:place], *factors[place + 1 :]])
-        coefficients, rest = _without_core(others, core)
+        coefficients, rest = _projected_out(others, core)
         # Few rows leave a factor with fewer of them than columns: the others are zero.
         rests[place, : len(rest)] = rest
         blocks[place, : len(block)] = block[:, core:] - block[:, :core] @ coefficients
@@ -365,14 +370,18 @@ class Trial:
     alternative: Alternative
 
     @property
-    def is_supported(self) -> bool:
-        """Whether criterion and prediction improve, and a part of the residual of its rows goes."""
+    def is_supported_at_its_rows(self) -> bool:
+        """Whether the criterion and the prediction improve, and a part of the residual goes.
+
+        The part is that of the rows on which it acts: a joint's own part is small among many
+        joints.
+        """
         return self.comparison.share > LEAST_EXPLAINED and self.comparison.is_better
 
 
 def best_trial(trials: Iterable[Trial]) -> Trial | None:
     """Return the best of the supported trials, None without any."""
-    return best_of({trial: trial.comparison for trial in trials if trial.is_supported})
+    return best_of({trial: trial.comparison for trial in trials if trial.is_supported_at_its_rows})
 
 
 @dataclass(frozen=True, eq=False)
@@ -517,9 +526,9 @@ def compared_candidates(
     shared, trials = _shared_model(equation, [x for c in tested for x in c.alternatives]), []
     for candidate in tested:
         # All points of a grid have the same number of parameters: the best one explains most.
-        growths = {model: shared.growth(model) for model in candidate.alternatives}
-        best = max(growths, key=growths.__getitem__)
-        comparison = shared.compared(best, growths[best], asked, least_bic)
+        ratios = {model: shared.rss_ratio(model) for model in candidate.alternatives}
+        best = max(ratios, key=ratios.__getitem__)
+        comparison = shared.compared(best, ratios[best], asked, least_bic)
         trials.append(Trial(candidate, comparison, best))
     return trials
 
@@ -571,10 +580,14 @@ def forward_selection(
     first: list[Trial] = []
     steps: list[Accepted] = []
     current, remaining, p = equation, list(candidates), len(equation.rows.names)
-    with suppress(IdentificationError):  # too few rows
+    # With as few rows as parameters no block can be predicted, and nothing more is accepted. The
+    # fit itself has the finding `few-rows` then.
+    with suppress(IdentificationError):
         while len(steps) < MOST_ACCEPTED:
             # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already. The
-            # first trials are asked for other numbers of tests, too.
+            # trials of the first step are returned as `Selection.first`, and callers judge them
+            # with a penalty for fewer tests. So all with a criterion above zero are compared in
+            # full.
             least = least_bic if first else 0.0
             compared = compared_candidates(current, remaining, 1, least_bic=least)
             first = first or compared
@@ -624,7 +637,11 @@ def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:
-    """Return `count` masks of rows: blocks of segments of equal length in time, in turn."""
+    """Return `count` masks of rows, of blocks of segments in turn.
+
+    Each block has every `count`-th of `count * segments` segments in time, which have equal numbers
+    of rows.
+    """
     # By log, then by time: all joints of an instant are in one segment, but at its ends.
     order = np.lexsort((rows.time, rows.run))
     place = np.empty(len(order), dtype=np.intp)

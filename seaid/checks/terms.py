@@ -380,7 +380,7 @@ class TermComparison:
     @property
     def is_supported(self) -> bool:
         """Whether both criteria support the term."""
-        return self.comparison is not None and self.comparison.is_supported
+        return self.comparison is not None and self.comparison.is_supported_overall
 
 
 def evidence_of(comparison: ModelComparison, values: Mapping[str, float]) -> dict[str, float]:

@@ -504,7 +504,7 @@ def with_default_terms(
         for trial in compared:
             term, values = trial.candidate.term, trial.alternative.values
             is_added = term == "offset" or (trial is best and term in DEFAULTS)
-            if is_added and trial.comparison.is_supported:
+            if is_added and trial.comparison.is_supported_overall:
                 drive = with_term(drives.get(joint, robot.drives[joint]), "friction", term)
                 drive = drive.with_values(values)
                 friction, known = DefaultTerms(drive.friction), (*drive.known, *values)

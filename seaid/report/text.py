@@ -690,7 +690,7 @@ def _term_row(candidate: TermComparison) -> tuple[Any, ...]:
         *(*start, gain.F, gain.bic),
         f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}",
         f"{gain.better} of {gain.blocks}",
-        "selected" if candidate.selected else "yes" if gain.is_supported else "no",
+        "selected" if candidate.selected else "yes" if gain.is_supported_overall else "no",
     )
 
 

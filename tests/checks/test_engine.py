@@ -80,10 +80,10 @@ def compared(data: Regression, base: int, *more: Array, asked: int = 1) -> Model
 def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
     there, missing = (compared(data, 2, data.H[:, place], asked=2) for place in (2, 3))
-    assert there.is_supported
+    assert there.is_supported_overall
     assert there.F > 40
     assert there.better >= 7
-    assert not missing.is_supported
+    assert not missing.is_supported_overall
 
 
 @pytest.mark.slow  # 0.9 s
@@ -91,7 +91,7 @@ def test_what_is_not_there_is_seldom_found() -> None:
     """The rate of false alarms of one question of six, 400 draws."""
     draws = (rows((1.0, -2.0, 0.0, 0.0), seed=seed) for seed in range(400))
     alarms = [compared(data, 2, data.H[:, 2], asked=6) for data in draws]
-    assert np.mean([one.is_supported for one in alarms]) < 0.01
+    assert np.mean([one.is_supported_overall for one in alarms]) < 0.01
 
 
 @pytest.mark.rounding
@@ -147,7 +147,7 @@ def test_one_block_does_not_decide() -> None:
     burst = np.where((data.time > 0.5) & (data.time < 0.52), data.H[:, 3], 0.0)
     found = compared(replace(data, y=data.y + 3 * burst), 2, burst + 0.01 * data.H[:, 3])
     assert found.bic > 10
-    assert not found.is_supported
+    assert not found.is_supported_overall
 
 
 @pytest.mark.parametrize("segments", [1, SEGMENTS])
