@@ -46,14 +46,14 @@ from .least_squares import solve as solve
 from .least_squares import weights_at as weights_at
 from .least_squares import with_drifts_of as with_drifts_of
 from .nonlinear_least_squares import LEAST_STD as LEAST_STD
-from .nonlinear_least_squares import Block as Block
+from .nonlinear_least_squares import LogResiduals as LogResiduals
 from .nonlinear_least_squares import Point as Point
 from .nonlinear_least_squares import Residuals as Residuals
 from .nonlinear_least_squares import Step as Step
+from .nonlinear_least_squares import gauss_newton_search as gauss_newton_search
 from .nonlinear_least_squares import information as information
 from .nonlinear_least_squares import joined as joined
 from .nonlinear_least_squares import nuisance_draw as nuisance_draw
-from .nonlinear_least_squares import search as search
 from .nonlinear_least_squares import separable_least_squares as separable_least_squares
 from .nonlinear_least_squares import without_information as without_information
 from .parameters import Constraints as Constraints

@@ -1,8 +1,8 @@
 """Least squares that is nonlinear in parameters: a search by Gauss-Newton, and one by projection.
 
-- A `Block` has the residuals of some equations about a point, and moves to another one. `search`
-  goes from a `Point` of blocks to the maximum of their likelihood, with a line search, bounds,
-  priors, and states of each window that are no parameters.
+- A `LogResiduals` has the residuals of a log about a point, and moves to another one.
+  `gauss_newton_search` goes from a `Point` of logs to the maximum of their likelihood, with a line
+  search, bounds, priors, and states of each window that are no parameters.
 - `separable_least_squares`: y(v) = H(v) theta + noise. For given v the best theta is linear least
   squares, so that the search is over v alone (Golub and Pereyra 1973), with Kaufman's (1975)
   Jacobian. Its many starts may be far away, which the trust region of SciPy allows.
@@ -34,8 +34,10 @@ _LEAST_INFLATION = 0.25
 """Autocorrelation reduces no variance below this part of that of white noise."""
 
 _LEAST_STATE = 1e-3
-"""Scaled singular value of a window's nuisance parameters below which its rows do not move them:
-few count where a motor with dry friction rests."""
+"""Scaled singular value of a window's nuisance parameters below which its rows do not move them.
+
+Where a motor with dry friction rests, most residuals are masked, and the few that are left may not
+determine the state."""
 
 _REWEIGHTINGS = 20
 
@@ -48,8 +50,9 @@ LEAST_STD = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of one log and their derivatives, in windows (W) of blocks (B) of channels (C).
+    """Residuals of one log and their derivatives, in windows (W) of instants (B) of channels (C).
 
+    An instant may be the mean of a few samples.
     `residual` (W, B, C); `jacobian` (W, B, C, p) by the parameters; `nuisance` (W, B, C, s) by the
     nuisance parameters of each window (its initial state); `kept` (W, B, C) masks the residuals
     that count; `time` (W, B) [s]; `channels` numbers them, in all logs alike.
@@ -123,18 +126,20 @@ def gauss_newton_step(logs: Sequence[Residuals], parameters: Sequence[Parameter]
 def _step_of(
     logs: Sequence[Residuals], parameters: Sequence[Parameter], x: Array, free: BoolArray
 ) -> Step:
-    """Return the step of the `free` (p,) parameters, with the errors of constants in theirs."""
+    """Return the step of the `free` (p,) parameters, with the errors of held ones in theirs."""
     expected, prior_stds = priors_of(parameters)
     distance, precision = (x - expected)[free], 1 / prior_stds[free]
     free_logs = [replace(log, jacobian=log.jacobian[..., free]) for log in logs]
     p = int(np.sum(free))
+    # The merit is at x, with the best noise levels there; the step is weighted by those after it.
     unmoved = _converged_stds(free_logs, distance, precision, frozen=True)
     merit = _merit(free_logs, unmoved)
     merit += float(np.sum((precision * distance) ** 2)) / 2
     stds = _converged_stds(free_logs, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
-    constants = ~free & np.isfinite(prior_stds)
-    by_constants, J = J[:, constants], J[:, free]
+    # Held parameters with a prior, fixed or at a bound: their prior errors reach the others.
+    held = ~free & np.isfinite(prior_stds)
+    by_held, J = J[:, held], J[:, free]
     # The prior is p more residuals: precision times (distance + change).
     names = [parameter.name for parameter, is_free in zip(parameters, free, strict=True) if is_free]
     solution, inverse, condition = _solve(
@@ -145,20 +150,20 @@ def _step_of(
     # The trace of Q Q^T is the number of nuisance parameters that move the rows of their window.
     bases = [_basis(log, log.kept / stds[log.channels]) for log in logs]
     spent = p + sum(round(float(np.sum(basis**2))) for basis in bases)
-    freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
+    inflation = kept / max(kept - spent, 1)  # n / (n - p): residuals are smaller than the noise
     # The sandwich over the rows; the prior's residuals are independent, of variance 1.
-    covariance = freedom * covariance + (inverse * precision**2) @ inverse
-    # J dx + J_c dc = 0 in weighted rows: an error dc of a constant moves the others by K dc.
-    moves = np.zeros((len(x), int(np.sum(constants))))
-    moves[free], moves[constants] = -inverse @ (J.T @ by_constants), np.eye(moves.shape[1])
-    spread = moves * prior_stds[constants]
+    covariance = inflation * covariance + (inverse * precision**2) @ inverse
+    # J dx + J_h dh = 0 in weighted rows: an error dh of a held parameter moves the others by K dh.
+    moves = np.zeros((len(x), int(np.sum(held))))
+    moves[free], moves[held] = -inverse @ (J.T @ by_held), np.eye(moves.shape[1])
+    spread = moves * prior_stds[held]
     return Step(
         change=_placed(solution, free),
         nuisance=tuple(_nuisance(log, stds, solution) for log in free_logs),
         nuisance_alone=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in free_logs),
         stds=stds,
         covariance=_placed(covariance, free) + spread @ spread.T,
-        white_covariance=_placed(freedom * inverse, free),
+        white_covariance=_placed(inflation * inverse, free),
         merit=merit,
         condition_number=condition,
     )
@@ -171,8 +176,8 @@ def _placed(values: Array, free: BoolArray) -> Array:
     return whole
 
 
-class Block(Protocol):
-    """The residuals of one log about a point of a search, and what they become at another.
+class LogResiduals(Protocol):
+    """The residuals of a log, or of a part of it, about a point, and what they become at another.
 
     What is no parameter, such as a simulated motion with its initial states, is part of it.
     """
@@ -182,13 +187,13 @@ class Block(Protocol):
         """The residuals at its point, linearised."""
 
     def moved(self, x: Array, part: float, nuisance: Array) -> Self:
-        """Return the block at parameters x (p,), after a part of a step.
+        """Return the residuals at parameters x (p,), after a part of a step.
 
         `nuisance` (W, s) is the whole step of the nuisance parameters of its windows.
         """
 
 
-BlockType = TypeVar("BlockType", bound=Block)
+LogType = TypeVar("LogType", bound=LogResiduals)
 
 _MOST_SWEEPS, _MOST_PARTS = 5, 5
 """Newton steps of the nuisance parameters, and parts 1, 1/2, ... of a step that are tried."""
@@ -198,17 +203,17 @@ _EQUAL_MERIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Point(Generic[BlockType]):
-    """A point of a search: the values x (p,) of the `parameters`, and the blocks about them."""
+class Point(Generic[LogType]):
+    """A point of a search: the values x (p,) of the `parameters`, and the logs about them."""
 
     parameters: tuple[Parameter, ...]
     x: Array
-    blocks: tuple[BlockType, ...]
+    logs: tuple[LogType, ...]
 
     @cached_property
     def step(self) -> Step:
         """The next step."""
-        logs = [block.residuals for block in self.blocks]
+        logs = [log.residuals for log in self.logs]
         return gauss_newton_step(logs, self.parameters, self.x)
 
     @property
@@ -219,9 +224,9 @@ class Point(Generic[BlockType]):
     def moved(self, change: Array, part: float, nuisance: Sequence[Array]) -> Self:
         """Return the point after a part of a step (p,), and of that of the nuisance parameters."""
         x = np.clip(self.x + part * change, *bounds_of(self.parameters))
-        pairs = zip(self.blocks, nuisance, strict=True)
-        blocks = tuple(block.moved(x, part, states) for block, states in pairs)
-        return replace(self, x=x, blocks=blocks)
+        pairs = zip(self.logs, nuisance, strict=True)
+        logs = tuple(log.moved(x, part, states) for log, states in pairs)
+        return replace(self, x=x, logs=logs)
 
     def settled(self) -> Self:
         """Return the point with the best nuisance parameters at its values, by Newton's method."""
@@ -237,15 +242,14 @@ class Point(Generic[BlockType]):
         return point
 
 
-def search(
-    start: Point[BlockType], iterations: int, end_size: float, progress: bool = False
-) -> tuple[Point[BlockType], bool]:
-    """Return the last point of a search by Gauss-Newton steps, and whether no step improved it.
+def gauss_newton_search(
+    start: Point[LogType], iterations: int, end_size: float, progress: bool = False
+) -> tuple[Point[LogType], bool]:
+    """Return the last point, and `is_stuck`: whether no part of its next step improves it.
 
-    The latter is false both at the end of a search and after its last iteration, which the size of
-    the point distinguishes. It ends where the next step is less than `end_size` standard errors. A
-    step is halved until the likelihood improves, or a whole one leaves it equal, as steps near the
-    end do.
+    If it is not stuck, `size < end_size` [standard errors] distinguishes convergence from the last
+    iteration. A step is halved until the likelihood improves, or a whole one leaves it equal, as
+    steps near the end do.
     """
     point = start
     for _ in track(range(iterations), "refining", progress):
@@ -258,7 +262,7 @@ def search(
     return point, False
 
 
-def _improved(point: Point[BlockType]) -> Point[BlockType] | None:
+def _improved(point: Point[LogType]) -> Point[LogType] | None:
     """Return the next point of a search, None if no part of its step improves the likelihood."""
     for part in 0.5 ** np.arange(_MOST_PARTS):
         with suppress(SeaidError):  # it diverges there
@@ -338,7 +342,10 @@ def fisher_covariance(
 
 
 _MOST_NOISE = 0.9
-"""Part of the information in any combination of the parameters that may be noise."""
+"""Part of the information in any combination of the parameters that may be noise.
+
+The noise is computed from a few random draws, and may exceed the information. No standard error
+grows more than tenfold, 1 / (1 - 0.9)."""
 
 
 def nuisance_draw(log: Residuals, stds: Array, rng: np.random.Generator) -> Array:
@@ -356,12 +363,13 @@ def information(logs: Sequence[Residuals], stds: Array) -> Array:
 def without_information(step: Step, noise: Array) -> Step:
     """Return the step with the covariance that holds if `noise` (p, p) of J^T J is no information.
 
-    It is that where nuisance parameters are estimated, as the derivatives have their errors. The
-    derivatives of a residual f - N(x) a by x contain the estimated nuisance parameters a, with
-    their errors, which do not depend on the residual. The mean of the squares of the residual, in
+    That is so where the derivatives contain estimated nuisance parameters, whose errors look like
+    information. The derivatives of a residual f - N(x) a by x have the estimated a: J = J_0 + E,
+    where E is by its errors, which do not depend on the residual r. So the mean of J^T J is
+    J_0^T J_0 + noise, with the mean of E^T E as noise. The mean of the squares of the residual, in
     which x is free and N projected out, has no such part: its curvature is J^T J - noise, and its
-    slope has the covariance J^T J. So the covariance is
-    (J^T J - noise)^-1 J^T J (J^T J - noise)^-1.
+    slope J^T r has the covariance J^T J, r being white with unit variance. The error of x is the
+    slope over the curvature: its covariance is (J^T J - noise)^-1 J^T J (J^T J - noise)^-1.
     """
     scale = np.sqrt(np.diag(step.white_covariance))
     both = np.outer(scale, scale)
@@ -498,7 +506,8 @@ Slopes = Callable[[Array, Array], Array]
 """Function of v (b,) and theta (p,) that returns the derivative (R, b) of H theta - y by v."""
 
 _MOST_EVALUATIONS = 60
-_FEW_STEPS, _MOST_TRIED = 8, 12
+_FEW_EVALUATIONS, _MOST_TRIED = 8, 12
+"""Evaluations from each start that is tried, and the largest number of these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,9 +524,10 @@ def separable_least_squares(
 ) -> SeparableFit:
     """Return the least-squares fit of a model that is nonlinear in b of its parameters.
 
-    A few iterations from the best dozen of the `starts` (each (b,)) are followed by a full search
-    from the best result, within `lower` < v < `upper` (b,). The bounds also set the scale of the
-    search where they are finite; a start on a bound is moved inside.
+    A few evaluations from the best dozen of the `starts` (each (b,)) are followed by a full search
+    from the best result, within `lower` < v < `upper` (b,). A start on a bound is moved inside.
+    Each parameter is scaled by the size of its start, or by its upper bound where the start is
+    zero.
     """
 
     def misfit(v: Array) -> float:
@@ -526,14 +536,14 @@ def separable_least_squares(
     inside = [_inside(np.asarray(start, dtype=float), lower, upper) for start in starts]
     inside = sorted(inside, key=misfit)[:_MOST_TRIED]
     if len(inside) > 1:
-        tried = [_search(columns, slopes, v, lower, upper, _FEW_STEPS) for v in inside]
+        tried = [_trust_region(columns, slopes, v, lower, upper, _FEW_EVALUATIONS) for v in inside]
         inside = [min(tried, key=misfit)]
-    best = _search(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
+    best = _trust_region(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
     residual, theta, _ = _residual(columns, best)
     return SeparableFit(best, theta, float(np.linalg.norm(residual)))
 
 
-def _search(
+def _trust_region(
     columns: Columns, slopes: Slopes, start: Array, lower: Array, upper: Array, most: int
 ) -> Array:
     """Return v after at most `most` evaluations from a start."""
@@ -555,7 +565,7 @@ def _search(
     def jacobian(v: Array) -> Array:
         _, theta, Q = at(v)
         D = slopes(v, theta)
-        return -(D - Q @ (Q.T @ D)) / size  # Kaufman 1975: -(I - Q Q^T) dH/dv theta
+        return -(D - Q @ (Q.T @ D)) / size  # Kaufman 1975: -(I - Q Q^T) d(H theta - y)/dv
 
     scale = np.where(start != 0, np.abs(start), np.where(np.isfinite(upper), upper, 1.0))
     start = _inside(start, lower, upper)

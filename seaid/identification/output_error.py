@@ -28,10 +28,10 @@ from seaid.estimation import (
     Prior,
     Residuals,
     Step,
+    gauss_newton_search,
     information,
     joined,
     nuisance_draw,
-    search,
     without_information,
 )
 from seaid.identification.drive_estimates import with_estimate, with_values, without_torque
@@ -349,7 +349,7 @@ def _zeros(layout: Layout, x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredLog:
-    """The residual block of what is not simulated in a part of a log without gaps.
+    """The residuals of what is not simulated in a part of a log without gaps.
 
     `rows` are the residuals at parameters of zero, linearised at x (p,).
     """
@@ -362,7 +362,7 @@ class MeasuredLog:
 
     @classmethod
     def of(cls, layout: Layout, log: Log, x: Array) -> MeasuredLog:
-        """Return the block of a log, filtered at the cutoff of the identification."""
+        """Return the residuals of a log, filtered at the cutoff of the identification."""
         known = layout.identification.known
         motion = reconstruct_motion(known, log, layout.identification.cutoff_hz)
         motion = finer_side(known, motion)
@@ -374,18 +374,18 @@ class MeasuredLog:
         return replace(self.rows, residual=self.rows.residual + self.rows.jacobian @ self.x)
 
     def moved(self, x: Array, part: float, nuisance: Array) -> MeasuredLog:
-        """Return the block at parameters x (p,)."""
+        """Return the residuals at parameters x (p,)."""
         rows = self.rows
         if self.layout.nonlinear:
             rows = _measured_near(self.layout, self.motion, x)
         return replace(self, rows=rows, x=x)
 
     def with_layout(self, layout: Layout, x: Array) -> MeasuredLog:
-        """Return the block with further parameters, at x (p,)."""
+        """Return the residuals with further parameters, at x (p,)."""
         return self.of(layout, self.log, x)
 
     def with_constant(self, constant: Constant) -> MeasuredLog:
-        """Return the block with a constant changed."""
+        """Return the residuals with a constant changed."""
         return self.of(self.layout.with_known(constant.robot), constant.scaled(self.log), self.x)
 
 
@@ -713,7 +713,7 @@ _LARGEST = 1e100
 
 @dataclass(frozen=True, eq=False)
 class DrivenLog:
-    """The residual block of joints that are simulated from the motor angles of a log."""
+    """The residuals of joints that are simulated from the motor angles of a log."""
 
     layout: Layout
     runs: list[Run]
@@ -740,7 +740,7 @@ class DrivenLog:
         return joined([rows for rows, _ in self._linearised])
 
     def moved(self, x: Array, part: float, nuisance: Array) -> DrivenLog:
-        """Return the block at parameters x (p,), its joints after a part of a step."""
+        """Return the residuals at parameters x (p,), its joints after a part of a step."""
         starts = np.cumsum([run.windows for run in self.runs])[:-1]
         initial = np.split(part * nuisance, starts)
         pulls = [pull for _, pull in self._linearised]
@@ -751,11 +751,11 @@ class DrivenLog:
         return replace(self, runs=runs, x=x)
 
     def with_layout(self, layout: Layout, x: Array) -> DrivenLog:
-        """Return the block with further parameters, at x (p,)."""
+        """Return the residuals with further parameters, at x (p,)."""
         return replace(self, layout=layout, x=x)
 
     def with_constant(self, constant: Constant) -> DrivenLog:
-        """Return the block with a constant changed."""
+        """Return the residuals with a constant changed."""
         runs = [
             replace(run, motion=constant.scaled(run.motion), measured=constant.scaled(run.measured))
             for run in self.runs
@@ -763,7 +763,7 @@ class DrivenLog:
         return replace(self, runs=runs, layout=self.layout.with_known(constant.robot))
 
     def with_noise(self, logs: Sequence[Log], rng: np.random.Generator) -> DrivenLog:
-        """Return the block whose measured joints have the noise of the encoders once more."""
+        """Return the residuals whose measured joints have the noise of the encoders once more."""
         known = self.layout.identification.known
         runs = [
             replace(run, measured=with_encoder_noise(known, run.measured, logs, rng))
@@ -869,7 +869,7 @@ def _commanded_refinement(
             "known_bodies=",
             "feasible=True",
         ) from None
-    point, is_stuck = search(first, iterations, _COMMANDED_SETTLED, progress)
+    point, is_stuck = gauss_newton_search(first, iterations, _COMMANDED_SETTLED, progress)
     step = point.step
     errors = np.sqrt(np.diag(step.covariance))
     rest = np.abs(step.change) / np.where(errors > 0, errors, 1.0)
@@ -892,13 +892,13 @@ def _commanded_refinement(
 
 def _mean_absolute_error(point: Point[CommandedLog]) -> float:
     """Return the mean absolute error of all joints [rad or m]."""
-    residuals = [block.residuals for block in point.blocks]
+    residuals = [log.residuals for log in point.logs]
     return float(np.mean(np.concatenate([abs(x.residual[x.kept]) for x in residuals])))
 
 
 def _refined_commanded(point: Point[CommandedLog]) -> Identification:
     """Return the identification with the values of a point and their covariance."""
-    commands, step = point.blocks[0].commands, point.step
+    commands, step = point.logs[0].commands, point.step
     start, spread = commands.identification, commands.spread
     side = replace(
         start.load_side,
@@ -929,10 +929,10 @@ def refined_with_logs(
     simulated, first = _filled(layout, logs, layout.start), layout.start
     if unseen:
         short = point_at(layout, simulated, first, SHORT_WINDOW_S)
-        point, _ = search(short, iterations, _CLOSE_TO_LONGER, progress)
+        point, _ = gauss_newton_search(short, iterations, _CLOSE_TO_LONGER, progress)
         simulated, first = [_simulated_log(layout, log, point) for log in logs], point.x
     start = point_at(layout, simulated, first)
-    point, _ = search(start, iterations, _SETTLED, progress)
+    point, _ = gauss_newton_search(start, iterations, _SETTLED, progress)
     # `not <` also refuses NaN.
     if not point.size < _CLOSE:
         held = _held(identification, layout, point)
@@ -1030,7 +1030,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
             )
     filled = _filled(layout, logs, x)
     short = point_at(layout, filled, x, SHORT_WINDOW_S)
-    point, _ = search(short, _FIRST_STEPS, _CLOSE_TO_LONGER)
+    point, _ = gauss_newton_search(short, _FIRST_STEPS, _CLOSE_TO_LONGER)
     # Channels: the s positions of simulated joints, then the torques of their s drives.
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
@@ -1064,17 +1064,17 @@ def point_at(layout: Layout, logs: Sequence[Log], x: Array, window_s: float = WI
     """Return the point of a search at the values x (p,), its joints simulated to satisfy (8)."""
     shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
-    blocks: list[DrivenLog | MeasuredLog] = []
+    residuals: list[DrivenLog | MeasuredLog] = []
     if layout.simulated:
-        blocks += [DrivenLog(layout, runs_of(layout, part, window_s), x) for part in parts]
+        residuals += [DrivenLog(layout, runs_of(layout, part, window_s), x) for part in parts]
     if layout.sensed or layout.others:
-        blocks += [MeasuredLog.of(layout, part, x) for part in parts]
-    return Point(layout.parameters, x, tuple(blocks)).settled()
+        residuals += [MeasuredLog.of(layout, part, x) for part in parts]
+    return Point(layout.parameters, x, tuple(residuals)).settled()
 
 
 def _runs(point: LogPoint) -> list[Run]:
     """Return the simulated windows of all logs."""
-    return [run for block in point.blocks if isinstance(block, DrivenLog) for run in block.runs]
+    return [run for log in point.logs if isinstance(log, DrivenLog) for run in log.runs]
 
 
 def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
@@ -1168,21 +1168,21 @@ def _noise_of_states(point: LogPoint) -> Array:
     states, and the derivatives by a stiffness have a part that is noise.
     """
     rng, step = np.random.default_rng(0), point.step
-    blocks = [block for block in point.blocks if isinstance(block, DrivenLog)]
+    driven = [log for log in point.logs if isinstance(log, DrivenLog)]
     noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
-        states = [nuisance_draw(block.residuals, step.stds, rng) for block in blocks]
+        states = [nuisance_draw(log.residuals, step.stds, rng) for log in driven]
         parts = []
-        for block, drawn in zip(blocks, states, strict=True):
-            rows, moved = block.residuals, block.moved(point.x, 1.0, drawn).residuals
+        for log, drawn in zip(driven, states, strict=True):
+            rows, moved = log.residuals, log.moved(point.x, 1.0, drawn).residuals
             parts.append(replace(rows, jacobian=moved.jacobian - rows.jacobian))
         noise += information(parts, step.stds) / _STATE_DRAWS
     return noise
 
 
-def _spread(point: Point[Any], blocks: Iterable[Any]) -> Array:
-    """Return the square (p, p) of the change of the next step with other blocks at its values."""
-    change = replace(point, blocks=tuple(blocks)).step.change - point.step.change
+def _spread(point: Point[Any], logs: Iterable[Any]) -> Array:
+    """Return the square (p, p) of the change of the next step with other logs at its values."""
+    change = replace(point, logs=tuple(logs)).step.change - point.step.change
     return np.outer(change, change)
 
 
@@ -1196,8 +1196,8 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
     total = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS if with_hysteresis(known, layout.simulated) else 0):
         noisy = (
-            block.with_noise(logs, rng) if isinstance(block, DrivenLog) else block
-            for block in point.blocks
+            part.with_noise(logs, rng) if isinstance(part, DrivenLog) else part
+            for part in point.logs
         )
         total += _spread(point, noisy) / _STATE_DRAWS
     return total
@@ -1246,8 +1246,8 @@ def _with_tests(layout: Layout, point: LogPoint) -> tuple[Layout, LogPoint]:
     wider = replace(layout, parameters=(*layout.parameters, *terms), tested=tested)
     x = np.append(point.x, np.zeros(len(tested)))
     try:
-        blocks = tuple(block.with_layout(wider, x) for block in point.blocks)
-        wider_point = Point(wider.parameters, x, blocks)
+        wider_logs = tuple(log.with_layout(wider, x) for log in point.logs)
+        wider_point = Point(wider.parameters, x, wider_logs)
         _ = wider_point.step
         return wider, wider_point
     except ExcitationError:
@@ -1298,8 +1298,8 @@ def _of_constants(start: Identification, point: Point[Any]) -> Array:
     """
     total = np.zeros((len(point.x), len(point.x)))
     for constant in constants_of(start.known, start.known_std):
-        blocks = [block.with_constant(constant) for block in point.blocks]
-        total += (constant.std / STEP) ** 2 * _spread(point, blocks)
+        changed = [log.with_constant(constant) for log in point.logs]
+        total += (constant.std / STEP) ** 2 * _spread(point, changed)
     return total
 
 

@@ -524,7 +524,7 @@ def _kind(robot: Robot, joint: str) -> str:
     return f"has a known {' and '.join(name.replace('_', ' ') for name in drive.known)}"
 
 
-# Joints that follow commands under their own controllers: the residual block of `refine`. A rollout
+# Joints that follow commands under their own controllers: the residuals of `refine`. A rollout
 # is that of `replay`, in which dry friction sticks; its sensitivities are those of the load side
 # (8), linearised along it, with the gains of the controllers as stiffness and damping.
 
@@ -572,7 +572,7 @@ class Commands:
 
 @dataclass(frozen=True, eq=False)
 class CommandedLog:
-    """The residual block of a window of a log, which its commands drive at parameters x (f,).
+    """The residuals of a window of a log, which its commands drive at parameters x (f,).
 
     `log` is on regular samples, and its rollouts replace the joints of `motion`.
     """
@@ -588,11 +588,11 @@ class CommandedLog:
         return _residuals(self.commands, self.log, self.motion, self.x)
 
     def moved(self, x: Array, part: float, nuisance: Array) -> CommandedLog:
-        """Return the block at parameters x (f,)."""
+        """Return the residuals at parameters x (f,)."""
         return replace(self, x=x)
 
     def with_constant(self, constant: Constant) -> CommandedLog:
-        """Return the block with a constant changed, in what is known and in what is simulated."""
+        """Return the residuals with a constant changed, in what is known and what is simulated."""
         start, changed = self.commands.identification, constant.robot
         bodies = np.nan_to_num(changed.parameters - start.known.parameters)
         robot = replace(start.robot, payload_parameters=changed.payload_parameters)
@@ -611,8 +611,8 @@ def commanded_point(start: Identification, logs: Sequence[Log]) -> Point[Command
             edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
             windows += [_window(start, stretch.between(a, b)) for a, b in pairwise(edges)]
     x = commands.start
-    blocks = tuple(CommandedLog(commands, log, motion, x) for log, motion in windows)
-    return Point(commands.parameters, x, blocks)
+    residuals = tuple(CommandedLog(commands, log, motion, x) for log, motion in windows)
+    return Point(commands.parameters, x, residuals)
 
 
 def _commands(start: Identification) -> Commands:

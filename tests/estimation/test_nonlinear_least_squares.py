@@ -21,10 +21,10 @@ from seaid.estimation.nonlinear_least_squares import (
     _autocorrelated_covariance,
     _autocorrelation,
     fisher_covariance,
+    gauss_newton_search,
     gauss_newton_step,
     information,
     nuisance_draw,
-    search,
     separable_least_squares,
     without_information,
 )
@@ -318,14 +318,14 @@ class Swings:
 
 
 def swings_at(rate: float) -> Point[Swings]:
-    block = Swings(rate, np.tile(0.5 * SWINGS, (60, 1)))
-    return Point(RATE_ALONE, np.array([rate]), (block,)).settled()
+    log = Swings(rate, np.tile(0.5 * SWINGS, (60, 1)))
+    return Point(RATE_ALONE, np.array([rate]), (log,)).settled()
 
 
 @pytest.mark.slow  # 0.6 s
 def test_a_search_ends_at_the_optimum_with_the_states_of_the_windows() -> None:
-    end, is_stuck = search(swings_at(10.5), 20, 1e-6)
-    near, _ = search(swings_at(RATE), 20, 1e-6)
+    end, is_stuck = gauss_newton_search(swings_at(10.5), 20, 1e-6)
+    near, _ = gauss_newton_search(swings_at(RATE), 20, 1e-6)
     assert not is_stuck
     assert end.x == pytest.approx(near.x, abs=1e-5)
     assert end.size < 1e-6
@@ -352,7 +352,7 @@ class Line:
 
 def test_a_search_stays_within_its_bounds() -> None:
     bounded = (FREE[0], replace(FREE[1], lower=-1.0), FREE[2])  # its true value is -2
-    end, is_stuck = search(Point(bounded, NOTHING, (Line(NOTHING),)), 20, 1e-6)
+    end, is_stuck = gauss_newton_search(Point(bounded, NOTHING, (Line(NOTHING),)), 20, 1e-6)
     assert not is_stuck
     assert end.x[1] == -1.0
     assert end.size < 1e-6
@@ -360,7 +360,7 @@ def test_a_search_stays_within_its_bounds() -> None:
 
 def test_a_search_whose_steps_do_not_improve_is_stuck() -> None:
     start = Point(FREE, NOTHING, (Line(NOTHING, sign=-1.0),))
-    end, is_stuck = search(start, 20, 1e-6)
+    end, is_stuck = gauss_newton_search(start, 20, 1e-6)
     assert is_stuck
     assert end is start
 

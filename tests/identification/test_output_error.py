@@ -202,7 +202,7 @@ def test_noise_in_the_accelerations_of_stiff_joints_does_not_bias() -> None:
 def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     def spoiled(start: LogPoint, *_: object) -> tuple[LogPoint, bool]:
         x = start.x.copy()
-        x[start.blocks[0].layout.load] *= 0.7
+        x[start.logs[0].layout.load] *= 0.7
         end = replace(start, x=x)
         end.__dict__["step"] = replace(start.step, change=np.zeros_like(x))
         return end, False

@@ -347,8 +347,8 @@ def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
     log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
     log = log.at((log.time < 3.0) | (log.time > 3.05))
     start = seaid.identify(robot_of(urdf, HARD), log)
-    (block,) = commanded_point(start, [log]).blocks
-    residuals = block.residuals
+    (log_residuals,) = commanded_point(start, [log]).logs
+    residuals = log_residuals.residuals
     over = (residuals.time > 3.0) & (residuals.time < 3.05)
     assert np.any(over)
     assert not np.any(residuals.kept[over])
