@@ -88,7 +88,8 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
             f"{where} is flat, its convex hull has no volume; use a box or another mesh"
         ) from None
     try:
-        # A trial: the parent makes the hull again of these corners, by the same option.
+        # A trial: the parent makes the hull again of these corners, by the same option of Qhull.
+        # Qt: triangulated faces; QJ: joggled input.
         coal.Convex.convexHull(_points(corners), True, "Qt")
     except RuntimeError:  # coal allows 255 neighbours per corner; joggling leaves fewer
         coal.Convex.convexHull(_points(corners), True, "QJ")
@@ -110,7 +111,11 @@ def _points(corners: Array) -> Any:
 
 
 _SAME_PLACEMENT = 1e-2
-"""Largest difference [m, rad] of a placement between two readings of a file (angle snapping)."""
+"""Largest difference [m, rad] of a placement between two readings of a file.
+
+The robot was read with angles snapped to multiples of pi/2, by default by up to 2e-3 rad each, and
+for its shapes the file is read without. A placement may have several snapped angles, three of its
+own and those of locked joints before it: five of them pass."""
 
 
 def collision_geometry(
@@ -245,7 +250,9 @@ _CURVED = (coal.Cylinder, coal.Cone, coal.Ellipsoid)
 """Shapes whose depth of overlap EPA only approximates."""
 
 _CURVED_TOLERANCE_M, _MOST_CURVED_ITERATIONS = 1e-6, 255
-"""Of pairs with a curved shape: below, EPA fails on two deeply overlapping cylinders."""
+"""Of pairs with a curved shape. At a tolerance of 1e-8 m, EPA is wrong by centimetres for one in a
+hundred pairs of deeply overlapping cylinders. With 64 iterations it ends up to 2 mm too early, with
+1000 it is no more accurate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +260,8 @@ class Scene:
     """The pairs of convex bodies that may collide, on the joints of a robot; from `load_scene`.
 
     `pairs` names the two links, or the link and the box, of each of the P pairs checked; `ignored`
-    names the pairs excluded because they are closer in nearly every random posture. `clearance_m`
-    is the minimum distance [m] of a planned motion.
+    names the pairs excluded because they are closer than `clearance_m` in 95 % of random postures.
+    `clearance_m` is the minimum distance [m] of a planned motion.
     """
 
     robot: Robot
@@ -304,7 +311,9 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     # zero for a joint that moves both bodies or neither: it does not change their distance
     sign = scene.moves[second] - scene.moves[first]
     # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
-    # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular
+    # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular. The normal points from
+    # the first body to the second. The nearest points differ by a multiple of it, so that
+    # point x normal is the same for both.
     along = sign * (normals @ linear + np.cross(points, normals) @ angular)
     return distance, scene.robot.from_model(along)
 
@@ -329,11 +338,10 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> _Witnesses:
     data, placed = model.createData(), geometry.createData()
     _set_accuracy(geometry, placed)
     first, second = scene.objects_of_pairs
-    shapes = [shape.geometry for shape in geometry.geometryObjects]
-    centres = np.array([shape.aabb_center for shape in shapes])
-    radii = np.array([shape.aabb_radius for shape in shapes])
+    centres = np.array([shape.geometry.aabb_center for shape in geometry.geometryObjects])
+    radii = np.array([shape.geometry.aabb_radius for shape in geometry.geometryObjects])
     # pairs whose bounding spheres are farther apart than the cap are not evaluated
-    least = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
+    reach = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
     distance = np.full((len(q), len(first)), cap_m)
     normals, points = np.zeros((2, len(q), len(first), 3))
     jacobians = np.empty((len(q), 6, model.nv))
@@ -342,7 +350,7 @@ def _witnesses(scene: Scene, q: Array, cap_m: float) -> _Witnesses:
         pin.updateGeometryPlacements(model, data, geometry, placed)
         spots = np.array([oMg.act(c) for oMg, c in zip(placed.oMg, centres, strict=True)])
         apart = spots[first] - spots[second]
-        for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < least**2).tolist():
+        for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < reach**2).tolist():
             result = pin.computeDistance(geometry, placed, pair)
             # not `< cap_m`, so that a distance that is NaN does not disappear behind the cap
             if not result.min_distance >= cap_m:
