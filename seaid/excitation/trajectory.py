@@ -27,7 +27,7 @@ def message_times(duration: float, rate_hz: float) -> list[int]:
     check_rate(rate_hz, duration, error=ExcitationError)
     rate, end = Fraction(rate_hz), round(Fraction(duration) * _NANO)
     times = [round(k * _NANO / rate) for k in range(int(Fraction(duration) * rate) + 1)]
-    # the last interval is no point of its own if it is only the rounding error of the duration
+    # the end replaces the last point if only rounding separates them
     close = len(times) > 1 and end - times[-1] < 1e-6 * _NANO / rate_hz
     return [*(times[:-1] if close or times[-1] == end else times), end]
 
@@ -142,9 +142,10 @@ class Trajectory(Display):
 
     @cached_property
     def rests_at_ends(self) -> bool:
-        """True if velocity and acceleration are zero at both ends, to 1e-9 of the largest."""
+        """True if velocity and acceleration are zero at both ends, to 1e-9 of a bound on them."""
         ends = np.array([0.0, self.duration])
         _, v, a = self.basis.states(ends, self.coefficients)
+        # Density 0: the coarsest hull, with the widest bound.
         most = (np.max(np.abs(self.basis.hull(order, 0) @ self.coefficients)) for order in (1, 2))
         return all(np.max(np.abs(end)) <= 1e-9 * m for end, m in zip((v, a), most, strict=True))
 
@@ -160,15 +161,14 @@ class Trajectory(Display):
         within = np.clip(time, 0.0, self.duration)
         # the last sample of a grid in time may be beyond the duration by rounding
         outside = np.abs(time - within) > 1e-6 * self.duration
-        rests = self.rests_at_ends
-        if np.any(outside) and not rests:
+        if np.any(outside) and not self.rests_at_ends:
             raise ExcitationError(
                 f"time {time[outside][0]:.6g} s is outside of this motion (0 to "
                 f"{self.duration:.6g} s), which does not rest at its ends; sample inside, or plan "
                 "with rest_to_rest=True"
             )
         q, v, a = self.basis.states(within, self.coefficients)
-        if rests:
+        if self.rests_at_ends:
             # at and beyond the ends: exactly at rest, without the rounding errors of the basis
             still = (within == 0.0) | (within == self.duration)
             v[still], a[still] = 0.0, 0.0
