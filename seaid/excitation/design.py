@@ -17,7 +17,6 @@ from seaid.excitation.basis import Basis, BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space, with_run_in
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
-    CRITERIA,
     CriterionName,
     States,
     has_full_rank,
@@ -69,7 +68,7 @@ from seaid.robot import Robot, check_held
 
 _REPORT_SAMPLES = 2000
 _MOST_NUMBERS, _FEWEST_SAMPLES = 20_000_000, 50
-"""Numbers of the regressor of logs that are measured, and samples of each of them at least."""
+"""Largest number of entries of the regressor of measured logs, and the fewest samples of each."""
 
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
@@ -83,8 +82,9 @@ class ExcitationMeasures:
     scaled_condition_number : float
         Of columns of unit norm: the same in all units, but not for other base columns.
     d_value : float
-        (det H^T H / T)^(1/2p), per sample of T. Its ratio between two motions of a robot, the
-        D-efficiency, depends neither on the base columns nor on units.
+        (det(H^T H / T))^(1/(2 p)) of T samples: the inverse of a mean standard error, so that 2 is
+        worth four times the samples. Its ratio between two motions of a robot, the D-efficiency,
+        depends neither on the base columns nor on units.
     parameters : int
         Number p of the parameters: base parameters, and those of the drives if their nominal values
         are known.
@@ -308,7 +308,8 @@ def design_excitation(
     seed : int
         The same seed gives the same motion, with any `executor`.
     samples : int, optional
-        Instants at which the criterion is evaluated. Default: four per coefficient.
+        Instants at which the criterion is evaluated. Default: four per coefficient, at least 100
+        and four times as many as the parameters need.
     progress : bool
         Whether to show a progress bar on stderr.
     executor : concurrent.futures.Executor, optional
@@ -336,20 +337,25 @@ def design_excitation(
     seed = seed_of(seed, ExcitationError)
     limits = limits or Limits()
     bounds = joint_limits(robot, limits)
-    if basis == "multisine" and stance is None:
-        drives = drive_limits(robot, limits, bounds.velocity)
+    if basis == "multisine" and stance is not None:
+        raise ExcitationError(
+            "basis='multisine' is not available with stance=: plan a stance by 'bspline', "
+            "'polynomial' or 'fourier'",
+            "basis='multisine'",
+        )
+    drives = drive_limits(robot, limits, bounds.velocity) if stance is None else None
+    if basis == "multisine":
         motion = multisine_motion(robot, duration, multisine or Multisine(), bounds, drives, seed)
         return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
-    measure = CRITERIA[criterion]
     _check_counts(starts=starts, iterations=iterations)
-    functions = partial(_functions, basis, duration, coefficients)
+    basis_of = partial(_basis_for, basis, duration, coefficients)
     # a plan does not know how warm the motors will be
     cold = robot.at_temperature()
     if stance is None:
-        function, free = functions(robot.n), EndState() if rest_to_rest else IN_MOTION
-        space = motion_space(function, robot.joint_names, bounds, start or free, end or free)
+        chosen, free = basis_of(robot.n), EndState() if rest_to_rest else IN_MOTION
+        space = motion_space(chosen, robot.joint_names, bounds, start or free, end or free)
         if not rest_to_rest:
             space = with_run_in(space, robot.joint_names, bounds)
         base = pivoted_base(cold, torque_joints)
@@ -357,8 +363,7 @@ def design_excitation(
             target = drive_target(cold, torque_joints, base, bounds.velocity)
         else:
             target = load_target(cold, torque_joints, base)
-        drives = drive_limits(robot, limits, bounds.velocity)
-        instants = _samples(target, function.size, samples)
+        instants = _samples(target, chosen.size, samples)
         problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
         problem = with_feasible_start(problem, seed)
     else:
@@ -372,7 +377,7 @@ def design_excitation(
         )
         requested = stance if isinstance(stance, Stance) else Stance(stance)
         model = standing_robot(cold, requested, bounds, limits, torque_joints)
-        space = _standing_space(model, functions(len(model.names)))
+        space = _standing_space(model, basis_of(len(model.names)))
         base = pivoted_base(cold, torque_joints, model.links)
         model = model.with_base_parameters(base.columns)
         target = load_target(cold, torque_joints, base)
@@ -381,12 +386,15 @@ def design_excitation(
         instants = _samples(target, space.basis.size, samples)
         free_limits = model.free_limits
         problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
-    target = scaled_target(problem, cold, base, torque_std, measure.needs_nominal)
+    target = scaled_target(problem, cold, base, torque_std, problem.measure.needs_nominal)
+    # After scaling: the factor of previous logs is in the same scaled columns.
     target = replace(target, known=previous_logs_factor(target, cold, previous_logs))
     problem = replace(problem, target=target)
-    outcome, first = search(problem, starts, iterations, seed, executor=executor, progress=progress)
-    _warn_if_early(outcome, measure.meaning)
-    return _excitation(cold, problem, outcome, first, base, bounds)
+    outcome, best_start = search(
+        problem, starts, iterations, seed, executor=executor, progress=progress
+    )
+    _warn_if_early(outcome, problem.measure.meaning)
+    return _excitation(cold, problem, outcome, best_start, base, bounds)
 
 
 def _check_counts(**counts: int) -> None:
@@ -400,7 +408,7 @@ def _excitation(
     robot: Robot,
     problem: Problem,
     outcome: Outcome,
-    first: Array,
+    best_start: Array,
     base: BaseParameters,
     bounds: JointLimits,
 ) -> Excitation:
@@ -418,8 +426,7 @@ def _excitation(
         trajectory, plan = problem.stance.plan(basis, coefficients, time)
         plain = replace(plain, row_weights=np.ones(6 + len(known)))
     H = observation_matrix(replace(problem, target=plain), time, states)
-    R, R_first = factor_of(problem, x), factor_of(problem, first)
-    target = problem.target
+    R, R_start = factor_of(problem, x), factor_of(problem, best_start)
     # covariance (H^T H)^-1 = R^-1 R^-T: the standard errors are the norms of the rows of R^-1
     inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
     return Excitation(
@@ -430,11 +437,11 @@ def _excitation(
         limits=bounds,
         criterion=problem.criterion,
         value=float(np.exp(problem.measure.log_value(R))),
-        names=target.names,
-        units=target.units,
-        standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
+        names=problem.target.names,
+        units=problem.target.units,
+        standard_errors=np.linalg.norm(inverse, axis=1) * problem.target.column_scale,
         singular_values=singular_values(R),
-        start_singular_values=singular_values(R_first),
+        start_singular_values=singular_values(R_start),
         measures=(
             _measures(robot, trajectory, known, base, bounds.velocity)
             if plan is None
@@ -486,19 +493,24 @@ def _standing_space(model: StandingRobot, basis: Basis) -> MotionSpace:
     return replace(space, feasible_start=np.outer(basis.constant, model.start))
 
 
-def _functions(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:
+def _basis_for(basis: BasisName, duration: float, coefficients: int | None, joints: int) -> Basis:
     """Return the basis; by default the number of coefficients is by duration and joints."""
     if coefficients is None:
         # three spans per second, at most 160 over all joints, which bounds the variables; a
-        # quintic has five coefficients more than spans
+        # quintic has five coefficients more than spans. Of the 12 of seven spans the states at both
+        # ends fix six. A polynomial is one function of the whole motion: its 18 do not grow.
         spans = min(3.0 * duration, 160.0 / joints) if duration > 0 else 0.0
         count = 18 if basis == "polynomial" else 5 + max(7, round(spans))
+        # odd: 2 N + 1 of N harmonics
         coefficients = count - 1 + count % 2 if basis == "fourier" else count
     return make_basis(basis, duration, coefficients)
 
 
 def _samples(target: Target, size: int, samples: int | None) -> int:
-    """Return the number of instants of the criterion: four per coefficient unless given."""
+    """Return the number of instants of the criterion.
+
+    Default: four per coefficient, at least 100 and four times as many as the parameters need.
+    """
     rows = len(target.row_weights)
     needed = -(-len(target.names) // rows)
     if samples is None:

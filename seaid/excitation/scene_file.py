@@ -214,10 +214,8 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
         root = etree.parse(str(srdf), parser).getroot()
     except (etree.XMLSyntaxError, OSError, ValueError) as problem:
         raise RobotError(f"SRDF '{srdf}' cannot be read: {reason_of(problem)}") from None
-    return {
-        frozenset((pair.get("link1"), pair.get("link2")))
-        for pair in root.iter("disable_collisions")
-    }
+    pairs = root.iter("disable_collisions")
+    return {frozenset((pair.get("link1"), pair.get("link2"))) for pair in pairs}
 
 
 def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
