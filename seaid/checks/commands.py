@@ -653,7 +653,7 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
     joints = [j for j in _commanded_joints(experiment) if not robot.is_prismatic[j]]
     if not (robot.known_bodies and joints and np.any(robot.model.gravity.linear)):
         return
-    experiment = _with_poses(_thinned(experiment), {})
+    experiment = _thinned(experiment)
     if not np.nanmax(experiment.nominal) > tol.POOR:
         return
     cost = partial(_pose_cost, experiment)
@@ -677,25 +677,14 @@ def _thinned(experiment: Experiment) -> Experiment:
 
 
 def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
-    """Return the experiment with sign * position + offset of joints, at both encoders.
-
-    Unknown rotor inertias are those that explain the torques best.
-    """
+    """Return the experiment with sign * position + offset of joints, at both encoders."""
     for j, (sign, offset) in poses.items():
         changed = scaled(experiment, {j: -1.0}, "qmt") if sign < 0 else experiment
         joint, motor = changed.joint.copy(), changed.motor.copy()
         joint[0, :, j] += offset
         motor[0, :, j] += changed.lever[j] * offset
         experiment = changed.with_changes(joint=joint, motor=motor)
-    inertia, drives = experiment.inertia.copy(), [*experiment.robot.drives.values()]
-    # lever (tau_M - I_M theta_M'') = row of (8) + friction: what the bodies leave of lever tau_M.
-    unexplained = experiment.lever * experiment.torque - experiment.of_file
-    for j in experiment.used:
-        if drives[j].motor_inertia_kg_m2 is None:
-            columns = np.column_stack([experiment.friction[j], experiment.motor[2][:, j]])
-            rotor = float(scaled_svd(columns).solve(unexplained[:, j])[-1] / experiment.lever[j])
-            inertia[j] = max(rotor, 0.0)
-    return experiment.with_changes(inertia=inertia)
+    return experiment
 
 
 def _pose_cost(experiment: Experiment, poses: Poses) -> float:

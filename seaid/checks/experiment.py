@@ -254,7 +254,7 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    @derived(*_OF_LOADS)
+    @derived(*_OF_LOADS, "torque")
     def loads(self) -> Array:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
@@ -269,7 +269,7 @@ class Experiment:
         rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
         return np.concatenate([self.friction, springs, rotors], axis=2)
 
-    @derived(*_OF_LOADS, "counted")
+    @derived(*_OF_LOADS, "torque", "counted")
     def _of_loads(self) -> tuple[Array, Array]:
         """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
         svd = scaled_svd(self.loads * self.counted.T[..., None], "friction")
@@ -458,13 +458,11 @@ class Experiment:
         unknown = [x.motor_inertia_kg_m2 is None or x == IDEAL_DRIVE for x in drives]
         return np.array(unknown, dtype=bool)
 
-    @derived("robot")
+    @derived("robot", "torque")
     def _has_open_rotor(self) -> BoolArray:
-        """Whether the logged motor torque (n,) of a stiff joint turns a rotor of any inertia."""
-        sources = [self.sources[0][joint] for joint in self.robot.joint_names]
-        is_of_motor = np.array([self.input(j) in x for j, x in enumerate(sources)], dtype=bool)
+        """Whether the known motor torque (n,) of a stiff joint turns a rotor of any inertia."""
         is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
-        return np.asarray(self._is_open & is_of_motor & is_stiff)
+        return np.asarray(self._is_open & np.isfinite(self.torque[0]) & is_stiff)
 
     @cached_property
     def torque_delays(self) -> dict[int, tuple[float, float]]:
