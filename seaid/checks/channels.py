@@ -256,12 +256,12 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
     robot = logged.robot
     stiff = [x for x, drive in robot.drives.items() if not drive.is_elastic and drive.ratio == 1]
     for log in logged.logs:
-        gears = {x: _gear(log, log.joint_names.index(x)) for x in stiff if x in log.joint_names}
-        missing = {x: gear for x, gear in gears.items() if gear is not None}
+        missing = dict(_gears(log, stiff))
         for first, (ratio, _) in [*missing.items()][:1]:
-            tables = dict[tuple[str, ...], str]()
-            for joint, gear in missing.items():
-                tables[joint,] = _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
+            tables: dict[tuple[str, ...], str] = {
+                (joint,): _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
+                for joint, gear in missing.items()
+            }
             yield codes.MISSING_DRIVES.wrong(
                 f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} "
                 "times as far as the joint, and the robot has no drive there: friction, gear and "
@@ -277,6 +277,14 @@ def _drive_table(is_prismatic: bool, ratio: float, is_stiff: bool) -> str:
     """Return the lines of a drive with a gear."""
     key = "gear_ratio_rad_per_m" if is_prismatic and is_stiff else "gear_ratio"
     return f'type = "{"stiff" if is_stiff else "series_elastic"}"\n{key} = {ratio:.4g}'
+
+
+def _gears(log: Log, joints: Iterable[str]) -> Iterator[tuple[str, tuple[float, bool]]]:
+    """Yield the joints with a gear between their encoders, and what `_gear` returns of it."""
+    for joint in filter(log.joint_names.__contains__, joints):
+        gear = _gear(log, log.joint_names.index(joint))
+        if gear is not None:
+            yield joint, gear
 
 
 def _gear(log: Log, j: int) -> tuple[float, bool] | None:

@@ -356,15 +356,7 @@ def _lines_of_terms(
 
 def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:
     """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
-    drive = side.robot.drives[joint]
-    # Next to dry friction a width of up to twice that which the logs resolve is that of an encoder
-    # step or of a sample.
-    width = trials[0].alternative.values.get("coulomb_width", np.inf)
-    is_resolved = width > TWICE * side.widths.get(joint, 0.0)
-    is_sampled = is_dry(drive) and len(trials) == 1 and not is_resolved
-    # the width of a term that was added by itself is one of a coarse grid
-    is_coarse = isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known
-    if is_sampled or is_coarse or share <= MATTERS:
+    if share <= MATTERS or _is_sampled(side, joint, trials):
         return False
     if trials[0].candidate.field != "parallel_spring":
         return True
@@ -375,6 +367,18 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     after = before * float(np.sqrt(max(1 - share, 0.0)))
     is_exact = 1 - share < POOR and not side.robot.known_bodies
     return (is_exact or before > MOST) and after < MOST
+
+
+def _is_sampled(side: Side, joint: str, trials: Sequence[Trial]) -> bool:
+    """Whether a term is the effect of an encoder step, a sample, or a coarse grid of widths."""
+    drive = side.robot.drives[joint]
+    # the width of a term that was added by itself is one of a coarse grid
+    if isinstance(drive.friction, DefaultTerms) and "coulomb_width" in drive.known:
+        return True
+    # Next to dry friction a width of up to twice that which the logs resolve is that of an encoder
+    # step or of a sample.
+    width = trials[0].alternative.values.get("coulomb_width", np.inf)
+    return is_dry(drive) and len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
 
 
 _FOLLOWS = {

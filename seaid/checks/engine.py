@@ -328,6 +328,11 @@ class Candidate:
         return tuple(self.proposed())
 
     @property
+    def origin(self) -> tuple[Any, str]:
+        """Its check and its joint."""
+        return self.about, self.joint
+
+    @property
     def name(self) -> tuple[str, str, str]:
         """Joint, field and term."""
         return self.joint, self.field, self.term

@@ -126,18 +126,6 @@ def _lever(side: Side, joint: str) -> float:
     return drive.motor_radius / drive.ratio if is_motor else 1.0
 
 
-GEAR_CHECKS = (
-    ColumnCheck(
-        codes.TRANSMISSION_ERROR,
-        _orders,
-        _periodic,
-        "both encoders of a joint that is slowly turned without a load show the errors of its gear",
-        "an error of the gear (order {term} of the {field})",
-    ),
-)
-"""The checks of a gear, in the order in which their findings are listed."""
-
-
 # Before the fit, as transforms of an experiment
 
 
@@ -594,7 +582,14 @@ def _zero_is_off(
     )
 
 
-SENSOR_CHECKS = (
+GEAR_CHECKS = (
+    ColumnCheck(
+        codes.TRANSMISSION_ERROR,
+        _orders,
+        _periodic,
+        "both encoders of a joint that is slowly turned without a load show the errors of its gear",
+        "an error of the gear (order {term} of the {field})",
+    ),
     ColumnCheck(
         codes.DELAY,
         _late_torque,
@@ -610,4 +605,4 @@ SENSOR_CHECKS = (
         "a zero of the joint that is not that of the robot file",
     ),
 )
-"""The checks of sensors, in the order in which their findings are listed."""
+"""The checks of a gear and its sensors, in the order in which their findings are listed."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from seaid.checks.engine import (
     Trial,
     forward_selection,
 )
-from seaid.checks.gears import GEAR_CHECKS, SENSOR_CHECKS, common_delay
+from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
@@ -45,7 +45,7 @@ from seaid.log import Motion
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
-COLUMN_CHECKS = (*DRIVE_CHECKS, *GEAR_CHECKS, *SENSOR_CHECKS)
+COLUMN_CHECKS = (*DRIVE_CHECKS, *GEAR_CHECKS)
 """The checks of an equation, in the order in which their findings are listed."""
 
 
@@ -144,9 +144,8 @@ def _would_be_named(side: Side, trial: Trial) -> bool:
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     alone = Accepted(trial, *larger.last(alternative.columns.shape[1]))
-    return (
-        candidate.about.finding(side, candidate.joint, [alone], trial.comparison.share) is not None
-    )
+    finding = candidate.about.finding(side, candidate.joint, [alone], trial.comparison.share)
+    return finding is not None
 
 
 def without_setup_echoes(
@@ -272,11 +271,7 @@ def _selected(
     with guarded(MISSING_TERM, notes):
         selection = forward_selection(side.equation, candidates, asked, STRONG)
     for joint, check in product(side.joints, COLUMN_CHECKS):
-        accepted = [
-            x
-            for x in selection.accepted
-            if x.trial.candidate.about is check and x.trial.candidate.joint == joint
-        ]
+        accepted = [x for x in selection.accepted if x.trial.candidate.origin == (check, joint)]
         if not accepted:
             continue
         finding = None
@@ -287,7 +282,7 @@ def _selected(
             )
         if finding is None:
             # What it explained may belong to others that were not accepted next to it: all anew.
-            remaining = [x for x in candidates if (x.about, x.joint) != (check, joint)]
+            remaining = [x for x in candidates if x.origin != (check, joint)]
             return _selected(side, remaining, notes, asked)
         findings[check, joint] = finding
     return SideSelection(side, selection, findings, notes)
@@ -310,7 +305,7 @@ def model_findings(
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = ENCODER_OFFSET.name
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
-    return [*findings, *dict.fromkeys(note for side in selected for note in side.notes)]
+    return [*findings, *dict.fromkeys(chain.from_iterable(side.notes for side in selected))]
 
 
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:

@@ -386,10 +386,10 @@ def _all_channels(experiment: Experiment) -> Iterator[Transform]:
         return
     message = "the torques of all joints have the opposite sign"
     yield multiplied(codes.SIGN, experiment, dict.fromkeys(experiment.used, -1.0), "t", message)
-    turning = np.flatnonzero(~np.array(experiment.robot.is_prismatic)).tolist()
+    turns = ~np.array(experiment.robot.is_prismatic)
+    turning, both = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
     if len(turning) > 1:
         yield from _in_units(experiment, turning, "qm", "positions of all joints are")
-    both = [j for j in turning if experiment.both[j]]
     slopes = [gears.other_slope(experiment, j) or 1.0 for j in both]
     is_common = bool(both) and max(slopes) < (1 + 3 * tol.SLIGHT) * min(slopes)
     slope = float(np.median(slopes)) if is_common else 0.0

@@ -179,10 +179,8 @@ class DriveRows:
             starts = PARAMETERS[name].starts
             if starts and PARAMETERS[name].is_positive:
                 searched = [part * size_of(name, self._scale) for part in _dense(starts)]
-                grid[name] = grids.get(name) or searched
-        if "coulomb_width" in grid and "coulomb_width" not in grids:
-            widths = grid["coulomb_width"]
-            grid["coulomb_width"] = [x for x in widths if x > self._crossing] or widths[-1:]
+                least = self._crossing if name == "coulomb_width" else 0.0
+                grid[name] = grids.get(name) or [x for x in searched if x > least] or searched[-1:]
         return grid
 
     @property

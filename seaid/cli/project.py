@@ -80,7 +80,7 @@ def with_project(
     """
     _CONTEXT.set(context)
     name = str(context.info_name)
-    project = context.obj = None if name in ("init", "run") else _project_of(values)
+    project = context.obj = _project_of(name, values)
     first = values.get("urdf")
     if project is not None:
         defaults = _of_command(name, project, values)
@@ -119,19 +119,19 @@ def _moved(values: dict[str, Any], after: str, project: Project | None) -> dict[
     return {**values, "urdf": project and Path(project.urdf), after: later}
 
 
-def _project_file(first: Path | None) -> bool:
+def _project_file(first: Path) -> bool:
     """Return whether a path in the place of the robot is a project file or its folder."""
     # Of names that are too long `os.path` says that they are no files; those of `Path` raise.
-    return first is not None and (
-        first.name == PROJECT_FILE or os.path.isfile(first / PROJECT_FILE)
-    )
+    return first.name == PROJECT_FILE or os.path.isfile(first / PROJECT_FILE)
 
 
-def _project_of(values: Mapping[str, Any]) -> Project | None:
-    """Return the project in the place of the robot, else that of the working folder.
+def _project_of(name: str, values: Mapping[str, Any]) -> Project | None:
+    """Return the project in the place of the robot of a command, else that of the working folder.
 
     The latter only if its robot is that of the line, or the line names none.
     """
+    if name in ("init", "run"):
+        return None
     first = values.get("urdf") if is_typed("urdf") else None
     if first is not None and _project_file(first):
         return seaid.load_project(first)

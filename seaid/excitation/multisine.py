@@ -114,16 +114,7 @@ def multisine(
     middle = limit_values(robot, "posture", shape.posture, limits.middle)
     default = np.full(robot.n, np.inf)
     most = limit_values(robot, "amplitude", shape.amplitude, default, unlimited=True)
-    moving = np.flatnonzero(most != 0)
-    room = np.minimum(limits.upper - middle, middle - limits.lower)
-    if np.any(room <= 0):
-        joint = int(np.argmin(room))
-        raise ExcitationError(
-            f"joint '{robot.joint_names[joint]}': the posture {middle[joint]:.4g} of the multisine "
-            f"is not inside of its position limits, {limits.lower[joint]:.4g} to "
-            f"{limits.upper[joint]:.4g}: give another posture",
-            "posture",
-        )
+    moving, room = np.flatnonzero(most != 0), _room(robot, middle, limits)
     if not len(moving):
         text = "the multisine moves no joint: all amplitudes are zero; give one of them"
         raise ExcitationError(text, "amplitude")
@@ -148,12 +139,25 @@ def multisine(
     size[peaks[0] == 0] = 0.0
     index = shape.experiment % len(moving)
     if drives is not None and not np.all(fixed):
-        size = _within_drives(
-            [partial(motion, experiment=e) for e in range(len(moving))], size, fixed, drives
-        )
+        motions = [partial(motion, experiment=e) for e in range(len(moving))]
+        size = _within_drives(motions, size, fixed, drives)
     trajectory = motion(size, index)
     _check_limits(trajectory, bounds, peaks * size, drives)
     return trajectory
+
+
+def _room(robot: Robot, middle: Array, limits: JointLimits) -> Array:
+    """Return how far joints can move from the middle (n,). Raises ExcitationError for nowhere."""
+    room = np.minimum(limits.upper - middle, middle - limits.lower)
+    if np.any(room <= 0):
+        joint = int(np.argmin(room))
+        raise ExcitationError(
+            f"joint '{robot.joint_names[joint]}': the posture {middle[joint]:.4g} of the multisine "
+            f"is not inside of its position limits, {limits.lower[joint]:.4g} to "
+            f"{limits.upper[joint]:.4g}: give another posture",
+            "posture",
+        )
+    return np.asarray(room)
 
 
 def _period(shape: Multisine, duration: float) -> tuple[float, int]:

@@ -314,16 +314,14 @@ def optimise(
         return best
     except KeyboardInterrupt:
         return replace(best, early="interrupted", interrupted=True)
-    # status 9 of SLSQP: the iteration limit
+    # 8: no descent at a kink, where two singular values meet; 9: the iteration limit
+    early = "" if result.status in (0, 8, 9) else f"SLSQP: {result.message}"
     if result.status == 9 and _gain(history) > _STILL_FALLING:
         early = (
             f"stopped at the iteration limit ({iterations}) while the criterion was still "
             "decreasing; raise iterations"
         )
-        return replace(best, early=early)
-    if result.status in (0, 8, 9):  # 8: no descent at a kink, where two singular values meet
-        return best
-    return replace(best, early=f"SLSQP: {result.message}")
+    return replace(best, early=early)
 
 
 def _finite(value: float, gradient: Array) -> tuple[float, Array]:

@@ -164,6 +164,15 @@ class _Coordinate:
     stiffness: tuple[float, ...] = ()
     rest: tuple[float, ...] = (0.0,)
 
+    def behind(self, gear: _Coordinate) -> _Coordinate:
+        """Return the coordinate of a joint with the armature and friction of a gear before it."""
+        return replace(
+            self,
+            armature=gear.armature,
+            damping=self.damping + gear.damping,
+            friction=self.friction + gear.friction,
+        )
+
 
 def add_drives(
     robot: Robot,
@@ -176,7 +185,7 @@ def add_drives(
     """Add all drives to the joints, to the world, and to <tendon> and <actuator>."""
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
-    offsets: list[dict[str, str]] = []
+    offsets: list[Any] = []
     for index, joint in enumerate(robot.joint_names):
         drive, C = robot.drives[joint], robot.transmission[index]
         note_drive(joint, drive, notes)
@@ -193,13 +202,7 @@ def add_drives(
                 where = {"tendon": _free(f"{joint}_drive", taken)}
                 _add_tendon(tendons, where["tendon"], turned, gear, step)
                 gear = _Coordinate()
-        shared = replace(
-            parallel,
-            armature=gear.armature,
-            damping=parallel.damping + gear.damping,
-            friction=parallel.friction + gear.friction,
-        )
-        _set_joint(joints[joint], shared, step)
+        _set_joint(joints[joint], parallel.behind(gear), step)
         if drive.is_elastic:
             where = {"joint": _add_rotor(world, joint, drive, taken, step)}
             lever = {where["joint"]: drive.motor_radius / drive.ratio}
@@ -211,10 +214,9 @@ def add_drives(
         kind, attributes = _actuator(joint, drive, step)
         actuators.append(actuators.makeelement(kind, name=joint, **attributes, **where))
         if kind == "dcmotor" and "offset" in drive.friction:
-            constant = _constant(joint, drive)
-            offsets.append({"name": _free(f"{joint}_offset", taken), **constant, **where})
-    for attributes in offsets:  # behind the others, and without a control
-        actuators.append(actuators.makeelement("dcmotor", **attributes))
+            attributes = {"name": _free(f"{joint}_offset", taken), **_constant(joint, drive)}
+            offsets.append(actuators.makeelement("dcmotor", **attributes, **where))
+    actuators.extend(offsets)  # behind the others, and without a control
     note_commands(robot, step, notes)
     note_drives(robot, step, notes)
 

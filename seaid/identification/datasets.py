@@ -117,13 +117,12 @@ def check_temperatures(robot: Robot, datasets: Sequence[Dataset], only: str | No
 
     `only`: the joint that is checked; None: all.
     """
-    motions = [first_motion(dataset) for dataset in datasets]
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         if not drive.has_temperature_terms or only not in (None, joint):
             continue
         column = f"{joint}.motor_temperature_degC"
-        if not all(has_temperature(motion, index) for motion in motions):
+        if not all(has_temperature(first_motion(dataset), index) for dataset in datasets):
             raise IdentificationError(
                 f"the friction of joint '{joint}' depends on the temperature of its motor, and a "
                 f"log has none: log '{column}', or remove its terms "

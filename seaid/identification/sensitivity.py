@@ -253,8 +253,8 @@ def _cutoff_findings(
     ordinary: bool,
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
-    motions = [first_motion(dataset) for dataset in datasets]
-    few = [_decimated(motion) for motion in motions]
+    motions = list(map(first_motion, datasets))
+    few = list(map(_decimated, motions))
     cutoff_hz = few[0].cutoff_hz
     # The positions are filtered at a multiple of the narrow cutoff and stay as they are: the wider
     # one is that of regressor and torque.

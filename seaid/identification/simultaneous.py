@@ -120,7 +120,7 @@ def simultaneous_regression(
     load = load_rows(motion)
     motors = [_motor_rows(robot, rows, joint, load) for joint, rows in actuators.items()]
     concurrent = load_rows(_with_motor_friction(robot, motion, zero))
-    concurrent = concurrent.at(np.isin(concurrent.joint, [robot.index(joint) for joint in zero]))
+    concurrent = concurrent.at(np.isin(concurrent.joint, list(map(robot.index, zero))))
     concurrent = replace(concurrent, joint=2 * robot.n + concurrent.joint, excluded=0)
     both = stacked([load, *motors, concurrent])
     return replace(both, run=np.zeros(len(both.y)))  # rows of one log

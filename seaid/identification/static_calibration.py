@@ -334,12 +334,11 @@ def read_statics(path: str | Path) -> Statics:
     """
     try:
         table = open_tables([Path(path)])
-        names = [x for x in table.names if x in _COLUMNS or x.startswith(_SENSOR)]
+        names = [x for x in table.names if x in _COLUMNS or _is_reading(x)]
         columns = table.load(names) if names else {}
     except LogError as problem:
         raise IdentificationError(str(problem)) from None
-    reading = next((x for x in columns if x in _READINGS or x.startswith(_SENSOR)), None)
-    loads = _loads(columns)
+    reading, loads = next(filter(_is_reading, columns), None), _loads(columns)
     if reading is None or loads is None:
         allowed = (
             f"{', '.join(_LOADS)} or mass_kg (and lever_m), and {', '.join(_READINGS)} or sensor_mV"
@@ -351,6 +350,11 @@ def read_statics(path: str | Path) -> Statics:
     unit, factor = _READINGS.get(reading, (reading.removeprefix(_SENSOR), 1.0))
     load, load_unit = loads
     return Statics(load, factor * columns[reading], load_unit, unit, columns.get("direction"))
+
+
+def _is_reading(name: str) -> bool:
+    """Return whether a column has readings."""
+    return name in _READINGS or name.startswith(_SENSOR)
 
 
 def _loads(columns: Mapping[str, Array]) -> tuple[Array, str] | None:

@@ -423,7 +423,7 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
         raise _not_found(named.filename)
     try:
         meshes = trimesh.load_scene(path).dump()
-        parts = [x for x in meshes if isinstance(x, trimesh.Trimesh) and len(x.faces)]
+        parts: list[Any] = [x for x in meshes if len(getattr(x, "faces", ()))]  # no points or lines
     except Exception as problem:  # readers of a dozen formats raise any exception
         reason = f"{type(problem).__name__}: {problem}"
         raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None

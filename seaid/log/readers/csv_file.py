@@ -266,11 +266,6 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
     """
     comments, others, skipped = list[str](), list[str](), 0
     for line in islice(lines, _MOST_HEAD):
-        # UTF-16 has a zero byte next to each letter.
-        if "\0" in line and not others:
-            raise LogError(
-                f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such"
-            )
         is_mark = bool(_EXCEL.fullmatch(line))
         if line.strip() and (others or not (is_mark or line[0] in "#%")):
             others.append(line.rstrip("\r\n"))
@@ -280,6 +275,9 @@ def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
             break
         skipped += not others
     comments = list(filter(None, comments))
+    # UTF-16 has a zero byte next to each letter.
+    if "\0" in "".join([*comments, *others[:1]]):
+        raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
     if not "".join([*comments, *others[:2]]).strip(',;\t "'):
         raise LogError(
             f"'{path}' is empty; a log starts with a line of column names, then a line per sample"

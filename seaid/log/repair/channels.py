@@ -223,13 +223,13 @@ def wrap_period(time: Array, values: Array) -> float | None:
     period = float(np.median(periods))
     period = _turn(period, values) or period
     alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
-    # A position in [0, period) never covers more than a period; multi-turn positions do.
-    if np.mean(~alike) > _STRAY or np.ptp(values) > _FULL * period:
-        return None
-    # a wrap jumps against the motion; a position that jumps forth and back is a glitch
+    # A wrap jumps against the motion; a position that jumps forth and back is a glitch.
     against = np.sign(steps[inner]) == -np.sign(before + after)
     strays = np.mean(~against & (usual > 1e-3 * period))
-    return period if np.any(against) and strays <= _STRAY else None
+    # A position in [0, period) never covers more than a period; multi-turn positions do.
+    is_within = np.ptp(values) <= _FULL * period
+    is_wrap = is_within & np.any(against) & (max(np.mean(~alike), strays) <= _STRAY)
+    return period if is_wrap else None
 
 
 def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Array, int, int]:
