@@ -85,10 +85,11 @@ def owned_folder(parent: Path) -> Iterator[Path]:
 
     This process locks it while it lives. Folders of processes that were killed are removed before.
     """
-    # A lock is gone with its process, also a killed one: what can be locked is abandoned.
+    # A lock is gone with its process, also a killed one: what can be locked is abandoned. An empty
+    # folder may be one that another process has made and not yet locked.
     for folder in parent.glob(f"{_TEMPORARY}*/"):
         with suppress(OSError), _locked(folder) as is_abandoned:
-            if is_abandoned:
+            if is_abandoned and any(folder.iterdir()):
                 shutil.rmtree(folder, ignore_errors=True)
     folder = result_folder(parent / f"{_TEMPORARY}{secrets.token_hex(8)}")
     try:

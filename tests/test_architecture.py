@@ -155,7 +155,6 @@ ONE_IMPORTER = {
         *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
-        "excitation.search",
         "checks.bodies",
         *("export.joint_actuators", "regressor.random_instants"),
     ),

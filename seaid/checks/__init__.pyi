@@ -103,6 +103,7 @@ from .values import unknown_scales as unknown_scales
 from .values import unused_findings as unused_findings
 from .verdict import JointCheck as JointCheck
 from .verdict import JointFit as JointFit
+from .verdict import Level as Level
 from .verdict import RobotFit as RobotFit
 from .verdict import Verdict as Verdict
 from .verdict import explained as explained

@@ -61,9 +61,8 @@ def calibrate(
         statics = seaid.read_statics(table)
     else:
         robot = seaid.load_robot(urdf, drives)
-        statics = seaid.identification.held_poses(
-            robot, seaid.read_log(table, robot), joint, sensor=sensor
-        )
+        log = seaid.read_log(table, robot)
+        statics = seaid.identification.held_poses(robot, log, joint, sensor=sensor)
     fit = seaid.calibrate_statics(statics, law=law)
     written(
         output, ".html", lambda file: seaid.write_calibration(fit, file, name=joint or table.stem)

@@ -61,14 +61,9 @@ def compare(
 def _compare_runs(
     first: Path, second: Path, names: tuple[str, str], output: Path | None
 ) -> tuple[str, seaid.report.Comparison]:
-
-    first_fit, second_fit = (seaid.load_run(path).identification for path in (first, second))
-    written(
-        output,
-        ".html",
-        lambda file: seaid.write_comparison(first_fit, second_fit, file, names=names),
-    )
-    return first_fit.robot.name, seaid.report.comparison_of(first_fit, second_fit, names=names)
+    fits = seaid.load_run(first).identification, seaid.load_run(second).identification
+    written(output, ".html", lambda file: seaid.write_comparison(*fits, file, names=names))
+    return fits[0].robot.name, seaid.report.comparison_of(*fits, names=names)
 
 
 def _content(comparison: seaid.report.Comparison) -> dict[str, Any]:

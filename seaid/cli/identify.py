@@ -190,13 +190,12 @@ def _identify_conditions(
     result.check(output, read=(*options.files, *every))
     robots = {name: _robot_in(options, name, payloads) for name in logs}
     default = seaid.identification.CONDITION_SPECIFIC
+    names = ("torque_joints", "cutoff_hz", "encoder_offset_std")
     fits = seaid.identify_conditions(
         {name: (robot, options.logs(logs[name], robot)) for name, robot in robots.items()},
         condition_specific=default if specific is None else specific,
-        torque_joints=options.torque_joints,
-        cutoff_hz=options.cutoff_hz,
-        encoder_offset_std=options.encoder_offset_std,
         progress=is_terminal(),
+        **{name: getattr(options, name) for name in names},
     )
     content = {
         "conditions": {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -145,9 +146,7 @@ def _stance_content(
     usual = [["air"], *([link] for link in links), links] if links else [["air"]]
     stances = _stances(asked_stances or usual)
     asked = list(stances.values())[0 if asked_stances else -1 :]
-    cases = {
-        text: seaid.identifiability(robot, stances=[stance]) for text, stance in stances.items()
-    }
+    cases = {text: seaid.identifiability(robot, stances=[x]) for text, x in stances.items()}
     together = seaid.identifiability(robot, stances=asked)
     if len(asked) > 1:
         cases["together"] = together
@@ -171,9 +170,8 @@ def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
 
 def _measured(robot: seaid.Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
     """Return the measures of planned motions as JSON content and as lines."""
-    every = [
-        seaid.excitation.excitation_measures(robot, seaid.load_trajectory(path)) for path in plans
-    ]
+    measures_of = partial(seaid.excitation.excitation_measures, robot)
+    every = [measures_of(seaid.load_trajectory(path)) for path in plans]
     content = {
         str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
         for path, measures in zip(plans, every, strict=True)
@@ -228,9 +226,7 @@ def _motion(robot: seaid.Robot, joint: str) -> str:
 
 def _inconsistent_links(tree: seaid.robot.UrdfTree) -> dict[str, str]:
     """Return {link: reason why its inertia is physically inconsistent}."""
-    reasons = {
-        link: seaid.robot.inconsistency(parameters) for link, parameters in tree.links.items()
-    }
+    reasons = {link: seaid.robot.inconsistency(body) for link, body in tree.links.items()}
     return {link: reason for link, reason in reasons.items() if reason is not None}
 
 
@@ -268,6 +264,5 @@ def _identifiability_table(cases: dict[str, seaid.regressor.Identifiability]) ->
             lost = int((~base.grouping.any(axis=0)).sum())
             counts = (bodies, alone, len(base.columns) - alone, "-")
             rows.append(["  with their derivatives", *map(str, counts), str(lost)])
-    return seaid.report.table(
-        "\nIdentifiability by sensors (--sensors lists the names)", header, rows
-    )
+    title = "\nIdentifiability by sensors (--sensors lists the names)"
+    return seaid.report.table(title, header, rows)

@@ -89,15 +89,12 @@ class RobotOptions:
 
     def keywords_of_robot(self) -> dict[str, Any]:
         """Return the keyword arguments that `load_robot` and `write_first_project` share."""
+        names = ("drives", "joints", "gravity", "base", "imu_link")
         return {
-            "drives": self.drives,
-            "joints": self.joints,
+            **{name: getattr(self, name) for name in names},
             "locked": self.locked or {},
             "payloads": self.payload or (),
-            "gravity": self.gravity,
-            "base": self.base,
             "contacts": [*chain(*(self.contact or ()))],
-            "imu_link": self.imu_link,
         }
 
     def robot(self, known_bodies: Sequence[str] | None = None) -> seaid.Robot:
@@ -393,6 +390,13 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | No
     for log in unseen:
         if real_path(log) in known:
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
+
+
+def numbers_of(estimate: seaid.Estimate) -> list[dict[str, Any]]:
+    """Return name, unit, value and standard error of each parameter as JSON content."""
+    keys = ("names", "units", "values", "standard_errors")
+    rows = zip(*(getattr(estimate, key) for key in keys), strict=True)
+    return [dict(zip((key[:-1] for key in keys), row, strict=True)) for row in rows]
 
 
 def facts_of(

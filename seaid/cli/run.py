@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,16 @@ import typer
 import seaid
 from seaid.cli.kinds import ProjectFile
 from seaid.cli.messages import is_terminal, note
-from seaid.cli.options import FailOptions, JsonOptions, command_line, facts_of
+from seaid.cli.options import FailOptions, JsonOptions, command_line, facts_of, refuse
 from seaid.cli.project import PROJECT_FILE
+from seaid.errors import abridged
 
 
 def run(
     project: ProjectFile = Path(PROJECT_FILE),
     *,
     fail: FailOptions,
+    executor: str | None = None,
     open_report: bool = False,
     verbose: bool = False,
     result: JsonOptions,
@@ -26,11 +29,15 @@ def run(
 
     The results go into a new folder of runs/, to which runs/latest points: report.html, parameters,
     robot files, and the saved run, from which `validate`, `report`, `export` and `compare` start.
+    All projects below a folder that has none itself are run in processes, one per core, or on a
+    cluster. The exit code is then the worst: 1 if one has no results, else 3 for --fail-on.
 
     Parameters
     ----------
     project
-        The project file, or its folder.
+        The project file, its folder, or a folder with projects below it.
+    executor
+        Of several projects: dask:ADDRESS of the scheduler of a Dask cluster.
     open_report
         Open the report in the browser.
 
@@ -38,7 +45,14 @@ def run(
     --------
     seaid run --open
     seaid run leg/seaid.toml --fail-on wrong
+    seaid run robots
+    seaid run robots --executor dask:tcp://10.0.0.1:8786
     """
+    if seaid.project.find_projects(project):
+        refuse("it is for one project", "open_report", "verbose")
+        _run_all(project, executor, fail, result)
+        return
+    refuse("it is for a folder with several projects", "executor")
     loaded = seaid.load_project(project)
     done = seaid.run_project(loaded, command=command_line(), progress=is_terminal())
     logs = (log for run in done.runs.values() for log in run.identification.processing)
@@ -50,6 +64,23 @@ def run(
     if open_report and report.exists():
         typer.launch(report.resolve().as_uri())
     fail.check(done.warnings, default=loaded.fail_on)
+
+
+def _run_all(folder: Path, executor: str | None, fail: FailOptions, result: JsonOptions) -> None:
+    """Run the projects below a folder, print how each ended, and exit with the worst code."""
+    line, progress = command_line(), is_terminal()
+    outcomes = seaid.project.run_projects(
+        folder, executor=executor, command=line, progress=progress
+    )
+    for text in chain(*([f"{x.project}: {text}" for text in x.notes] for x in outcomes)):
+        note(text)
+    rows = [(str(x.project), x.verdict, str(x.place or abridged(x.error))) for x in outcomes]
+    header = ["project", "verdict", "report, or what is wrong"]
+    result.show(seaid.report.table("Projects", header, rows), {"projects": outcomes})
+    if any(outcome.error for outcome in outcomes):
+        raise typer.Exit(1)
+    for outcome in outcomes:
+        fail.check(outcome.warnings, default=outcome.fail_on)
 
 
 def _text(done: seaid.project.ProjectRun, verbose: bool) -> str:
@@ -64,7 +95,7 @@ def _text(done: seaid.project.ProjectRun, verbose: bool) -> str:
 def _facts(done: seaid.project.ProjectRun) -> dict[str, Any]:
     """Return robot and warnings, and the verdict of a project without conditions."""
     first, *others = done.runs.values()
-    facts = facts_of(first.identification, *first.validations.values(), *first.replays.values())
+    facts = facts_of(first.identification, *first.tests)
     return facts if not others else {**facts, "verdict": None, "warnings": done.warnings}
 
 

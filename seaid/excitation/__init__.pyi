@@ -29,6 +29,7 @@ from .limits import positive_values as positive_values
 from .multisine import Multisine as Multisine
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene
+from .search import run_all as run_all
 from .stance import Stance as Stance
 from .stance import StancePlan as StancePlan
 from .stance import StandingRobot as StandingRobot

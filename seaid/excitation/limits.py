@@ -212,12 +212,15 @@ def limit_values(
                 f"Limits({name}=...)",
             )
         if np.isfinite(value) and abs(value) > _LARGEST:
-            raise ExcitationError(
-                f"joint '{joint}': {name} limit must be from -{_LARGEST:g} to {_LARGEST:g}, found "
-                f"{value:.6g}; give another by Limits({name}={{'{joint}': ...}})",
-                f"Limits({name}={{'{joint}': ...}})",
-            )
+            raise _out_of_range(joint, name, value, f"from -{_LARGEST:g} to {_LARGEST:g}")
     return values
+
+
+def _out_of_range(joint: str, name: str, value: float, allowed: str) -> ExcitationError:
+    """Return the error for a limit of a joint that is not as it must be."""
+    another = f"Limits({name}={{'{joint}': ...}})"
+    wrong = f"joint '{joint}': {name} limit must be {allowed}, found {value:.6g}"
+    return ExcitationError(f"{wrong}; give another by {another}", another)
 
 
 def per_joint(name: str, values: Any, joint_names: Sequence[str], *arguments: str) -> Any:
@@ -248,11 +251,7 @@ def positive_values(
     for joint, value in zip(robot.joint_names, values, strict=True):
         if value < _SMALLEST:
             least = "zero" if value <= 0 else f"{_SMALLEST:g}"
-            raise ExcitationError(
-                f"joint '{joint}': {name} limit must be more than {least}, found {value:.6g}; "
-                f"give another by Limits({name}={{'{joint}': ...}})",
-                f"Limits({name}={{'{joint}': ...}})",
-            )
+            raise _out_of_range(joint, name, value, f"more than {least}")
     return values
 
 

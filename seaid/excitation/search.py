@@ -10,11 +10,12 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from collections import deque
+from collections.abc import Callable, Container, Mapping, Sequence, Sized
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 
@@ -47,60 +48,83 @@ _IDLE_SECONDS, _LOOK_SECONDS, _PATIENCE_SECONDS = 120, 1.0, 5.0
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
+def _raise(number: int, problem: BaseException) -> NoReturn:
+    """Raise the exception of a task, in words for one of its process."""
+    if not isinstance(problem, BrokenExecutor):
+        raise problem
+    raise ExcitationError(
+        "a process of the search was ended from outside (killed, or out of memory: "
+        f"{type(problem).__name__}): close what needs memory, or search in this process "
+        "with executor=concurrent.futures.ThreadPoolExecutor(1)"
+    ) from None
+
+
 def run_all(
     function: Callable[..., Result],
     tasks: Sequence[tuple[object, ...]],
     executor: Executor | None,
     done: Callable[[int, Result], None],
+    lost: Callable[[int, BaseException], Result] = _raise,
 ) -> tuple[list[Result], bool]:
     """Return the results of a function for all tasks, in order, and whether Ctrl-C interrupted.
 
-    The tasks run by the executor, or by processes that remain for the next search; `done` is called
-    with the number and result of each. After Ctrl-C the results are those of finished tasks. If a
-    process of the library dies, the remaining tasks are repeated once in new processes. Raises
-    ExcitationError if that fails as well, or if an executor of the user breaks.
+    The tasks run by the executor, or by processes that remain for the next call; `done` is called
+    with the number of finished tasks and the result of the last one. After Ctrl-C the results are
+    those of finished tasks. If a process of the library dies, which of its tasks ended it is not
+    known: each task that ran then is repeated alone. `lost` returns the result of a task that fails
+    from its number and the exception. Without it ExcitationError is raised for a task whose process
+    dies again, and for an executor of the user that breaks.
     """
-    results: list[Result] = []
-    attempts = 2 if executor is None else 1
-    while True:
-        attempts -= 1
-        before = len(results)
-        try:
-            pool = _processes(len(tasks)) if executor is None else executor
-            futures = [pool.submit(function, *task) for task in tasks[before:]]
-            try:
-                for future in futures:
-                    results.append(future.result())
-                    done(len(results), results[-1])
-            except KeyboardInterrupt:
-                return results + _finished_results(futures[len(results) - before :]), True
-            return results, False
-        except BrokenExecutor as problem:
-            if attempts:
-                continue
-            raise ExcitationError(
-                "a process of the search was ended from outside (killed, or out of memory: "
-                f"{type(problem).__name__}): close what needs memory, or search in this process "
-                "with executor=concurrent.futures.ThreadPoolExecutor(1)"
-            ) from None
+    results: dict[int, Result] = {}
+    running: dict[Future[Result], int] = {}
+    waiting, again = deque(range(len(tasks))), set[int]()
+    interrupted = False
+    try:
+        while waiting or running:
+            pool, most = _processes(len(tasks), executor)
+            for _ in range(_free(waiting, running, most, again)):
+                number = waiting.popleft()
+                running[pool.submit(function, *tasks[number])] = number
+            for future in wait(running, return_when="FIRST_COMPLETED").done:
+                number, problem = running.pop(future), future.exception()
+                if isinstance(problem, BrokenExecutor) and not (executor or number in again):
+                    again.add(number)
+                    waiting.appendleft(number)
+                    continue
+                results[number] = lost(number, problem) if problem else future.result()
+                done(len(results), results[number])
+    except KeyboardInterrupt:
+        interrupted = True
+        results |= _finished_results(running)
+    return list(dict(sorted(results.items())).values()), interrupted
 
 
-def _processes(tasks: int) -> Executor:
-    """Return processes that remain for the next search and end with this process.
+def _free(waiting: Sequence[int], running: Sized, most: int, again: Container[int]) -> int:
+    """Return how many waiting tasks begin now: a repeated one runs alone."""
+    most = 1 if waiting and waiting[0] in again else most
+    return max(0, min(len(waiting), most - len(running)))
 
-    They are those of loky, which unlike concurrent.futures need no `if __name__ == "__main__"` in
-    the user's script; one per task, at most one per core, with one thread each.
+
+def _processes(tasks: int, executor: Executor | None) -> tuple[Executor, int]:
+    """Return the executor, and how many tasks run at a time; without one processes that remain.
+
+    They remain for the next call and end with this process. They are those of loky, which need no
+    `if __name__ == "__main__"` in the user's script, unlike those of concurrent.futures; one per
+    task, at most one per core, with one thread each.
     """
+    if executor is not None:
+        return executor, tasks
     from loky import cpu_count, get_reusable_executor
 
-    executor: Executor = get_reusable_executor(
-        max_workers=min(tasks, cpu_count()),
+    number = min(tasks, cpu_count())
+    executor = get_reusable_executor(
+        max_workers=number,
         timeout=_IDLE_SECONDS,
         env=_ONE_THREAD,
         initializer=_exit_with_parent,
         initargs=(os.getpid(),),
     )
-    return executor
+    return executor, number
 
 
 def _exit_with_parent(parent: int) -> None:
@@ -114,15 +138,15 @@ def _exit_with_parent(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
-    """Return the results of the tasks that finish after an interrupt."""
-    results = []
+def _finished_results(running: Mapping[Future[Result], int]) -> dict[int, Result]:
+    """Return {number: result} of the running tasks that finish after an interrupt."""
+    results = {}
     # all are cancelled before the first is waited for, so that no further one begins meanwhile
-    for future in futures:
+    for future in running:
         future.cancel()
-    for future in futures:
+    for future, number in running.items():
         with suppress(CancelledError, TimeoutError, BrokenExecutor, KeyboardInterrupt):
-            results.append(future.result(timeout=_PATIENCE_SECONDS))
+            results[number] = future.result(timeout=_PATIENCE_SECONDS)
     return results
 
 
@@ -132,8 +156,8 @@ _SHARPNESS = 32.0
 _UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "rad/s"}
 
 
-class _FoundError(Exception):
-    """Stops SLSQP once a motion is well within the limits."""
+class _StopError(Exception):
+    """Stops SLSQP: a motion is well within the limits, or the criterion no longer decreases."""
 
 
 def with_feasible_start(problem: Problem, seed: int) -> Problem:
@@ -170,7 +194,7 @@ def _least_use(problem: Problem, start: Array) -> Array:
         # SLSQP may exceed the linear limits slightly: x is scaled towards 0, which keeps them
         latest = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
         if largest_nonlinear_use(problem, latest) < _ENOUGH:
-            raise _FoundError
+            raise _StopError
 
     def objective(x: Array) -> tuple[float, Array]:
         use, gradient = nonlinear_use(problem, x)
@@ -179,7 +203,7 @@ def _least_use(problem: Problem, start: Array) -> Array:
         value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
         return value, gradient.T @ (shares / shares.sum())
 
-    with suppress(_FoundError):
+    with suppress(_StopError):
         minimize(
             objective,
             start,
@@ -237,10 +261,6 @@ class Outcome:
     interrupted: bool = False
 
 
-class _StallError(Exception):
-    """Stops SLSQP once the criterion no longer decreases."""
-
-
 def search(
     problem: Problem,
     starts: int,
@@ -269,10 +289,12 @@ def search(
     first = -(-iterations // 3) if starts > 1 else 0
     total = starts * first + iterations
     with best_so_far("excitation", problem.measure.meaning, total, progress) as report:
-        if first:
-            outcomes += _map_starts(problem, begins, first, executor, report)
-        best = min(outcomes, key=lambda outcome: outcome.value)
-        if any(outcome.interrupted for outcome in outcomes):
+        tasks = [(problem, x, first) for x in begins] if first else []
+        ended, interrupted = run_all(
+            optimise, tasks, executor, lambda number, each: report(each.value, number * first)
+        )
+        best = min([*outcomes, *ended], key=lambda outcome: outcome.value)
+        if interrupted or any(outcome.interrupted for outcome in ended):
             return replace(best, early="interrupted", interrupted=True), begin.x
         done = starts * first
         last = optimise(problem, best.x, iterations, lambda value, i: report(value, done + i))
@@ -298,7 +320,7 @@ def optimise(
         if report is not None:
             report(best.value, len(history) - 1)
         if _gain(history) < _STALL:
-            raise _StallError
+            raise _StopError
 
     try:
         result = minimize(
@@ -310,7 +332,7 @@ def optimise(
             options={"maxiter": iterations, "ftol": 1e-9},
             callback=watch,
         )
-    except _StallError:
+    except _StopError:
         return best
     except KeyboardInterrupt:
         return replace(best, early="interrupted", interrupted=True)
@@ -332,20 +354,3 @@ def _finite(value: float, gradient: Array) -> tuple[float, Array]:
 def _gain(history: Sequence[float]) -> float:
     """Return the decrease of the log of the criterion over the last iterations."""
     return history[-_STALL_ITERATIONS] - history[-1] if len(history) > _STALL_ITERATIONS else np.inf
-
-
-def _map_starts(
-    problem: Problem,
-    begins: Sequence[Array],
-    iterations: int,
-    executor: Executor | None,
-    report: Report,
-) -> list[Outcome]:
-    """Optimise from every start, by the executor; after an interrupt the last outcome says so."""
-    outcomes, interrupted = run_all(
-        optimise,
-        [(problem, x, iterations) for x in begins],
-        executor,
-        lambda number, outcome: report(outcome.value, number * iterations),
-    )
-    return [*outcomes, Outcome(np.inf, begins[0], interrupted=True)] if interrupted else outcomes

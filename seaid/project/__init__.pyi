@@ -5,9 +5,12 @@ from .project import Project as Project
 from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
 from .project import log_at as log_at
+from .running import Outcome as Outcome
 from .running import ProjectRun as ProjectRun
+from .running import find_projects as find_projects
 from .running import run as run
 from .running import run_project as run_project
+from .running import run_projects as run_projects
 from .running import summary_of as summary_of
 from .saved import FILE as FILE
 from .saved import Run as Run

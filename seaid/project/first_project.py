@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid._files import PROJECT_FILE, from_template, write_whole
+from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import BODY, POOR, JointCheck, is_unsigned, no_measurements
 from seaid.drives import (
@@ -178,7 +178,7 @@ def write_first_project(
             texts[known] = _drives_text(tables, unsure, known)
     is_commanded = any("controller" in table for table in tables.values())
     unscaled = _unscaled(robot, logs_read, tables)
-    unflagged = (_about(_unflagged(robot, log), _UNFLAGGED) for log in logs_read)
+    unflagged = (_about(_unflagged(robot, log), _doubt("unflagged")) for log in logs_read)
     doubts += dict.fromkeys(chain.from_iterable(unflagged))
     text = from_template(
         "seaid.project",
@@ -187,7 +187,12 @@ def write_first_project(
         doubts=list(map(_comment, doubts)),
         **_known_bodies(robot, is_commanded, unscaled),
         logs=_log_tables(robot, read, folder, _SHORTEST_S[is_commanded]),
-        **_robot_content(urdf, known, folder, robot, joints, payloads),
+        robot=robot,
+        contacts=_contact_tables(robot),
+        urdf=_relative(urdf, folder),
+        drives=known and _relative(known, folder),
+        joints=joints,
+        payloads=payloads,
     )
     for path, content in {**texts, file: text}.items():
         write_whole(path, content)
@@ -209,9 +214,6 @@ def _check_request(file: Path, logs: object, drives: object, controllers: object
         )
 
 
-_UNNAMED = "no column of the logs has such a name: locked at zero; joints = names those that move"
-
-
 def _load_named_joints(
     load: Callable[..., Robot],
     joints: Sequence[str] | None,
@@ -226,8 +228,9 @@ def _load_named_joints(
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
         return robot, None
-    others = [joint for joint in robot.joint_names if joint not in named]
-    doubts.append(f"{listed(others)}: {_UNNAMED}")
+    doubts += _about(
+        [joint for joint in robot.joint_names if joint not in named], _doubt("unnamed")
+    )
     return load(joints=named), named
 
 
@@ -277,6 +280,17 @@ def _about(joints: Sequence[str], doubt: str) -> list[str]:
     return [f"{listed(joints)}: {doubt}"] if joints else []
 
 
+def _doubt(name: str, **values: object) -> str:
+    """Return a doubt of `doubts.toml` with values of the log."""
+    return _texts()[name].format(**values)
+
+
+@cache
+def _texts() -> Mapping[str, str]:
+    """Return {name: text} of `doubts.toml`, which is read once."""
+    return read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", SeaidError)
+
+
 def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
     """Yield how to lock the joints that stand still in all logs, if others move."""
     positions = np.concatenate([log.joint_position for log in logs])
@@ -288,7 +302,7 @@ def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
         places = np.mean(positions[:, still], axis=0, where=logged)
         at = {robot.joint_names[j]: place for j, place in zip(still, places.tolist(), strict=True)}
         option = ",".join(f"{joint}={place:.4g}" for joint, place in at.items())
-        yield f"{listed(at)}: no motion in any log; lock what stands still: --locked {option}"
+        yield f"{listed(at)}: {_doubt('still', option=option)}"
 
 
 def _is_still(position: Array) -> bool:
@@ -320,14 +334,10 @@ class _ReadLog:
 
 def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
     """Return the robot with springs in joints whose deflection is logged, and no gear."""
-    sliding = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-    drives = {
-        joint: SeriesElasticDrive(
-            gear_ratio=1.0, motor_pulley_radius_m=1.0 if sliding[joint] else None
-        )
-        for joint in joints
-    }
-    return robot.with_drives(drives)
+    turning = SeriesElasticDrive(gear_ratio=1.0)
+    sliding = replace(turning, motor_pulley_radius_m=1.0)
+    slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
+    return robot.with_drives({x: sliding if slides[x] else turning for x in joints})
 
 
 def _known_drives(
@@ -341,13 +351,9 @@ def _known_drives(
         read_drives(neighbour)
     except SeaidError:
         return None
-    if has_controllers:
-        doubts.append(
-            f"drives: '{neighbour.name}' next to the URDF is not used, as gains are given"
-        )
-        return None
-    doubts.append(f"drives: '{neighbour.name}' lies next to the URDF and is used")
-    return neighbour
+    name = "neighbour_not_used" if has_controllers else "neighbour"
+    doubts.append(_doubt(name, file=neighbour.name))
+    return None if has_controllers else neighbour
 
 
 def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
@@ -452,29 +458,9 @@ _FEWEST = 2
 
 _OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
 
-_GAINS = (
-    "write the gains of the controller in place of the question mark, as in the configuration of "
-    "the driver (kp, kd): torque at the joint [N m] per rad of position error, and per rad/s; or "
-    "hang a known weight: gain = torque / (command - position); or, if the masses of the robot "
-    "file are right, write 1.0, and is_up_to_scale = true below"
-)
-_HELD = (
-    "the commands stay the same for some samples: is_held = true, the drive holds each until the "
-    "next one; delete the key if it goes there on a line"
-)
 _LEAST_STEPS, _PART_OF_STEP = 20, 0.03
 """Changes of a command below which nothing is said about how long it is held; part of the
 mean step that is no change, where larger steps count more."""
-_VELOCITY_COMMANDS = (
-    "the logs have velocity commands, which count as sent to the drive: their gain, "
-    "command_velocity_gain_Nms_per_rad, is that of the measured velocity; delete the key if the "
-    "drive gets positions only"
-)
-_DELAY = (
-    "where a log does not determine the delay of the commands, it counts as 0 within 5 ms, which "
-    "the standard errors contain: write yours; armature and delay are nearly one number in a log "
-    "with one set of gains"
-)
 _UNKNOWN = 0.123456789
 """Stands for a gain or a gear ratio until the file is written, where it is a question mark."""
 
@@ -484,25 +470,17 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
 
     The torques and currents of the joints `untrue` are no measurements.
     """
-    joints = []
-    for joint in robot.joint_names:
-        logged = [{*log.logged(joint)} for log in logs]
-        measured = set.union(*logged) & {*_TORQUES}
-        if set.intersection(*logged) & {*COMMANDS} and (joint in untrue or not measured):
-            joints.append(joint)
-    return tuple(joints)
+    joints = robot.joint_names
+    measured = {x for x in joints for log in logs if {*_TORQUES} & {*log.logged(x)}} - {*untrue}
+    return tuple(joint for joint in joints if _sent(logs, joint) and joint not in measured)
 
 
 def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Controller]:
     """Return the controllers with the gains of the first log; a doubt if another log has others."""
-    first = read[0].gains
-    doubts += [
-        f"{log.files[0].name}: other gains than in {read[0].files[0].name}, which the drives have: "
-        "logs with several gain sets are for seaid.identify_conditions"
-        for log in read
-        if log.gains != first
-    ]
-    return dict(first)
+    first = read[0]
+    others = (log.files[0].name for log in read if log.gains != first.gains)
+    doubts += [_doubt("other_gains", file=name, first=first.files[0].name) for name in others]
+    return dict(first.gains)
 
 
 def _sent(logs: Sequence[Log], joint: str) -> list[str]:
@@ -559,11 +537,13 @@ def _all_drives(
     tables, doubts = inferred_drives(robot, logs, commanded)
     tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
     laws: dict[str, Any] = {joint: tables[joint]["controller"] for joint in commanded}
-    doubts += _about([joint for joint in laws if str(_UNKNOWN) in str(laws[joint])], _GAINS)
-    doubts += [_DELAY] * bool(commanded)
+    doubts += _about(
+        [joint for joint in laws if str(_UNKNOWN) in str(laws[joint])], _doubt("gains")
+    )
+    doubts += [_doubt("delay")] * bool(commanded)
     fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
-    doubts += _about(fast, _VELOCITY_COMMANDS)
-    doubts += _about([joint for joint in laws if laws[joint].is_held], _HELD)
+    doubts += _about(fast, _doubt("velocity_commands"))
+    doubts += _about([joint for joint in laws if laws[joint].is_held], _doubt("held"))
     return tables, doubts
 
 
@@ -606,19 +586,6 @@ def _known_bodies(robot: Robot, is_commanded: bool, unscaled: Sequence[str]) -> 
     return {"known_bodies": names, "std_of_bodies": BODY if names and unscaled else None}
 
 
-_NO_ENCODER = (
-    "no motor encoder in the logs: the torques count as those of the motors, at the joints, and "
-    "gear ratios are 1: friction and rotor inertias are those at the joints. Torques of sensors "
-    "behind the gears have neither: name them joint_torque"
-)
-
-
-_UNSCALED = (
-    "only the current or the voltage of the motors is logged: known bodies, a known payload in one "
-    "of several logs, or known torque constants give the scale of all torques"
-)
-
-
 _INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
 """Kinds of a motor's input, the most direct one first."""
 
@@ -629,22 +596,6 @@ _TORQUES = ("joint_torque", *(f"motor_{kind}" for kind in _INPUTS))
 def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
     """Return by what a motor is logged, the most direct one; "" by nothing."""
     return next((kind for kind in _INPUTS if f"motor_{kind}" in sensors), "")
-
-
-_ASKED = (
-    "write that of the data sheet in place of the question mark, or 1.0 if the angles and torques "
-    "of the log are those behind the gear"
-)
-_OF_DEFLECTION = (
-    "its deflection is logged, and not both encoders: a spring; {key} = 1.0 is a placeholder: with "
-    "it rotor inertia, friction and motor constant are those at the joint; write that of the data "
-    "sheet"
-)
-
-_LOCKED = (
-    "its position does not change while its motor moves: taken for a spring behind a locked "
-    f"output, which does not show its {{key}}: {_ASKED}"
-)
 
 
 def _has_locked_output(log: Log, index: int) -> bool:
@@ -691,14 +642,14 @@ def inferred_drives(
     }
     tables = {joint: table for joint, (table, _) in drives.items() if table is not None}
     sizes = _confirm_ratios(robot, logs, tables)
-    shared: dict[str, list[str]] = {_NO_ENCODER: [], _NO_MOTOR: []}
+    shared: dict[str, list[str]] = {_doubt("no_encoder"): [], _doubt("no_motor"): []}
     doubts = []
     for joint, (_, doubt) in drives.items():
         if doubt in shared:
             shared[doubt].append(joint)
         else:
             doubts.append(f"{joint}: {sizes.get(joint, '')}{doubt}")
-    shared[_UNSCALED] = _unscaled(robot, logs, tables)
+    shared[_doubt("unscaled")] = _unscaled(robot, logs, tables)
     return tables, doubts + [text for doubt in shared for text in _about(shared[doubt], doubt)]
 
 
@@ -725,23 +676,21 @@ def _spring_without_gear(
     key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
     table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
     if log is not None and _has_locked_output(log, index):
-        return {**table, key: _UNKNOWN}, _LOCKED.format(key=key)
+        return {**table, key: _UNKNOWN}, _doubt("locked_output", key=key)
     if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
-        return table, _OF_DEFLECTION.format(key=key)
+        return table, _doubt("of_deflection", key=key)
     return None
 
 
 def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
     """Return the stiff drive of a joint by its sensors, of which one encoder at most is logged."""
     kind = _input(sensors)
-    if "joint_torque" in sensors and kind != "torque":  # has a scale, and no friction nor rotor
-        return None, _NO_MOTOR
-    if "motor_position" in sensors:
-        return {"type": "stiff", key: _UNKNOWN}, f"no joint encoder shows its {key}: {_ASKED}"
-    return ({"type": "stiff", key: 1.0}, _NO_ENCODER) if kind else (None, _NO_MOTOR)
-
-
-_NO_MOTOR = "no motor encoder or torque in the logs: torques at the joints count as known"
+    # A torque sensor has a scale, and behind it are neither friction nor rotor.
+    is_known = "joint_torque" in sensors and kind != "torque"
+    if "motor_position" in sensors and not is_known:
+        return {"type": "stiff", key: _UNKNOWN}, _doubt("no_joint_encoder", key=key)
+    stiff: _Drive = {"type": "stiff", key: 1.0}, _doubt("no_encoder")
+    return stiff if kind and not is_known else (None, _doubt("no_motor"))
 
 
 def _confirm_ratios(
@@ -763,7 +712,8 @@ def _confirm_ratios(
         value, error = (float(str(table.pop(name))) for name in (key, key_of_error))
         value, error = _confirmed(value, error, joints.get(joint), "pulley" in key)
         if error > POOR * value:  # the rotor's inertia behind the gear, N^2 I, has twice as much
-            table[key], sizes[joint] = _UNKNOWN, _UNDETERMINED.format(key, value, error)
+            table[key] = _UNKNOWN
+            sizes[joint] = _doubt("undetermined", key=key, value=value, error=error)
         else:
             table[key], table[key_of_error] = float(f"{value:.7g}"), float(f"{error:.2g}")
             sizes[joint] = f"{key} = {value:.7g} +- {error:.2g} "
@@ -788,10 +738,6 @@ def _confirmed(
 
 
 _STD = "_std"
-_UNDETERMINED = (
-    '{} = "?": write that of the data sheet, or the transmission of a motor that moves several '
-    "joints: {:.4g} +- {:.2g} is too inaccurate, "
-)
 _SAME_RATIO = 0.03
 """Difference of two estimates of a ratio above which neither is taken for the better one."""
 
@@ -801,9 +747,6 @@ def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
     return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
 
 
-_AGAINST = "; its motor turns backwards: sign = -1 at its position and torque in the description"
-
-
 def _drive_of_encoders(
     robot: Robot, index: int, time: Array, sensors: Mapping[str, Array]
 ) -> _Drive:
@@ -811,13 +754,13 @@ def _drive_of_encoders(
     motor, joint = sensors["motor_position"], sensors["joint_position"]
     unit, least = ("m", _MOVES_M) if robot.is_prismatic[index] else ("rad", _MOVES_RAD)
     if np.array_equal(motor, joint):
-        return None, "both encoders have the same values: its torque counts as known"
+        return None, _doubt("same_values")
     if np.ptp(joint) < least:
-        return None, "it hardly moves: its torque counts as known at the joint"
+        return None, _doubt("hardly_moves")
     ratio, explained, error = _ratio_with_drift(time, sensors)
     spread = float(np.std(motor / ratio - joint))
     text = f"from both encoders, which differ by {spread:.2g} {unit} (rms)"
-    text += _AGAINST * (ratio < -error)
+    text += _doubt("backwards") * (ratio < -error)
     key, ratio = _ratio_key(robot, index), abs(ratio)
     table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     explains = explained > _SPRING or "deflection" in sensors
@@ -877,34 +820,10 @@ def _comment(doubt: str) -> str:
     return abridged(" ".join(doubt.split()))
 
 
-def _robot_content(
-    urdf: str | Path,
-    drives: str | Path | None,
-    folder: Path,
-    robot: Robot,
-    joints: Sequence[str] | None,
-    payloads: Sequence[Payload],
-) -> dict[str, Any]:
-    """Return the content of the template about the robot, with None for what is as usual."""
-    gravity = robot.model.gravity.linear.tolist()
-    base = robot.floating_base if isinstance(robot, FloatingRobot) else None
-    return {
-        "urdf": _relative(urdf, folder),
-        "drives": None if drives is None else _relative(drives, folder),
-        "gravity": None if gravity == [0.0, 0.0, -9.81] else gravity,
-        "base": base,
-        "contacts": [] if base is None else _contact_tables(base.contacts),
-        "locked": robot.locked,
-        "joints": joints,
-        "last_link": robot.body_names[-1],
-        "payloads": payloads,
-    }
-
-
-def _contact_tables(contacts: Sequence[Contact]) -> list[dict[str, Any]]:
-    """Return a table for all links of each shape of contacts."""
+def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
+    """Return a table for all links of each shape of contacts of a floating base."""
     tables: dict[str, dict[str, Any]] = {}
-    for point in contacts:
+    for point in robot.floating_base.contacts if isinstance(robot, FloatingRobot) else ():
         position: Any = list(map(float, point.position_m))
         shape = {"radius_m": point.radius_m, "is_flat": point.is_flat, "position_m": position}
         shape = {name: value for name, value in shape.items() if np.any(value)}
@@ -932,12 +851,6 @@ def _log_tables(
         rest = (middle, float(np.ceil(time[-1] + 1)))
         tables = [{**tables[0], "between_s": own}, {**tables[0], "between_s": rest}]
     return tables
-
-
-_UNFLAGGED = (
-    "no column says when they touch the ground: found from torques and motion, with the bodies of "
-    "the robot file; a flag of each is better"
-)
 
 
 def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:

@@ -178,28 +178,16 @@ class Project(Display):
     def robot(self, condition: str = "") -> Robot:
         """Load the robot with the payloads of a condition."""
         general = self.payloads.get("", ())
-        return load_robot(
-            self.urdf,
-            self.drives,
-            joints=self.joints,
-            locked=self.locked,
-            payloads=general + (self.payloads.get(condition, ()) if condition else ()),
-            known_bodies=self.known_bodies,
-            gravity=self.gravity,
-            independent_mimics=self.independent_mimics,
-            base=self.base,
-            contacts=self.contacts,
-            imu_link=self.imu_link,
-        )
+        payloads = general + (self.payloads.get(condition, ()) if condition else ())
+        options = {name: getattr(self, name) for name in (*_ROBOT, "contacts")}
+        return load_robot(self.urdf, payloads=payloads, **options)
 
     @property
     def files(self) -> tuple[Path, ...]:
         """All files that the project reads: itself, robot, drives, logs and descriptions."""
-        files = [self.file, *([self.urdf] if isinstance(self.urdf, Path) else [])]
-        files += [path for log in self.logs for path in (*log.files, log.description) if path]
-        if self.drives is not None:
-            files.insert(2, self.drives)
-        return tuple(dict.fromkeys(files))
+        robot = [path for path in (self.urdf, self.drives) if isinstance(path, Path)]
+        logs = [path for log in self.logs for path in (*log.files, log.description) if path]
+        return tuple(dict.fromkeys([self.file, *robot, *logs]))
 
 
 @checked(SeaidError)
@@ -252,10 +240,13 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
 
 _VECTOR = tuple[float, float, float]
 _HINTS = types_of(Project)
-_ROBOT = ("drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics")
+_ROBOT = (
+    *("drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics", "base"),
+    "imu_link",
+)
 _OF_PROJECT = {
     **{"urdf": str, "experiment": Mapping[str, Any], "identify": Options},
-    **{key: _HINTS[key] for key in (*_ROBOT, "base", "imu_link")},
+    **{key: _HINTS[key] for key in _ROBOT},
     **dict.fromkeys(("contacts", "payload", "log", "run"), Any),
 }
 _OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
@@ -379,10 +370,6 @@ def _check_samples(project: Project, fitted: ProjectLog) -> None:
 def _shares_samples(first: ProjectLog, second: ProjectLog) -> bool:
     """Return whether two logs have a file in common, by any of its names, and a part of it."""
     files, others = ({real_path(path) for path in log.files} for log in (first, second))
-    return bool(files & others) and _overlap(first.between_s, second.between_s)
-
-
-def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | None) -> bool:
-    if first is None or second is None:
-        return True
-    return first[0] < second[1] and second[0] < first[1]
+    whole = -float("inf"), float("inf")
+    (start, end), (begin, stop) = first.between_s or whole, second.between_s or whole
+    return bool(files & others) and start < stop and begin < end

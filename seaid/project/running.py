@@ -1,22 +1,49 @@
-"""A run of a project: identify, validate, report and export, into a folder of its own."""
+"""A run of a project: identify, validate, report and export, into a folder of its own.
+
+Several projects run in processes. Those of this machine are of loky, as for the starts of a search:
+they need no main guard in a script, and it is noticed when one dies. Each has one thread of linear
+algebra, so that results do not depend on who computes them.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
+from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 from zlib import crc32
 
 from seaid._arrays import FrozenMapping
-from seaid._files import owned_folder, point_latest, result_folder, write_json, write_whole
-from seaid._progress import Display
-from seaid.errors import Finding, SeaidError, by_severity, checked
+from seaid._files import (
+    PROJECT_FILE,
+    owned_folder,
+    point_latest,
+    result_folder,
+    write_json,
+    write_whole,
+)
+from seaid._progress import Display, value_text
+from seaid.checks import Level
+from seaid.errors import (
+    Finding,
+    SeaidError,
+    SeaidWarning,
+    Severity,
+    by_severity,
+    checked,
+    reason_of,
+)
+from seaid.excitation import run_all
 from seaid.identification import (
     CONDITION_SPECIFIC,
     Conditions,
@@ -25,11 +52,13 @@ from seaid.identification import (
     identify,
     identify_conditions,
     validate,
+    verdict_with,
 )
 from seaid.log import Log
 from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
+from seaid.report import package_versions
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison, compare_replays
 
@@ -37,6 +66,10 @@ Test = TypeVar("Test", Validation, ReplayComparison)
 
 _LONGEST_NAME = 50
 """Letters of a file's name before its suffixes, of up to four bytes; file systems have 255."""
+
+
+_INPUTS = "inputs"
+"""The folder of the copies of the inputs in that of a run."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,12 +102,8 @@ class ProjectRun(Display):
     @property
     def warnings(self) -> tuple[Finding, ...]:
         """The warnings of all conditions, the worst first."""
-        findings: list[Finding] = []
-        for run in self.runs.values():
-            findings += run.identification.warnings
-            findings += [finding for each in run.validations.values() for finding in each.warnings]
-            findings += [finding for each in run.replays.values() for finding in each.warnings]
-        return by_severity(findings)
+        parts = chain(*([run.identification, *run.tests] for run in self.runs.values()))
+        return by_severity([finding for part in parts for finding in part.warnings])
 
 
 @checked(SeaidError)
@@ -188,21 +217,179 @@ def run(
     return replace(done, notes=(*made.doubts, *done.notes))
 
 
+@dataclass(frozen=True, repr=False)
+class Outcome(Display):
+    """How the run of a project ended.
+
+    Attributes
+    ----------
+    project : Path
+        The folder of the project.
+    verdict : {"good", "usable with care", "do not use", "failed"}
+        The worst one of all conditions.
+    place : Path or None
+        The report, or the folder of a run without one; None after an error.
+    error : str
+        Why the project has no results, empty if it has.
+    warnings : tuple of Finding
+    notes : tuple of str
+        Those of `ProjectRun`, and warnings of the process.
+    fail_on : {"wrong", "doubtful", "note"} or None
+        That of the project.
+    """
+
+    project: Path
+    verdict: str = "failed"
+    place: Path | None = None
+    error: str = ""
+    warnings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    fail_on: Severity | None = None
+
+
+def find_projects(folder: str | Path) -> tuple[Path, ...]:
+    """Return the folders below one that have a project file, none if it has one itself.
+
+    Projects within projects do not count, nor do copies of project files in the folders of runs.
+    """
+    projects: list[Path] = []
+    for place, folders, files in os.walk(folder):
+        if PROJECT_FILE in files:
+            projects.append(Path(place))
+            folders.clear()
+        if _INPUTS in folders and any(Path(place).glob(f"**/{FILE}")):
+            folders.remove(_INPUTS)
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+    return () if projects == [Path(folder)] else tuple(projects)
+
+
+@checked(SeaidError)
+def run_projects(
+    folder: str | Path,
+    *,
+    executor: str | None = None,
+    command: Sequence[str] = (),
+    progress: bool = False,
+) -> tuple[Outcome, ...]:
+    """Run all projects below a folder, each in a process with one thread.
+
+    The results of each are those of `run_project`, wherever it runs. What is wrong with a project
+    is in its outcome, and the others are run. A project whose process is killed is run again.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder; with a cluster all its machines must have it at the same place.
+    executor : str, optional
+        "dask:ADDRESS" of the scheduler of a Dask cluster (`pip install 'seaid[dask]'`), whose
+        workers have one thread each. Default: processes of this machine, one per core.
+    command : sequence of str
+        The command line, for the provenance.
+    progress : bool
+        Print a line on stderr when a project has ended.
+
+    Returns
+    -------
+    tuple of Outcome
+        In the order of the names of their folders.
+
+    Raises
+    ------
+    SeaidError
+        If there is no project below the folder, and for a cluster that does not answer, or has
+        other versions of seaid or its libraries.
+
+    Examples
+    --------
+    >>> for outcome in seaid.project.run_projects("robots"):
+    ...     print(outcome.project, outcome.verdict, outcome.place, outcome.error)
+    """
+    projects = find_projects(folder)
+    if not projects:
+        raise SeaidError(
+            f"no folder below '{folder}' has a {PROJECT_FILE}: write one by seaid init"
+        )
+
+    def done(number: int, x: Outcome) -> None:
+        if progress:
+            print(f"{number} of {len(projects)}: {x.project}: {x.verdict}", file=sys.stderr)
+
+    def lost(number: int, problem: BaseException) -> Outcome:
+        # TerminatedWorkerError, KilledWorker: a process was ended from outside each time.
+        return Outcome(projects[number], error=f"{type(problem).__name__}: {reason_of(problem)}")
+
+    # Processes have working folders of their own.
+    tasks = [(project, project.absolute(), tuple(command)) for project in projects]
+    with nullcontext() if executor is None else _cluster(executor) as machines:
+        outcomes, _ = run_all(_outcome, tasks, machines, done, lost)
+    ended = {outcome.project: outcome for outcome in outcomes}
+    return tuple(ended.get(x, Outcome(x, error="interrupted before its end")) for x in projects)
+
+
+def _outcome(name: Path, place: Path, command: Sequence[str]) -> Outcome:
+    """Run a project at its place, and return how that ended."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SeaidWarning)
+        try:
+            project = load_project(place)
+            done = run_project(project, command=command)
+        except SeaidError as problem:
+            return Outcome(name, error=str(problem))
+    notes = [str(each.message) for each in caught if issubclass(each.category, SeaidWarning)]
+    levels = [verdict_with(x.identification, x.tests).level for x in done.runs.values()]
+    report = done.folder / "report.html"
+    return Outcome(
+        name,
+        verdict=max(levels, key=get_args(Level).index),
+        place=report if report.exists() else done.folder,
+        warnings=done.warnings,
+        notes=(*done.notes, *notes),
+        fail_on=project.fail_on,
+    )
+
+
+@contextmanager
+def _cluster(executor: str, patience_s: float = 5.0) -> Iterator[Executor]:
+    """Yield the executor of a cluster whose workers have what is installed here.
+
+    Its scheduler has to answer within `patience_s`; one in a local network takes milliseconds.
+    """
+    kind, _, address = executor.partition(":")
+    if kind != "dask" or not address:
+        wanted = "dask:ADDRESS, as dask:tcp://10.0.0.1:8786"
+        raise SeaidError(f"executor= must be {wanted}, found {value_text(executor)}", "executor=")
+    try:
+        client = import_module("distributed").Client(address, timeout=patience_s)
+    except ImportError:
+        package = "the package distributed: get it with pip install 'seaid[dask]'"
+        raise SeaidError(f"'{executor}' needs {package}") from None
+    except (OSError, ValueError) as problem:
+        silent = f"no scheduler answers at '{address}' within {patience_s:g} s"
+        raise SeaidError(f"{silent}: {reason_of(problem)}; start one by `dask scheduler`") from None
+    with client:
+        if set(client.nthreads().values()) != {1}:
+            start = f"`dask worker {address} --nthreads 1`"
+            raise SeaidError(f"each worker needs one thread, so that projects do not mix: {start}")
+        installed = client.run(package_versions, on_error="return")
+        others = [worker for worker in installed if installed[worker] != package_versions()]
+        if others:
+            raise SeaidError(
+                f"worker {others[0]}: seaid and its libraries have other versions than here, "
+                f"{package_versions()}: install these"
+            )
+        yield client.get_executor()
+
+
 def _folder_names(conditions: Iterable[str]) -> dict[str, str]:
     """Return {condition: folder}, distinct also where capitals do not count, and not `inputs`."""
     folders: dict[str, str] = {}
     taken = {_INPUTS}
     for condition in conditions:
         name = _folder_name(condition)
-        numbered = (f"{name}_{number}" for number in count(2))
-        names = chain([name], numbered)
+        names = chain([name], (f"{name}_{number}" for number in count(2)))
         folders[condition] = next(folder for folder in names if folder.casefold() not in taken)
         taken.add(folders[condition].casefold())
     return folders
-
-
-_INPUTS = "inputs"
-"""The folder of the copies of the inputs in that of a run."""
 
 
 def _folder_name(condition: str) -> str:
@@ -227,13 +414,11 @@ def _identified(
         together = _identify_together(project, read, progress)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    keywords = _keywords(options) | {"method": options.method}
-    fit = identify(robot, logs, progress=progress, **keywords)
+    fit = identify(robot, logs, method=options.method, progress=progress, **_keywords(options))
     if options.refine:
         from seaid.identification import refine
 
-        offset = options.encoder_offset_std
-        fit = refine(fit, logs, encoder_offset_std=offset, progress=progress)
+        fit = refine(fit, logs, encoder_offset_std=options.encoder_offset_std, progress=progress)
     return {name: fit}, None
 
 
@@ -242,7 +427,7 @@ def _identify_together(
 ) -> Conditions:
     """Identify several conditions together."""
     options, default = project.options, Options()
-    for name in ("method", "refine"):
+    for name in _OF_ONE_CONDITION:
         if getattr(options, name) != getattr(default, name):
             raise SeaidError(
                 f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
@@ -258,15 +443,12 @@ def _identify_together(
 
 def _keywords(options: Options) -> dict[str, Any]:
     """Return the options that one condition and several have, as keyword arguments."""
-    names = (
-        "torque_joints",
-        "estimator",
-        "feasible",
-        "cutoff_hz",
-        "encoder_offset_std",
-        "known_std",
-    )
-    return {name: getattr(options, name) for name in names}
+    excluded = (*_OF_ONE_CONDITION, "condition_specific")
+    return {name: x for name, x in vars(options).items() if name not in excluded}
+
+
+_OF_ONE_CONDITION = ("method", "refine")
+"""Options that are for logs of one condition."""
 
 
 def _replayed(
@@ -308,11 +490,8 @@ def _unseen_results(
 def _options(project: Project) -> dict[str, Any]:
     """Return the options that differ from their defaults, with payloads and gravity."""
     options = project.options
-    texts = {
-        option.name: _text(getattr(options, option.name))
-        for option in fields(options)
-        if getattr(options, option.name) != getattr(type(options)(), option.name)
-    }
+    default = vars(Options())
+    texts = {name: _text(x) for name, x in vars(options).items() if x != default[name]}
     for condition, payloads in project.payloads.items():
         at = f" ({condition})" if condition else ""
         for payload in payloads:
@@ -351,21 +530,11 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
         if kind in project.write:
             try:
-                names += _exported(kind, robot, folder / name)
+                drives = write_model(robot, folder / name).drives
+                names += [path.name for path in (folder / name, drives) if path is not None]
             except SeaidError as problem:
                 notes.append(f"{name} was not written: {problem}")
     return names, notes
-
-
-def _exported(kind: str, robot: Robot, path: Path) -> list[str]:
-    """Write a robot file, and return its name and that of its drives."""
-    from seaid.export import write_mjcf, write_urdf
-
-    if kind == "mjcf":
-        write_mjcf(robot, path)
-        return [path.name]
-    drives = write_urdf(robot, path).drives
-    return [path.name] + ([drives.name] if drives is not None else [])
 
 
 def summary_of(run: Run, details: bool = True) -> str:
@@ -392,7 +561,8 @@ def _renamed(folder: Path, parent: Path) -> Path:
     stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     for number in range(1, 1000):
         target = parent / (stamp if number == 1 else f"{stamp}_{number}")
-        if not target.exists():
+        # Another process may take the name of the same second: a rename replaces no run.
+        with suppress(OSError):
             os.rename(folder, target)
             return target
-    raise SeaidError(f"'{parent}' has too many runs of the same second")
+    raise SeaidError(f"'{parent}' can have no further run of this second")

@@ -75,6 +75,11 @@ class Run(Display):
     folder: Path | None = None
     replays: Mapping[str, ReplayComparison] = field(default_factory=dict)
 
+    @property
+    def tests(self) -> tuple[Validation | ReplayComparison, ...]:
+        """Its validations and replays."""
+        return (*self.validations.values(), *self.replays.values())
+
     def _in_short(self) -> str:
         logs = f", validated on {listed(list(self.validations))}" if self.validations else ""
         return f"{self.identification!r}{logs}"
@@ -368,13 +373,9 @@ def _thinned_validation(validation: Validation) -> Validation:
     if sum(lengths) != len(validation.time):
         return validation
     # The torques of all motions follow each other, and are thinned as each motion is.
-    starts = np.cumsum([0, *lengths])
-    kept = np.concatenate(
-        [
-            np.arange(start, start + length, _factor(motion))
-            for start, length, motion in zip(starts[:-1], lengths, validation.motions, strict=True)
-        ]
-    )
+    of_motions = np.split(np.arange(sum(lengths)), np.cumsum(lengths)[:-1])
+    factors = map(_factor, validation.motions)
+    kept = np.concatenate([x[::k] for x, k in zip(of_motions, factors, strict=True)])
     parts = {name: x for name, x in _fields_of(validation).items() if is_dataclass(x)}
     thinned: dict[str, Any] = {name: _with_samples(x, kept) for name, x in parts.items()}
     motions = tuple(map(_thinned, validation.motions))
@@ -384,8 +385,7 @@ def _thinned_validation(validation: Validation) -> Validation:
 def _with_samples(value: Any, kept: IndexArray) -> Any:
     """Return an object of a dataclass with some samples of its arrays (T, ...)."""
     kind: Any = type(value)
-    shapes = _documented_shapes(kind)
-    names = [name for name, symbols in shapes.items() if symbols[0] == "T"]
+    names = [name for name, symbols in _documented_shapes(kind).items() if symbols[0] == "T"]
     return replace(value, **{name: getattr(value, name)[kept] for name in names})
 
 

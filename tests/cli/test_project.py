@@ -188,3 +188,34 @@ def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project:
     options = ("--payload", "lower:0.5:0,0,-0.2", "--gravity", "0,9.81,0")
     own = done("check", "arm.urdf", "run.csv", "--drives", "arm.toml", *options, "--json").out
     assert json.loads(found)["result"] == json.loads(own)["result"]
+
+
+def test_projects_of_a_folder_end_with_the_worst_code(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "seaid.toml").write_text('urdf = "arm.urdf"\n[[log]]\nfile = "no.csv"\n')
+    ended = run_command("run", tmp_path, "--json")
+    assert ended.code == 1
+    first, second = json.loads(ended.out)["result"]["projects"]
+    assert (first["project"], second["project"]) == (str(tmp_path / "a"), str(tmp_path / "b"))
+    assert first["verdict"] == second["verdict"] == "failed"
+    table = run_command("run", tmp_path).out
+    assert "report, or what is wrong" in table
+    assert "there is no log" in table
+    assert "it is for one project" in run_command("run", tmp_path, "--open").err
+    alone = run_command("run", tmp_path / "a", "--executor", "dask:x").err
+    assert "it is for a folder with several projects" in alone
+
+
+@pytest.mark.slow  # an identification in a process that imports seaid
+def test_warnings_of_one_of_several_projects_fail_the_command(
+    project: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(project, tmp_path / "arm", ignore=shutil.ignore_patterns("runs"))
+    file = tmp_path / "arm/seaid.toml"
+    assert run_command("run", tmp_path).code == 0
+    file.write_text(file.read_text().replace('use = "validate"', 'use = "identify"'))
+    ended = run_command("run", tmp_path, "--fail-on", "doubtful", "--json")
+    (row,) = json.loads(ended.out)["result"]["projects"]
+    is_doubtful = any(x["severity"] in ("wrong", "doubtful") for x in row["warnings"])
+    assert ended.code == (3 if is_doubtful else 0)
