@@ -72,9 +72,8 @@ def _content(comparison: seaid.report.Comparison) -> dict[str, Any]:
         *("change", "error", "significance", "p_value", "is_significant"),
     )
     return {
-        "names": comparison.names,
         "differences": [{key: getattr(row, key) for key in keys} for row in comparison.differences],
-        **{key: getattr(comparison, key) for key in ("only", "groups", "dependence")},
+        **{key: getattr(comparison, key) for key in ("names", "only", "groups", "dependence")},
         "measures": [asdict(measure) for measure in comparison.measures or ()],
         "d_efficiency": comparison.efficiency,
     }

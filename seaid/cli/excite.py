@@ -267,11 +267,7 @@ def _plan_text(name: str, plan: seaid.Excitation, motion: seaid.Trajectory) -> s
     begin, end = motion.main_interval
     total = f" ({motion.duration:.4g} s with run-in and run-out)"
     run_ins = total if end - begin < motion.duration else ""
-    return "\n".join(
-        [
-            f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
-            f"{plan.criterion} {plan.value:.4g}",
-            *seaid.report.condition_lines(plan),
-            *([] if plan.stance is None else [f"in stance: {plan.stance._in_short()}"]),
-        ]
-    )
+    text = f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
+    text += f"{plan.criterion} {plan.value:.4g}"
+    stance = [] if plan.stance is None else [f"in stance: {plan.stance._in_short()}"]
+    return "\n".join([text, *seaid.report.condition_lines(plan), *stance])

@@ -80,9 +80,9 @@ def inspect(
         content["exact"] = asdict(comparison)
     result.show("\n".join(text), {**facts, **content}, robot=robot.name)
     if comparison is not None and not comparison.agree:
+        differ = f"numeric and exact base parameters of '{robot.name}' differ: look for rounded"
         raise SeaidError(
-            f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
-            "in the URDF; the exact ones hold for the file as written"
+            f"{differ} angles in the URDF; the exact ones hold for the file as written"
         )
 
 
@@ -107,9 +107,8 @@ def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
 
 def _exact(robot: seaid.Robot) -> seaid.regressor.CrossCheck:
     """Return the comparison of numeric base parameters with exact ones."""
-    return seaid.regressor.cross_check(
-        seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
-    )
+    numeric, exact = seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
+    return seaid.regressor.cross_check(numeric, exact)
 
 
 def _sensor_content(

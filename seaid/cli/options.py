@@ -392,13 +392,6 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | No
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def numbers_of(estimate: seaid.Estimate) -> list[dict[str, Any]]:
-    """Return name, unit, value and standard error of each parameter as JSON content."""
-    keys = ("names", "units", "values", "standard_errors")
-    rows = zip(*(getattr(estimate, key) for key in keys), strict=True)
-    return [dict(zip((key[:-1] for key in keys), row, strict=True)) for row in rows]
-
-
 def facts_of(
     fit: seaid.Identification, *results: seaid.Validation | seaid.simulation.ReplayComparison
 ) -> dict[str, Any]:

@@ -88,9 +88,8 @@ def _tested(
 ) -> tuple[dict[str, seaid.Validation], list[seaid.simulation.ReplayComparison]]:
     """Return the validations by log, and the replays of a robot with position commands."""
     logs = options.logs(paths, fit.known)
-    validations = {
-        str(path): seaid.validate(fit, log) for path, log in zip(paths, logs, strict=True)
-    }
+    by_path = dict(zip(map(str, paths), logs, strict=True))
+    validations = {path: seaid.validate(fit, log) for path, log in by_path.items()}
     if not fit.robot.has_controllers:
         return validations, []
     held = fit.unusable_joints

@@ -68,9 +68,8 @@ def run(
 
 def _run_all(folder: Path, executor: str | None, fail: FailOptions, result: JsonOptions) -> None:
     """Run the projects below a folder, print how each ended, and exit with the worst code."""
-    line, progress = command_line(), is_terminal()
     outcomes = seaid.project.run_projects(
-        folder, executor=executor, command=line, progress=progress
+        folder, executor=executor, command=command_line(), progress=is_terminal()
     )
     for text in chain(*([f"{x.project}: {text}" for text in x.notes] for x in outcomes)):
         note(text)

@@ -507,7 +507,7 @@ def _text(value: Any) -> str:
 
 def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[str]]:
     """Write the results of one condition; return their names, and what could not be written."""
-    from seaid.export import write_parameters
+    from seaid.export import write_model, write_parameters
     from seaid.report import write_report
 
     fit, robot = run.identification, run.identification.robot

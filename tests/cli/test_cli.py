@@ -397,6 +397,25 @@ def test_nothing_heavy_is_imported_for_the_help() -> None:
     assert not {"numpy", "pydantic", "rich", "seaid.cli.options", "seaid.cli.signature"} & {*loaded}
 
 
+def test_no_command_reads_its_words_by_pydantic() -> None:
+    """Typer's readers import it, which takes 0.2 s; a Typer without such readers passes as well."""
+    words = ["seaid", "simulate", "no.urdf", "no.json", "--seed", "3", "--rate-hz", "1e3"]
+    code = f"import sys; sys.argv = {words}\nfrom seaid.cli import main\ntry: main()\n"
+    code += "except SystemExit: print(*sys.modules)"
+    said = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert "no URDF file at 'no.urdf'" in said.stderr
+    assert "pydantic" not in said.stdout.splitlines()[-1].split()
+
+
+@pytest.mark.parametrize(
+    ("option", "word", "kind"), [("--seed", "1.5", "int"), ("--rate-hz", "fast", "float")]
+)
+def test_words_that_are_no_numbers_are_wrong_usage(option: str, word: str, kind: str) -> None:
+    said = run("simulate", "no.urdf", "no.json", option, word)
+    assert said.code == 2
+    assert f"'{word}' is no {kind}" in said.err
+
+
 def test_arguments_of_the_library_are_named_as_options() -> None:
     first = RobotError(
         "torque_joints= names no joint:\n give feasible=True, or write it with force=True",
