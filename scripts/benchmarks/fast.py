@@ -2,11 +2,14 @@
 
     python scripts/benchmarks/fast.py
     python scripts/benchmarks/fast.py --only regressor --only simulation --against ../main
+    python scripts/benchmarks/fast.py --long
 
 Work within a process is measured after one run that fills caches; where it has a peer, such as the
 bare calls of Pinocchio, both alternate and the figure is their ratio. Commands are measured as
 whole processes. With `--against TREE` the runs of this code and of another checkout alternate, and
-the last column is the time here over the time there.
+the last column is the time here over the time there. With `--long` the rows are those that take
+minutes, each run once as a process of its own, with its peak memory; one that takes more than
+`MOST_GB` or `MOST_S` is stopped, and its row says so.
 """
 
 from __future__ import annotations
@@ -218,6 +221,144 @@ def inspected(joints: int) -> Callable[[Path], tuple[str, ...]]:
     return command
 
 
+def identified(joints: int, samples: int) -> Callable[[Path], list[str]]:
+    """Return the command that identifies a chain with springs from a short log."""
+
+    def command(folder: Path) -> list[str]:
+        from scripts.benchmarks.long_log import RATE_HZ
+
+        urdf, drives = chain(joints, folder)
+        rng, log = np.random.default_rng(1), folder / "log.npz"
+        at = np.arange(samples) / RATE_HZ * 10
+        columns = {"time_s": at}
+        for number in range(1, joints + 1):
+            phase, torque = rng.uniform(0, 2 * np.pi), rng.normal(0, 1, samples)
+            angle = 0.3 * np.sin(2 * np.pi * rng.uniform(0.2, 1.0) * at + phase)
+            columns[f"j{number}.joint_position_rad"] = angle
+            columns[f"j{number}.motor_position_rad"] = 100 * angle + torque
+            columns[f"j{number}.motor_torque_Nm"] = torque
+        np.savez(log, **columns)  # type: ignore[arg-type]
+        return ["-m", "seaid", "identify", str(urdf), str(log), "--drives", str(drives)]
+
+    return command
+
+
+def estimated(samples: int, way: str, ending: str = ".npz") -> Callable[[Path], list[str]]:
+    """Return the command that estimates an arm from a long log, streamed or in memory."""
+
+    def command(folder: Path) -> list[str]:
+        from scripts.benchmarks.long_log import write_log
+
+        path = folder / "log.npz"
+        write_log(path, samples)
+        if ending == ".parquet":
+            from pyarrow import parquet, table
+
+            with np.load(path) as archive:
+                columns = table({name: archive[name] for name in archive})
+            path = folder / "log.parquet"
+            parquet.write_table(columns, path)
+        imports = "from pathlib import Path; from scripts.benchmarks.long_log import estimate"
+        return ["-c", f"{imports}; estimate(Path({str(path)!r}), {way!r})"]
+
+    return command
+
+
+def many_logs(count: int, samples: int) -> Callable[[Path], list[str]]:
+    """Return the command that runs a project of many small logs."""
+
+    def command(folder: Path) -> list[str]:
+        import seaid
+        from scripts.benchmarks.long_log import robot, write_log
+        from scripts.example_robots import example_urdf
+
+        seaid.write_drives(robot().drives, folder / "drives.toml")
+        text = f'urdf = "{example_urdf("xarm7.urdf")}"\ndrives = "drives.toml"\n'
+        write_log(folder / "0.npz", count * samples)
+        with np.load(folder / "0.npz") as archive:
+            whole = {name: archive[name] for name in archive}
+        for number in range(count):
+            part = slice(number * samples, (number + 1) * samples)
+            np.savez(folder / f"{number}.npz", **{name: x[part] for name, x in whole.items()})  # type: ignore[arg-type]
+            text += f'[[log]]\nfile = "{number}.npz"\n'
+        (folder / "seaid.toml").write_text(text + '[run]\nwrite = ["parameters"]\n')
+        return ["-m", "seaid", "run", str(folder)]
+
+    return command
+
+
+def inspected_once(joints: int) -> Callable[[Path], list[str]]:
+    """Return the command of `inspected`, as words of Python."""
+    return lambda folder: ["-m", "seaid", *inspected(joints)(folder)]
+
+
+@dataclass(frozen=True)
+class LongRow:
+    """A command that takes minutes, run once, with the time and the peak memory to reach."""
+
+    title: str
+    target_s: float | None
+    target_GB: float | None
+    command: Callable[[Path], list[str]]
+
+
+_MILLION = sized(1_000_000, 4_000)
+LONG = {
+    "chain80": LongRow("seaid inspect, 80 springs", 2.0, None, inspected_once(80)),
+    "chain300": LongRow("seaid inspect, 300 springs", 10.0, 1.9, inspected_once(300)),
+    "identify300": LongRow(
+        "seaid identify, 300 springs x 300", 30.0, 1.0, identified(sized(300, 3), 300)
+    ),
+    "logs200": LongRow("seaid run, 200 small logs", 25.0, 0.4, many_logs(sized(200, 3), 1_500)),
+    "memory": LongRow("million samples in memory", None, 0.8, estimated(_MILLION, "in memory")),
+    "pieces": LongRow("3 million in pieces, NPZ", None, 0.4, estimated(3 * _MILLION, "streamed")),
+    "parquet": LongRow(
+        "3 million in pieces, Parquet", None, 0.4, estimated(3 * _MILLION, "streamed", ".parquet")
+    ),
+    "tulip": LongRow(
+        "make tulip, warm", 8.0, None, lambda _: [str(ROOT / "scripts/identify_tulip_leg.py")]
+    ),
+}
+
+MOST_GB, MOST_S = 2.0, 600.0
+
+
+def measured_once(row: LongRow) -> str:
+    """Return processor time and peak memory of a command, or why it was stopped."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = row.command(Path(folder))
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        process = subprocess.Popen(
+            [sys.executable, *words],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        begin, peak, end = time.monotonic(), 0.0, ""
+        while process.poll() is None:
+            peak = max(peak, peak_GB(process.pid))
+            if peak > MOST_GB or time.monotonic() - begin > MOST_S:
+                process.kill()
+                end = " stopped"
+                break
+            time.sleep(0.05)
+        code = process.wait()
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    end = end or (f" exit code {code}" if code else "")
+    return f"{used:7.1f} s of {row.target_s or '-'}, {peak:5.2f} GB of {row.target_GB or '-'}{end}"
+
+
+def peak_GB(pid: int) -> float:
+    """Return the largest resident memory of a process so far, zero for one that has ended."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return max((int(x.split()[1]) / 1e6 for x in lines if x.startswith("VmHWM")), default=0.0)
+
+
 PROCESS, INSIDE = "whole process, s", "within a process, s"
 ROWS = {
     "regressor": Row("stacked regressor, xArm7", 1.08, "over bare calls", prepare=regressor),
@@ -242,12 +383,10 @@ ROWS = {
     "identifiability": Row("identifiability, 60 springs", 3.0, INSIDE, prepare=identifiability),
     "exact_base": Row("exact base parameters, romeo", 0.3, INSIDE, prepare=exact_base),
     "chain40": Row("seaid inspect, 40 springs", 1.0, PROCESS, inspected(40)),
-    "chain80": Row("seaid inspect, 80 springs", 2.0, PROCESS, inspected(80)),
-    "chain300": Row("seaid inspect, 300 springs", 10.0, PROCESS, inspected(300)),
 }
 
 
-SHORT = [name for name in ROWS if name not in {"identify_help", "hebi", "chain80", "chain300"}]
+SHORT = [name for name in ROWS if name not in {"identify_help", "hebi"}]
 """The rows of the short form; the others are made in the same way as one of these."""
 
 
@@ -354,10 +493,14 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", action="append", choices=list(ROWS), help="may be repeated")
     parser.add_argument("--against", type=Path, metavar="TREE", help="another checkout")
+    parser.add_argument("--long", action="append", nargs="?", choices=["", *LONG], const="")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     add_quick(parser)
     arguments = parser.parse_args()
     if arguments.serve:
         serve()
+    elif arguments.long:
+        for name in list(LONG) if "" in arguments.long else arguments.long:
+            print(f"{name:12} {LONG[name].title:34} {measured_once(LONG[name])}", flush=True)
     else:
         main(arguments.only or sized(list(ROWS), SHORT), arguments.against)
