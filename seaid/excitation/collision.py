@@ -306,7 +306,6 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     in overlap. Raises as `distances` does.
     """
     distance, normals, points, jacobians = _witnesses(scene, q, cap_m)
-    linear, angular = jacobians[:, :3], jacobians[:, 3:]
     first, second = scene.objects_of_pairs
     # zero for a joint that moves both bodies or neither: it does not change their distance
     sign = scene.moves[second] - scene.moves[first]
@@ -314,7 +313,7 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
     # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular. The normal points from
     # the first body to the second. The nearest points differ by a multiple of it, so that
     # point x normal is the same for both.
-    along = sign * (normals @ linear + np.cross(points, normals) @ angular)
+    along = sign * (normals @ jacobians[:, :3] + np.cross(points, normals) @ jacobians[:, 3:])
     return distance, scene.robot.from_model(along)
 
 

@@ -334,17 +334,21 @@ def design_excitation(
     """
     if stance is None:
         check_held(robot, "design_excitation", ExcitationError)
+    else:
+        refuse_in_stance(
+            basis,
+            rest_to_rest=not rest_to_rest,
+            start=start is not None,
+            end=end is not None,
+            drive_parameters=drive_parameters,
+            previous_logs=bool(previous_logs),
+            scene=scene is not None,
+        )
     seed = seed_of(seed, ExcitationError)
     limits = limits or Limits()
     bounds = joint_limits(robot, limits)
-    if basis == "multisine" and stance is not None:
-        raise ExcitationError(
-            "basis='multisine' is not available with stance=: plan a stance by 'bspline', "
-            "'polynomial' or 'fourier'",
-            "basis='multisine'",
-        )
-    drives = drive_limits(robot, limits, bounds.velocity) if stance is None else None
     if basis == "multisine":
+        drives = drive_limits(robot, limits, bounds.velocity)
         motion = multisine_motion(robot, duration, multisine or Multisine(), bounds, drives, seed)
         return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
@@ -363,18 +367,11 @@ def design_excitation(
             target = drive_target(cold, torque_joints, base, bounds.velocity)
         else:
             target = load_target(cold, torque_joints, base)
-        instants = _samples(target, chosen.size, samples)
-        problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
+        drives = drive_limits(robot, limits, bounds.velocity)
+        count = _samples(target, chosen.size, samples)
+        problem = make_problem(target, criterion, space, count, bounds, drives, scene)
         problem = with_feasible_start(problem, seed)
     else:
-        refuse_in_stance(
-            rest_to_rest=not rest_to_rest,
-            start=start is not None,
-            end=end is not None,
-            drive_parameters=drive_parameters,
-            previous_logs=bool(previous_logs),
-            scene=scene is not None,
-        )
         requested = stance if isinstance(stance, Stance) else Stance(stance)
         model = standing_robot(cold, requested, bounds, limits, torque_joints)
         space = _standing_space(model, basis_of(len(model.names)))
@@ -383,9 +380,10 @@ def design_excitation(
         target = load_target(cold, torque_joints, base)
         # the six equations of the base are rows too, before those of the joints
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))
-        instants = _samples(target, space.basis.size, samples)
-        free_limits = model.free_limits
-        problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
+        count = _samples(target, space.basis.size, samples)
+        problem = make_problem(
+            target, criterion, space, count, model.free_limits, None, None, model
+        )
     target = scaled_target(problem, cold, base, torque_std, problem.measure.needs_nominal)
     # After scaling: the factor of previous logs is in the same scaled columns.
     target = replace(target, known=previous_logs_factor(target, cold, previous_logs))

@@ -191,8 +191,13 @@ def standing_robot(
     )
 
 
-def refuse_in_stance(**arguments: bool) -> None:
+def refuse_in_stance(basis: str, **arguments: bool) -> None:
     """Raise ExcitationError for arguments of `design_excitation` that a stance does not have."""
+    if basis == "multisine":
+        raise ExcitationError(
+            "basis='multisine' is not available with stance=: take bspline, polynomial or fourier",
+            "basis='multisine'",
+        )
     for name, is_given in arguments.items():
         if is_given:
             raise ExcitationError(

@@ -159,7 +159,7 @@ WRONG: dict[str, Callable[[], Any]] = {
     "torque of 'RL_calf_joint' is at or beyond its limit": lambda: designed(
         GO2.feet, CROUCH, limits=seaid.Limits(joint_torque=0.5)
     ),
-    "basis='multisine' is not available with stance=: plan a stance by": lambda: designed(
+    "basis='multisine' is not available with stance=: take bspline": lambda: designed(
         GO2.feet, CROUCH, basis="multisine"
     ),
     "rest_to_rest= is not available with stance=": lambda: designed(
