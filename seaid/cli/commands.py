@@ -120,7 +120,7 @@ class _Commands(_WordReader, TyperGroup):
                 formatter.write_dl([(name, COMMANDS[name]) for name in names[first:end]])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that runs."""
+        """Note which command runs, refuse former names, and find the command."""
         begin(args[0] if args[0] in COMMANDS else "seaid", args)
         if args[0] in MOVED:
             raise MovedError(f"'seaid {args[0]}' is no longer there: {MOVED[args[0]]}")
@@ -143,6 +143,7 @@ def command_of(name: str) -> Any:
     function = getattr(import_module(f"seaid.cli.{name}"), name)
     shared = {**descriptions(options), **descriptions(options.IdentifiedOptions)}
     command = for_typer(function, shared, with_project)
+    # A Typer of its own: only one command is loaded.
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(name, cls=_Command, help=help_of(function))(command)
     return typer.main.get_command(alone)

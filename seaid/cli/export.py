@@ -11,7 +11,7 @@ import typer
 import seaid
 from seaid.cli.kinds import JsonFile, Kind, choice
 from seaid.cli.messages import is_stdout, note, option_of, written
-from seaid.cli.options import IdentifiedOptions, ResultOptions, facts_of, refuse
+from seaid.cli.options import IdentifiedOptions, ResultOptions, judgement_of, refuse
 from seaid.cli.project import is_typed
 from seaid.errors import by_severity, listed
 
@@ -94,7 +94,7 @@ def export(
     if kind in CODE:
         result.show(*_write_code(robot, output, suffix), output, robot=robot.name)
         return
-    facts: dict[str, Any] = {"robot": robot.name} if fit is None else facts_of(fit)
+    facts: dict[str, Any] = {"robot": robot.name} if fit is None else judgement_of(fit)
     ranges = None
     if fit is not None and randomization is not None:
         ranges = seaid.write_randomization(fit, randomization, level=level, samples=samples)
@@ -146,7 +146,7 @@ def _robot(
         return seaid.read_parameters(parameters, options.robot()), None
     if is_code and options.run is None and not is_typed("from_logs"):
         return options.robot(), None
-    fit = options.result(feasible=feasible).identification
+    fit = options.identified_run(feasible=feasible).identification
     return fit.robot, fit
 
 

@@ -19,7 +19,7 @@ from seaid.cli.options import (
     IdentifyOptions,
     ResultOptions,
     command_line,
-    facts_of,
+    judgement_of,
     refuse,
 )
 from seaid.cli.project import is_typed
@@ -112,7 +112,7 @@ def identify(
         recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
     _write(fit, output, files, recorded)
     text = seaid.report.short_text(fit, robot, verbose)
-    result.show(text, seaid.export.content_of(fit), output, **facts_of(fit))
+    result.show(text, seaid.export.content_of(fit), output, **judgement_of(fit))
     fail.check(fit.warnings)
 
 

@@ -263,7 +263,7 @@ class IdentifiedOptions(IdentifyOptions):
         """The files of these options, which a command reads."""
         return *super().files, *(self.from_logs or ())
 
-    def result(self, *, feasible: bool = False) -> seaid.project.Run:
+    def identified_run(self, *, feasible: bool = False) -> seaid.project.Run:
         """Load the saved run, or identify.
 
         The run of a project file gives way to logs and options of the command line.
@@ -392,7 +392,7 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path] | No
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def facts_of(
+def judgement_of(
     fit: seaid.Identification, *results: seaid.Validation | seaid.simulation.ReplayComparison
 ) -> dict[str, Any]:
     """Return robot, verdict and warnings of an identification and its tests, for `show`."""

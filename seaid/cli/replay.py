@@ -5,7 +5,7 @@ from __future__ import annotations
 import seaid
 from seaid.cli.kinds import LogFile, ModelFile, Page
 from seaid.cli.messages import written
-from seaid.cli.options import FailOptions, IdentifiedOptions, ResultOptions, facts_of
+from seaid.cli.options import FailOptions, IdentifiedOptions, ResultOptions, judgement_of
 
 
 def replay(
@@ -42,13 +42,13 @@ def replay(
     seaid replay leg.urdf other.csv --from run.csv --drives leg.toml
     """
     result.check(output, read=(*options.files, log, nominal))
-    run = options.result()
+    run = options.identified_run()
     fit = run.identification
     before = fit.known if nominal is None else seaid.robot.nominal_model(nominal, fit.known)
     (measured,) = options.logs([log], fit.known)
     comparison = seaid.compare_replays(before, fit.robot, measured, fit.unusable_joints)
     tests = [*run.validations.values()]
     written(output, ".html", lambda file: seaid.write_report(fit, file, tests, replays=comparison))
-    facts = facts_of(fit, *tests, comparison)
+    facts = judgement_of(fit, *tests, comparison)
     result.show(comparison.summary(), {"log": str(log), **comparison.to_dict()}, output, **facts)
     fail.check(comparison.warnings)

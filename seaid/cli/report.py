@@ -11,7 +11,7 @@ import typer
 import seaid
 from seaid.cli.kinds import JsonFile, LogFile, Page
 from seaid.cli.messages import written
-from seaid.cli.options import IdentifiedOptions, ResultOptions, check_validation_logs, facts_of
+from seaid.cli.options import IdentifiedOptions, ResultOptions, check_validation_logs, judgement_of
 from seaid.cli.project import is_typed
 
 
@@ -55,10 +55,11 @@ def report(
     if plan is not None and not multisine:
         raise typer.BadParameter("a plan needs its --multisine", param_hint="--plan")
     result.check(output, read=(*options.files, *unseen, *(multisine or ()), plan))
-    run = options.result(feasible=feasible)
+    run = options.identified_run(feasible=feasible)
     fit = run.identification
     facts = seaid.project.facts_of(run.provenance)
     results, replays = dict(run.validations), list(run.replays.values())
+    # --validate replaces the validations of a saved run, and the notes on its logs.
     if is_typed("validation") or not results:
         facts |= _facts_of_tests(unseen)
         results, replays = _tested(options, fit, unseen)
@@ -68,7 +69,7 @@ def report(
     more: dict[str, Any] = {"replays": replays, "frequency": response, "notes": notes}
     written(output, ".html", lambda file: seaid.write_report(fit, file, every, facts=facts, **more))
     content = {"validations": [test.to_dict() for test in every]}
-    judged = facts_of(fit, *every, *replays)
+    judged = judgement_of(fit, *every, *replays)
     text = [
         f"{fit.robot.name}: {judged['verdict'].sentence}",
         *seaid.report.warning_lines(judged["warnings"]),

@@ -11,7 +11,7 @@ import typer
 import seaid
 from seaid.cli.kinds import ProjectFile
 from seaid.cli.messages import is_terminal, note
-from seaid.cli.options import FailOptions, JsonOptions, command_line, facts_of, refuse
+from seaid.cli.options import FailOptions, JsonOptions, command_line, judgement_of, refuse
 from seaid.cli.project import PROJECT_FILE
 from seaid.errors import abridged
 
@@ -94,7 +94,7 @@ def _text(done: seaid.project.ProjectRun, verbose: bool) -> str:
 def _facts(done: seaid.project.ProjectRun) -> dict[str, Any]:
     """Return robot and warnings, and the verdict of a project without conditions."""
     first, *others = done.runs.values()
-    facts = facts_of(first.identification, *first.tests)
+    facts = judgement_of(first.identification, *first.tests)
     return facts if not others else {**facts, "verdict": None, "warnings": done.warnings}
 
 

@@ -14,7 +14,7 @@ from seaid.cli.options import (
     IdentifiedOptions,
     ResultOptions,
     check_validation_logs,
-    facts_of,
+    judgement_of,
     refuse,
 )
 
@@ -63,12 +63,12 @@ def validate(
         raise typer.BadParameter("give one log, or add --cross", param_hint="LOG")
     check_validation_logs(logs, options.from_logs)
     result.check(output, read=(*options.files, *logs))
-    fit = options.result().identification
+    fit = options.identified_run().identification
     (unseen,) = options.logs(logs, fit.known)
     validation = seaid.validate(fit, unseen)
     written(output, ".json", lambda file: seaid.write_parameters(fit, file, validation))
     text = [validation.summary(), *seaid.report.warning_lines(fit.warnings)]
-    result.show("\n".join(text), validation.to_dict(), output, **facts_of(fit, validation))
+    result.show("\n".join(text), validation.to_dict(), output, **judgement_of(fit, validation))
 
 
 def _cross_validate(

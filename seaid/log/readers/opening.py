@@ -98,7 +98,7 @@ def _plain_numbers(values: Any) -> Any:
 
 
 def files_of(log: Any) -> tuple[list[Path], Table | None]:
-    """Return the files of a log; of one in memory the word for it, and its columns."""
+    """Return the paths of a log and None; of a log in memory, IN_MEMORY and its columns."""
     if (table := in_memory(log)) is not None:
         return [IN_MEMORY], table
     return [Path(file) for file in ([log] if isinstance(log, str | Path) else log)], None
