@@ -112,9 +112,9 @@ def run_project(
 ) -> ProjectRun:
     """Identify, validate, report and export a project, into a new folder of its runs.
 
-    The folder has the name of the time; the link `latest` points to the newest. It appears when it
-    is complete, and what a run that was killed has left is removed. Logs of several conditions are
-    identified together, and each condition has a folder of its own.
+    The folder has the name of the time; the link `latest` points to the newest. The folder appears
+    when it is complete; folders that killed runs have left are removed first. Logs of several
+    conditions are identified together, and each condition has a folder of its own.
 
     Parameters
     ----------
@@ -155,6 +155,7 @@ def run_project(
             validations = _unseen_results(project, name, test, "validated", refusals)
             replays = _replayed(project, fit, name, refusals)
             origin = {**provenance, "notes": refusals}
+            # Without a folder: it has its name only after the rename.
             runs[name] = Run(fit, validations, origin, None, replays)
             notes += refusals
             result_folder(folder / places[name])
@@ -473,6 +474,7 @@ def _unseen_results(
 ) -> dict[str, Test]:
     """Return {log: result} of the logs that validate; adds a note for each that gives none."""
     results, robot = {}, project.robot(condition)
+    # A log without a condition validates every one.
     sources = [x for x in project.logs_for("validate") if x.condition in (condition, "")]
     names = [source.name for source in sources]
     for source in sources:
@@ -517,8 +519,9 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     write_whole(folder / "summary.txt", summary_of(run) + "\n")
     names, notes = [FILE, "provenance.json", "summary.txt"], []
     if "parameters" in project.write:
-        last = next(iter(run.validations.values()), None)
-        write_parameters(fit, folder / "parameters.json", last)
+        # parameters.json has one validation, the first of the project file.
+        first = next(iter(run.validations.values()), None)
+        write_parameters(fit, folder / "parameters.json", first)
         names.append("parameters.json")
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
