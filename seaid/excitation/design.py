@@ -368,8 +368,8 @@ def design_excitation(
         else:
             target = load_target(cold, torque_joints, base)
         drives = drive_limits(robot, limits, bounds.velocity)
-        count = _samples(target, chosen.size, samples)
-        problem = make_problem(target, criterion, space, count, bounds, drives, scene)
+        instants = _samples(target, chosen.size, samples)
+        problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
         problem = with_feasible_start(problem, seed)
     else:
         requested = stance if isinstance(stance, Stance) else Stance(stance)
@@ -380,10 +380,9 @@ def design_excitation(
         target = load_target(cold, torque_joints, base)
         # the six equations of the base are rows too, before those of the joints
         target = replace(target, row_weights=np.ones(6 + len(target.rows)))
-        count = _samples(target, space.basis.size, samples)
-        problem = make_problem(
-            target, criterion, space, count, model.free_limits, None, None, model
-        )
+        instants = _samples(target, space.basis.size, samples)
+        free_limits = model.free_limits
+        problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
     target = scaled_target(problem, cold, base, torque_std, problem.measure.needs_nominal)
     # After scaling: the factor of previous logs is in the same scaled columns.
     target = replace(target, known=previous_logs_factor(target, cold, previous_logs))

@@ -95,10 +95,8 @@ class StancePlan(Display):
     @property
     def friction_used(self) -> dict[str, float]:
         """Largest ratio of tangential to normal force of each contact."""
-        return {
-            link: float(np.max(np.hypot(f[:, 0], f[:, 1]) / f[:, 2]))
-            for link, f in self.forces.items()
-        }
+        forces = self.forces.items()
+        return {link: float(np.max(np.hypot(f[:, 0], f[:, 1]) / f[:, 2])) for link, f in forces}
 
     @property
     def least_normal_force(self) -> dict[str, float]:
