@@ -279,7 +279,7 @@ def many_logs(count: int, samples: int) -> Callable[[Path], list[str]]:
             whole = {name: archive[name] for name in archive}
         for number in range(count):
             part = slice(number * samples, (number + 1) * samples)
-            np.savez(folder / f"{number}.npz", **{name: x[part] for name, x in whole.items()})  # type: ignore[arg-type]
+            np.savez(folder / f"{number}.npz", **{name: x[part] for name, x in whole.items()})
             text += f'[[log]]\nfile = "{number}.npz"\n'
         (folder / "seaid.toml").write_text(text + '[run]\nwrite = ["parameters"]\n')
         return ["-m", "seaid", "run", str(folder)]

@@ -231,7 +231,7 @@ def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
 def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -> Transform:
     """Return the transform of motors that turn with joints, {motor: {joint: turns}}."""
     names, drives = experiment.robot.joint_names, {**experiment.robot.drives}
-    lines = {}
+    lines = dict[tuple[str, ...], str]()
     for j, added in turns.items():
         factors = {**(drives[names[j]].transmission or {names[j]: 1.0})}
         for i, count in added.items():

@@ -63,7 +63,8 @@ def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> 
     right = experiment(robot, log)
     assert np.max(right.nominal) < 0.03
     # The file without rotors is off by that of the true ones, and by twice it from negative ones.
-    rotors = [x.motor_inertia_kg_m2 * x.ratio**2 for x in true_geared_arm().drives.values()]
+    drives = true_geared_arm().drives.values()
+    rotors = [x.values["motor_inertia"] * x.ratio**2 for x in drives]
     of_rotors = np.array(rotors) * np.gradient(np.gradient(log.joint_position, axis=0), axis=0)
     of_rotors /= np.median(np.diff(log.time)) ** 2
     negative = experiment(robot, replace(log, motor_torque=log.motor_torque - 2 * of_rotors))
