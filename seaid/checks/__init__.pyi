@@ -1,4 +1,5 @@
 from .channels import excluded_findings as excluded_findings
+from .channels import excluded_instants as excluded_instants
 from .channels import locked_outputs as locked_outputs
 from .channels import rating_findings as rating_findings
 from .channels import standstill_findings as standstill_findings
@@ -38,7 +39,6 @@ from .model import model_sides as model_sides
 from .model import selections as selections
 from .model import without_echoes as without_echoes
 from .model import without_setup_echoes as without_setup_echoes
-from .predictions import calibration_findings as calibration_findings
 from .predictions import contradicted_rotor as contradicted_rotor
 from .predictions import diverged_replay as diverged_replay
 from .predictions import hidden_springs as hidden_springs
@@ -81,10 +81,10 @@ from .tolerances import POOR as POOR
 from .tolerances import RARE as RARE
 from .tolerances import SURE as SURE
 from .tolerances import TWICE as TWICE
+from .values import calibration_findings as calibration_findings
 from .values import contradictions as contradictions
 from .values import disagreement as disagreement
 from .values import drive_findings as drive_findings
-from .values import excluded_instants as excluded_instants
 from .values import fixed_findings as fixed_findings
 from .values import gear_findings as gear_findings
 from .values import homogeneous as homogeneous

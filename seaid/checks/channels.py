@@ -473,6 +473,16 @@ def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
         yield code.note(str(repair), certainty="certain")
 
 
+def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:
+    """Yield the note on a regression that lacks most of its instants, a `share` of them."""
+    if share > tol.MOST:
+        contacts = ", or next to a change of contact" * has_contacts
+        yield codes.STANDSTILL.note(
+            f"the {place} is identified from {1 - share:.0%} of its instants: the others are near "
+            f"standstill, where the direction of dry friction is unknown{contacts}"
+        )
+
+
 def standstill_findings(
     drives: Mapping[str, Drive], positions: Mapping[str, float]
 ) -> Iterator[Finding]:

@@ -4,7 +4,7 @@ A controller takes the place of a torque sensor: what its commands, gains and li
 seen in a log alone. Before a fit `setup` asks for `command_findings` and `no_measurements` of a
 log, for `hidden_limits` of an experiment, and if there are none for `gain_findings`, then for
 `pose_findings` with the gains that these return; `separation_findings` are those of all logs. After
-a fit there are `delay_estimate_findings`.
+a fit there are `delay_estimate_findings`. A torque that is friction alone is seen by the bodies.
 """
 
 from __future__ import annotations
@@ -348,6 +348,34 @@ def _no_measurement(log: Log, channel: Channel, drive: Drive, returns: int) -> I
         {"correlation with the tracking error": r},
         in_drives({(channel.joint,): table, (channel.joint, "controller"): law}),
     )
+
+
+def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
+    """Yield torques that lack those of the nominal bodies, which other joints show.
+
+    Their factor is zero, with an error that is far below one, and friction explains the torque.
+    """
+    if not experiment.used or not np.all(np.isfinite(experiment.bodies)):
+        return
+    # a payload that is named and not there has no torque, of a joint that measures well
+    unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
+    scales = unloaded.scales
+    shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
+    names = experiment.robot.joint_names
+    for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
+        torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
+        residual = torque - friction @ scaled_svd(friction).solve(np.nan_to_num(torque))
+        is_friction = float(np.std(residual)) < tol.SEVERE * float(np.std(torque))
+        if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
+            yield codes.NO_MEASUREMENT.finding(
+                f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
+                "of the bodies of the robot file, and follows the direction of its motion: it "
+                "measures friction, or nothing",
+                names[j],
+                "wrong",
+                {"torque over that of the bodies": scale.factor, "standard error": scale.error},
+                f"log the measured current or torque{excluding_torque([names[i] for i in shown])}",
+            )
 
 
 def _correlation(first: Array, second: Array) -> float:

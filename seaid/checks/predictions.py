@@ -1,4 +1,4 @@
-"""What predictions show: of other motions, replays, simulated joints, responses and held loads.
+"""What predictions show: of other motions, replays, simulated joints and responses.
 
 Each function gets the numbers of a comparison that was made elsewhere.
 """
@@ -357,34 +357,6 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
             remedy="compare the terms of the spring with compare_terms, or motions of one size",
             certainty="possible",
         )
-
-
-# Held loads
-
-
-def calibration_findings(
-    misfit: float, slope: float, law: str, p_value: float, is_curved: bool
-) -> Iterator[Finding]:
-    """Yield what to know before a calibration by held loads is used.
-
-    `misfit` is the rms error over the standard deviation of the loads; `p_value` that of a cubic
-    term, and `is_curved` whether it is significant.
-    """
-    if misfit > SLIGHT:
-        yield codes.NO_FIT.finding(
-            f"the law explains the loads to {misfit:.1%} of their standard deviation only",
-            severity="wrong" if misfit > MOST else "doubtful",
-            remedy="check the order of the rows and their units, and that the joint was at rest",
-        )
-    if law == "linear" and is_curved:
-        text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
-        yield codes.NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
-    if law == "cubic" and not is_curved:
-        text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
-        yield codes.NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
-    if slope < 0:
-        text = "a larger load has a smaller reading: the sign of one of them is opposite"
-        yield codes.SIGN.finding(text, remedy="change the sign of the readings")
 
 
 # Files for simulators

@@ -29,7 +29,6 @@ from seaid.checks.codes import (
     AS_GIVEN,
     Code,
     Observation,
-    excluding_torque,
     guarded,
     in_description,
     in_drives,
@@ -45,7 +44,6 @@ from seaid.checks.experiment import (
 )
 from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding
-from seaid.estimation import scaled_svd
 from seaid.log import Log, Motion, changed_source
 from seaid.robot import Robot, group_of
 
@@ -401,34 +399,6 @@ _UNITS = {"mNm": 1e3, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
 
-def _of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
-    """Yield torques that lack those of the nominal bodies, which other joints show.
-
-    Their factor is zero, with an error that is far below one, and friction explains the torque.
-    """
-    if not _has_bodies(experiment):
-        return
-    # a payload that is named and not there has no torque, of a joint that measures well
-    unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
-    scales = unloaded.scales
-    shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
-    names = experiment.robot.joint_names
-    for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
-        torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
-        residual = torque - friction @ scaled_svd(friction).solve(np.nan_to_num(torque))
-        is_friction = float(np.std(residual)) < tol.SEVERE * float(np.std(torque))
-        if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
-            yield codes.NO_MEASUREMENT.finding(
-                f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
-                "of the bodies of the robot file, and follows the direction of its motion: it "
-                "measures friction, or nothing",
-                names[j],
-                "wrong",
-                {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                f"log the measured current or torque{excluding_torque([names[i] for i in shown])}",
-            )
-
-
 def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the torque of a joint; those of another unit may have another sign too."""
     rounding = float(np.finfo(float).eps)
@@ -766,7 +736,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     checks = [Observation(codes.ENCODER_OFFSETS_DIFFER, channels.offset_findings)]
     if not experiment.robot.has_controllers:
         checks += [
-            Observation(codes.NO_MEASUREMENT, _of_friction_alone),
+            Observation(codes.NO_MEASUREMENT, commands.of_friction_alone),
             Observation(codes.NOMINAL_VALUES, partial(_of_torques, known=known)),
         ]
     elif not wrong:

@@ -208,16 +208,6 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
             )
 
 
-def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[Finding]:
-    """Yield the note on a regression that lacks most of its instants, a `share` of them."""
-    if share > tol.MOST:
-        contacts = ", or next to a change of contact" * has_contacts
-        yield codes.STANDSTILL.note(
-            f"the {place} is identified from {1 - share:.0%} of its instants: the others are near "
-            f"standstill, where the direction of dry friction is unknown{contacts}"
-        )
-
-
 # The values of a drive
 
 _ZEROS = (
@@ -690,3 +680,31 @@ def _logged_torques(robot: Robot, motions: Sequence[Motion]) -> dict[str, list[s
             is_logged |= False if signals is None else np.any(np.isfinite(signals), axis=0)
         logged[channel] = np.array(robot.joint_names)[is_logged].tolist()
     return logged
+
+
+# Held loads
+
+
+def calibration_findings(
+    misfit: float, slope: float, law: str, p_value: float, is_curved: bool
+) -> Iterator[Finding]:
+    """Yield what to know before a calibration by held loads is used.
+
+    `misfit` is the rms error over the standard deviation of the loads; `p_value` that of a cubic
+    term, and `is_curved` whether it is significant.
+    """
+    if misfit > tol.SLIGHT:
+        yield codes.NO_FIT.finding(
+            f"the law explains the loads to {misfit:.1%} of their standard deviation only",
+            severity="wrong" if misfit > tol.MOST else "doubtful",
+            remedy="check the order of the rows and their units, and that the joint was at rest",
+        )
+    if law == "linear" and is_curved:
+        text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
+        yield codes.NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
+    if law == "cubic" and not is_curved:
+        text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
+        yield codes.NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
+    if slope < 0:
+        text = "a larger load has a smaller reading: the sign of one of them is opposite"
+        yield codes.SIGN.finding(text, remedy="change the sign of the readings")

@@ -13,7 +13,17 @@ import pytest
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, Observation, bodies, channels, model, observed, setup, verdict
+from seaid.checks import (
+    CODES,
+    Observation,
+    bodies,
+    channels,
+    commands,
+    model,
+    observed,
+    setup,
+    verdict,
+)
 from seaid.checks.channels import OF_LOGS
 from seaid.checks.codes import consequences
 from seaid.checks.experiment import Experiment
@@ -64,7 +74,7 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "selection": (model, "forward_selection", fail),
     "fit": (verdict, "_OF_FIT", [replace(check, look=fail) for check in verdict._OF_FIT]),
     "file": (bodies, "file_findings", fail),
-    "friction": (setup, "_of_friction_alone", fail),
+    "friction": (commands, "of_friction_alone", fail),
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
     "offsets": (channels, "offset_findings", fail),
     "delays": (channels, "decided_delays", fail),
