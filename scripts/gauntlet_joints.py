@@ -48,12 +48,20 @@ def lever(share: float) -> Change:
         name, joint = case.subject.name, case.subject.joint
         robot, motion = true_robot(name, "plain"), true_motion(name, "plain", 10 * case.seed)
         ratio = total_ratio(robot.drives[joint])
-        turned = motion.motor_position[:, robot.index(joint)] / ratio
+        index, rotor = robot.index(joint), robot.drives[joint].values["motor_inertia"]
+        turned, speed, acceleration = (
+            signal[:, index] / ratio
+            for signal in (motion.motor_position, motion.motor_velocity, motion.motor_acceleration)
+        )
         angle, torque = f"{joint}.motor_position_rad", f"{joint}.motor_torque_Nm"
 
         def varied(log: Columns) -> Columns:
             more, factor = ratio * share * (1 - np.cos(turned)), 1 + share * np.sin(turned)
-            return log | {angle: log[angle] + more, torque: log[torque] / factor}
+            # The torque on the load is that over the factor, and the rotor turns as its motor.
+            before, change = ratio * acceleration, np.cos(turned) * speed**2
+            after = factor * before + ratio * share * change
+            loaded = (log[torque] - rotor * before) / factor + rotor * after
+            return log | {angle: log[angle] + more, torque: loaded}
 
         return in_logs(setup, varied)
 

@@ -16,9 +16,10 @@ from scipy.ndimage import gaussian_filter1d
 
 import seaid
 from seaid._arrays import Array
+from seaid.legged import floating_model
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog
-from seaid.robot import Contact, Robot, floating_model
+from seaid.robot import Contact, Robot
 
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
 HOME = np.tile([0.0, 0.8, -1.6], 4)

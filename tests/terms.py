@@ -16,9 +16,15 @@ import sympy as sp
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import DriveEquation, joint_equation, motor_equation, spring_force
+from seaid.drives.equations import (
+    SYMBOLS,
+    DriveEquation,
+    joint_equation,
+    known_values,
+    motor_equation,
+    spring_force,
+)
 from seaid.drives.regressor import flat_names
-from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.fitting import estimator_named
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.result import (

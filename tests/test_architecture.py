@@ -156,7 +156,7 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         "checks.bodies",
-        *("export.joint_actuators", "regressor.random_instants"),
+        "regressor.random_instants",
     ),
     "one stage of reading each, which most logs do not pass": (
         *("log.sources", "log.describe.base", "log.describe.joints"),

@@ -16,11 +16,10 @@ from seaid._files import toml_key
 from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import Channel, Observation, channels_of, in_description, in_drives
-from seaid.checks.engine import deleted_residual
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
-from seaid.estimation import scaled_svd
+from seaid.estimation import deleted_residual, scaled_svd
 from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
@@ -653,7 +652,8 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         joint, (low, high) = robot.joint_names[j], robot.position_range(robot.joint_names[j])
         if not np.isfinite(high - low):
             continue
-        place, far = experiment.joint[0][:, j] - 0.5 * (low + high), (0.5 - tol.FEW) * (high - low)
+        (angle,) = robot.joint_states(experiment.joint[0])
+        place, far = angle[:, j] - 0.5 * (low + high), (0.5 - tol.FEW) * (high - low)
         at_limit = np.abs(place) > far
         share = float(np.mean(at_limit))
         if not tol.FEW < share < tol.MOST:
@@ -661,7 +661,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         rate = experiment.motor[2][:, j]
         H = np.column_stack([experiment.regressor[:, j], experiment.loads[j], rate])
-        residual, noise = deleted_residual(H, y, at_limit)
+        residual, noise = deleted_residual(H, y, at_limit, tol.CORRELATED_ROWS)
         outwards = residual[at_limit] * np.sign(place[at_limit])
         push = float(np.median(outwards)) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:

@@ -35,18 +35,15 @@ from seaid.checks.experiment import Experiment, TorqueScale, scaled
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
-    Bus,
     Controller,
     Drive,
     ParameterName,
-    buses_of,
-    is_stated,
     joint_of,
     parameter_of,
     stated_delay_s,
 )
 from seaid.errors import Finding, listed
-from seaid.estimation import Estimate, scaled_svd
+from seaid.estimation import Bus, Estimate, buses_of, is_stated, scaled_svd
 from seaid.log import Log, Motion, changed_source, with_commanded_torque
 from seaid.regressor import Regression, is_linear, load_model_of, load_regression, stacked
 from seaid.robot import Robot

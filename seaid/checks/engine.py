@@ -25,9 +25,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
-from seaid.checks.tolerances import CONFIDENCE, CORRELATED_ROWS, LEAST_EXPLAINED, NEGLIGIBLE
+from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
-from seaid.estimation import RANK_TOLERANCE, ROUNDING, long_run_of, scaled_svd, triangle
+from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
 from seaid.log import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
@@ -660,22 +660,3 @@ def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> lis
             f"{rows.H.shape[1]} parameters from the others: record a longer log"
         )
     return masks
-
-
-def deleted_residual(H: Array, y: Array, apart: BoolArray) -> tuple[Array, float]:
-    """Return what the fit of all rows but those `apart` leaves of y (R,), and the rms of theirs.
-
-    The rows `apart` are in units of the error of their prediction over the noise: of a row h that
-    is not in the fit it has the variance 1 + c h (H^T H)^-1 h^T, c for autocorrelated rows.
-    """
-    # The rows of all others as their triangular factor: (p + 1) rows in place of R.
-    R, p = triangle(np.column_stack([H, y])[~apart]), H.shape[1]
-    svd = scaled_svd(R[:, :p])
-    residual = y - H @ svd.solve(R[:, p], RANK_TOLERANCE)
-    # |reach|^2 = h (H^T H)^-1 h^T. A direction that the other rows lack predicts nothing: its reach
-    # is huge, not infinite.
-    sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
-    reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
-    residual[apart] /= np.sqrt(1 + CORRELATED_ROWS * np.sum(reach**2, axis=1))
-    freedom = max(int(np.sum(~apart)) - svd.rank(RANK_TOLERANCE), 1)
-    return residual, math.sqrt(float(np.sum(residual[~apart] ** 2)) / freedom)

@@ -33,7 +33,7 @@ from seaid.checks.engine import (
 )
 from seaid.checks.experiment import Experiment, Transform, fitted, multiplied, near, with_constant
 from seaid.checks.terms import DriveRows
-from seaid.drives import IDEAL_DRIVE
+from seaid.drives import IDEAL_DRIVE, AngleRatio, Ratios
 from seaid.errors import Finding, listed
 from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
 from seaid.log import POSITION_BAND, Motion, changed_source, low_pass
@@ -312,59 +312,65 @@ def _against_another_link(
     )
 
 
-_RATIO_STEPS = 3
-"""Steps of a ratio that varies with the angle: each changes it by a quarter of what the one before
-did, so that the third is within one per cent of the limit."""
-
-
 def linkages(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
     robot = experiment.robot
     for j in _between_encoders(experiment):
         q = experiment.turned[0][:, j]
-        if robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
+        drive = robot.drives[robot.joint_names[j]]
+        other = drive.angle_ratio, drive.parallel_spring, drive.joint_friction, drive.transmission
+        if any(other) or robot.is_prismatic[j] or np.ptp(q) < tol.POOR:
             continue
-        deflection, factor = experiment.deflection(j), np.ones(len(q))
-        for _ in range(_RATIO_STEPS):  # the torque of a motor on its spring has that factor too
-            H = with_constant(q, np.cos(q), np.sin(q), factor[:, None] * deflection)
-            x = scaled_svd(H).solve(experiment.apart[:, j])[1:4]
-            # The ratio over N is the derivative of q + e q + c cos q + s sin q.
-            factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
+        x = _varied(q, experiment.apart[:, j], experiment.deflection(j))
+        # The ratio over N is the derivative of q + e q + c cos q + s sin q.
+        factor = 1 + x[0] - x[1] * np.sin(q) + x[2] * np.cos(q)
         low, high = float(np.min(factor)), float(np.max(factor))
-        if low <= 0 or high - low < tol.POOR * (high + low) / 2:
+        # The ratio over N is 1 + e - c sin q + s cos q: a mean, and an order with two amplitudes.
+        mean, size = 1 + float(x[0]), float(np.hypot(*x[1:]))
+        if size > (1 - 2 * tol.FEW) * mean or high - low < tol.POOR * (high + low) / 2:
             continue
         joint, ratio = robot.joint_names[j], float(experiment.ratio[j])
+        cosine, sine = (float(f"{amplitude:.4g}") for amplitude in (x[2] / mean, -x[1] / mean))
+        lines = f"gear_ratio = {ratio * mean:.6g}\n"
+        lines += f"angle_ratio = {{ cos = [{cosine!r}], sin = [{sine!r}] }}"
         yield Transform(
             codes.VARYING_RATIO,
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
             f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
             "linkage, a lever or a spindle",
-            _with_constant_ratio(experiment, j, x, factor),
+            _behind_linkage(experiment, j, mean, AngleRatio(cos=(cosine,), sin=(sine,))),
             joint,
-            codes.VARYING_RATIO.advice,
+            in_drives({(joint,): lines}),
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
             penalty=1.0,
         )
 
 
-def _with_constant_ratio(experiment: Experiment, j: int, x: Array, factor: Array) -> Experiment:
-    """Return the experiment with a motor of constant ratio and the same power.
+def _varied(q: Array, apart: Array, deflection: Array) -> Array:
+    """Return e, c and s (3,) of theta_M / lever - q = e q + c cos q + s sin q + deflection."""
+    columns = [q, np.cos(q), np.sin(q)]
+    if not deflection.size:
+        return np.asarray(scaled_svd(with_constant(*columns)).solve(apart)[1:])
+    # The noise is in the torque of the spring, the last column of its deflection, and not in the
+    # angles of the encoders: k (apart - e q - ...) = torque + friction.
+    H = with_constant(apart, *columns, deflection[:, :-1])
+    k, *x = scaled_svd(H).solve(deflection[:, -1])[1:5].tolist()
+    return np.asarray(-np.array(x) / k)
 
-    Of e q + c cos q + s sin q, with slope g - 1, the derivatives are (g - 1) q' and (g - 1) q'' +
-    g' q'^2. The `factor` (R,) is g.
+
+def _behind_linkage(experiment: Experiment, j: int, mean: float, linkage: AngleRatio) -> Experiment:
+    """Return the experiment in which the gear ratio of a joint is `mean` times as large and varies.
+
+    What is measured at the joint becomes that behind the gear, as a motion has it.
     """
-    q, v, a = experiment.turned[:, :, j]
-    angle = np.column_stack([q, np.cos(q), np.sin(q)]) @ x
-    # g' = -c cos q - s sin q
-    curvature = np.column_stack([-np.cos(q), -np.sin(q)]) @ x[1:]
-    change = [angle, (factor - 1) * v, (factor - 1) * a + curvature * v**2]
-    motor = experiment.motor.copy()
-    motor[:, :, j] -= experiment.lever[j] * np.array(change)
-    factors = np.where(np.arange(experiment.robot.n) == j, factor[:, None], 1.0)
-    # The same power: tau N g q' = (g tau) N q'. The torque of a sensor is behind the linkage and
-    # stays, which is why it is replaced below: `with_channels` multiplies it too.
-    changed = experiment.with_channels("t", lambda torque: torque * factors)
-    return changed.with_changes(motor=motor, sensed=experiment.sensed)
+    robot, factor = experiment.robot, np.where(np.arange(experiment.robot.n) == j, mean, 1.0)
+    name, of_joint = robot.joint_names[j], Ratios({j: linkage})
+    return experiment.with_changes(
+        robot=robot.with_drives({name: replace(robot.drives[name], angle_ratio=linkage)}),
+        ratio=experiment.ratio * factor,
+        joint=np.array(of_joint.at_drives(*experiment.joint)),
+        sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
+    )
 
 
 def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:

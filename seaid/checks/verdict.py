@@ -29,13 +29,14 @@ from seaid.checks.codes import (
     guarded,
     observed,
 )
-from seaid.checks.engine import deleted_residual, time_blocks
+from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
     FittedRows,
+    deleted_residual,
     qr_factor_of,
     row_step,
     scaled_svd,
@@ -291,7 +292,8 @@ class RobotFit:
         if np.any(apart) and np.mean(apart) < tol.RARE:
             places = np.searchsorted(self.fit.qr_factor.equations, rows.joint)
             weight = np.asarray(self.fit.weights)[places]
-            deleted = deleted_residual(weight[:, None] * rows.H, weight * rows.y, apart)[0]
+            columns, y = weight[:, None] * rows.H, weight * rows.y
+            deleted = deleted_residual(columns, y, apart, tol.CORRELATED_ROWS)[0]
             deleted = _beyond_friction(rows, self.fit, deleted / weight)
             others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}

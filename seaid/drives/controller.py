@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid.errors import RobotError, shown, unknown_name
+from seaid.errors import RobotError, shown
 
 if TYPE_CHECKING:
     from seaid._arrays import Array, BoolArray
@@ -150,16 +149,3 @@ def _is_within(value: Any, low: float, high: float) -> bool:
     """Whether a value is a number within limits."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and low <= value <= high
-
-
-def controller_of(controller: Any) -> Controller:
-    """Return a controller, or that of a table as in the TOML. Raises RobotError."""
-    if isinstance(controller, Controller):
-        return controller
-    if not isinstance(controller, Mapping):
-        raise RobotError(f"controller must be a table with its gains, found {shown(controller)}")
-    allowed = [field.name for field in fields(Controller)]
-    for key in controller:
-        if key not in allowed:
-            raise RobotError(f"controller: {unknown_name('key', key, allowed)}")
-    return Controller(**controller)

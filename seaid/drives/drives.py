@@ -12,11 +12,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from itertools import chain
-from typing import Any, ClassVar, Self, get_args
+from typing import Any, ClassVar, Self, TypeVar, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
-from seaid.drives.controller import Controller, controller_of
+from seaid.drives.angle_ratio import AngleRatio
+from seaid.drives.controller import Controller
 from seaid.drives.terms import (
     BY_TEMPERATURE,
     COMMANDS,
@@ -100,7 +101,8 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
 _TABLES = ("nominal", "transmission", "std")
-_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, "controller", "known", "extra_terms", "shared")
+_RECORDS = ("controller", "angle_ratio")
+_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, *_RECORDS, "known", "extra_terms", "shared")
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -167,6 +169,7 @@ def _check_terms(drive: Drive) -> None:
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
     _check_motor_input(drive)
+    _check_angle_ratio(drive)
     for field, alike in (("friction", COULOMB), ("spring", DEAD_ZONES)):
         terms = [term for term in getattr(drive, field) if term in alike]
         if len(terms) > 1:
@@ -185,7 +188,8 @@ def _check_motor_input(drive: Drive) -> None:
     if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
     if drive.controller is not None:
-        object.__setattr__(drive, "controller", controller_of(drive.controller))
+        law = _record_of(Controller, "controller", drive.controller)
+        object.__setattr__(drive, "controller", law)
     _check_controller(drive)
 
 
@@ -258,6 +262,36 @@ def _check_harmonics(drive: Drive) -> None:
         raise RobotError(
             "an error that is periodic in the joint needs a joint that turns; use 'motor' or 'mesh'"
         )
+
+
+Record = TypeVar("Record", Controller, AngleRatio)
+
+
+def _record_of(kind: type[Record], field: str, value: Any) -> Record:
+    """Return the record in a field of a drive, or that of its table. Raises RobotError."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise RobotError(f"{field} must be a table of its values, found {shown(value)}")
+    allowed = [x.name for x in fields(kind)]
+    for key in value:
+        if key not in allowed:
+            raise RobotError(f"{field}: {unknown_name('key', key, allowed)}")
+    return kind(**value)
+
+
+def _check_angle_ratio(drive: Drive) -> None:
+    """Check the ratio that depends on the angle. Raises RobotError."""
+    if drive.angle_ratio is None:
+        return
+    ratio = _record_of(AngleRatio, "angle_ratio", drive.angle_ratio)
+    object.__setattr__(drive, "angle_ratio", ratio)
+    for field in ("transmission", "parallel_spring", "joint_friction"):
+        if getattr(drive, field):
+            raise RobotError(
+                f"a drive with angle_ratio has no {field}: seaid has all that is in the table of "
+                "such a drive at the angle behind the gear, and not at that of the joint"
+            )
 
 
 def _check_values(drive: Drive) -> None:
@@ -336,6 +370,7 @@ class _Parameters(Display):
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
+    angle_ratio: AngleRatio | None = None
     reference_temperature_degC: float = 25.0
     reference_position_rad: float = 0.0
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
@@ -538,6 +573,9 @@ class StiffDrive(_Parameters):
     transmission : mapping {joint: factor}
         The drive turns the sum of factor * q instead of its own joint (a differential, a
         parallelogram), see `seaid.robot.transmission`.
+    angle_ratio : AngleRatio, optional
+        The ratio over `gear_ratio` where it depends on the angle of the joint (a four-bar, a cam):
+        {"cos": [c_1, ...], "sin": [s_1, ...]}, or a table {"angle_rad": [...], "ratio": [...]}.
     reference_temperature_degC : float
         Temperature of the motor at which friction has its stated values, 25 degC, if it has the
         terms "viscous_temperature" or "coulomb_temperature".

@@ -29,30 +29,28 @@ from seaid.drives.drives import (
     unit_of,
 )
 from seaid.drives.equations import (
-    dry_friction,
-    joint_equation,
-    motor_equation,
-    smooth_friction,
-    spring_force,
-)
-from seaid.drives.regressor import DriveRegressor, flat_names
-from seaid.drives.symbols import (
     PARAMETER_NAMES,
     Dahl,
     DahlSlope,
     K_t,
     K_u,
     N,
+    dry_friction,
+    joint_equation,
     known_values,
+    motor_equation,
     q_0,
     r_L,
     r_M,
+    smooth_friction,
+    spring_force,
     symbol_of,
     tau_L,
     theta_L,
     theta_M,
 )
-from seaid.drives.symbols import t as time_symbol
+from seaid.drives.equations import t as time_symbol
+from seaid.drives.regressor import DriveRegressor, flat_names
 from seaid.drives.terms import DEAD_ZONES, PARAMETERS_OF, key_of
 from seaid.errors import ExcitationError, RobotError
 

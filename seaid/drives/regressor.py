@@ -15,8 +15,15 @@ import sympy as sp
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
-from seaid.drives.equations import DriveEquation
-from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, Dahl, known_values, symbol_of, t
+from seaid.drives.equations import (
+    PARAMETER_NAMES,
+    SIGNALS,
+    Dahl,
+    DriveEquation,
+    known_values,
+    symbol_of,
+    t,
+)
 from seaid.drives.terms import parameter_named
 from seaid.errors import RobotError
 from seaid.symbolic import separate

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.terms import PARAMETERS, ParameterName
-from seaid.errors import RobotError, shown, unknown_name
+from seaid.drives.terms import PARAMETERS
+from seaid.errors import RobotError, shown
 
 if TYPE_CHECKING:
     from seaid.drives.drives import Drive
@@ -31,46 +28,6 @@ def stated_delay_s(drive: Drive) -> float:
     return (0.0 if known else STATED_DELAY_S) if std is None else NORMAL_95 * std
 
 
-def delay_std_s(drive: Drive) -> float:
-    """Return the standard deviation [s] of a delay before an identification."""
-    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
-
-
-def is_stated(std_s: float, stated_s: float) -> bool:
-    """Return whether a delay with a standard error is as stated, and not estimated."""
-    return bool(np.isclose(std_s, stated_s, rtol=1e-6))
-
-
-def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
-    """Return what logs with the gain sets of some drives of a joint determine of its delay T.
-
-    To first order T adds (K_d + F_v) T to the armature and K_p T to the viscous friction.
-    """
-    within = max(map(stated_delay_s, drives))
-    if not within:
-        return ""
-    pairs = []
-    for drive in drives:
-        laws = drive.law
-        assert laws is not None
-        # F_v of the motor is F_v N^2 at the joint.
-        friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
-        pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
-        pairs += [pair] * (pair not in pairs)
-    text = "; and ".join(
-        f"armature + {slope:.3g} T" + (f" and viscous friction + {gain:.4g} T" if gain else "")
-        for slope, gain in pairs
-    )
-    start = f"{joint}: with the delay T of its commands, to first order, {text}"
-    if len(pairs) > 1:
-        return f"{start}: these {len(pairs)} gain sets separate them"
-    (slope, gain), ms = pairs[0], 1e3 * within
-    return (
-        f"{start}: alone they are uncertain by {slope * within:.2g} and {gain * within:.2g} for T "
-        f"within {ms:.3g} ms; a log with another gain set separates them"
-    )
-
-
 # A motor, its gear and its spring have parameters by their type, which drives of a group share; a
 # joint has its own by its mounting: zeros of encoders, offsets of torques, levels over positions.
 SHARED = frozenset(PARAMETERS) - {
@@ -81,72 +38,10 @@ SHARED = frozenset(PARAMETERS) - {
 """Parameters that the drives of a group share; drives of one bus have one delay anyway."""
 
 
-def shared_columns(
-    drives: Mapping[str, Drive], names: Sequence[str], joint: str = ""
-) -> dict[ParameterName, list[int]]:
-    """Return {shared parameter, with its group as owner: the places of its columns, two or more}.
-
-    `joint` owns names without one. A condition has parameters of its own if they are specific.
-    """
-    places: dict[ParameterName, list[int]] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
-        drive = drives.get(name.owner or joint)
-        if drive is not None and drive.shared and name.quantity in SHARED:
-            places.setdefault(name.at(drive.shared), []).append(place)
-    return {name: columns for name, columns in places.items() if len(columns) > 1}
-
-
-@dataclass(frozen=True)
-class Bus:
-    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
-
-    places: tuple[int, ...]
-    nominal_s: float
-    std_s: float
-
-
-def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
-    """Return the groups of columns; drives with one nominal delay are on one bus.
-
-    `joint` owns names without one. A condition has delays of its own if they are specific to it.
-    """
-    places: dict[tuple[float, str | None], list[int]] = {}
-    stds: dict[tuple[float, str | None], float] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
-        if name.quantity != DELAY_PARAMETER:
-            continue
-        drive = drives[name.owner or joint]
-        key = (drive.command_delay_s or 0.0, name.condition)
-        places.setdefault(key, []).append(place)
-        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
-    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
-
-
 def groups_of(drives: Mapping[str, Drive]) -> dict[str, list[str]]:
     """Return {group: its joints} of drives."""
     names = dict.fromkeys(drive.shared for drive in drives.values() if drive.shared)
     return {name: [joint for joint, x in drives.items() if x.shared == name] for name in names}
-
-
-def with_groups(
-    drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
-) -> dict[str, Drive]:
-    """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
-    group_of: dict[str, str] = {}
-    for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
-        if joint not in drives:
-            raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
-        if not group:
-            raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
-        if joint in group_of:
-            raise RobotError(
-                f"share=: {joint} is in '{group_of[joint]}' and in '{group}': name it in one group",
-                "share=",
-            )
-        group_of[joint] = group
-    changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
-    check_groups(changed, "share=")
-    return changed
 
 
 def check_groups(drives: Mapping[str, Drive], where: str, is_whole: bool = True) -> None:

@@ -7,7 +7,7 @@
   F_C tanh((w - w_0) / w_C), zero at the speed w_0 (Gaz et al. 2019). The smooth ones are known at
   standstill too, and their tanh replaces sign(w) in the next two terms;
 - or dahl F_C z: presliding, with a state z that follows the motor's travel over the
-  angle w_M, see `seaid.drives.symbols`; z replaces sign(w) in the next two terms, too;
+  angle w_M, see `seaid.drives.equations`; z replaces sign(w) in the next two terms, too;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
 - load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
 - coulomb_position (F_x x + F_xx x^2) sign(w), with the position x of the joint from the drive's

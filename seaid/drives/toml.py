@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from seaid._files import read_toml, write_whole
+from seaid.drives.angle_ratio import AngleRatio
 from seaid.drives.controller import Controller
 from seaid.drives.drives import (
     CONSTANTS,
@@ -212,15 +213,11 @@ def _changed_fields(drive: Drive) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """Return a field as a TOML type."""
-    if isinstance(value, Controller):
+    if isinstance(value, Controller | AngleRatio):
         pairs = ((field, getattr(value, field.name)) for field in fields(value))
-        return {
-            field.name: x if isinstance(x, bool) else float(x)
-            for field, x in pairs
-            if x != field.default
-        }
+        return {field.name: _plain(x) for field, x in pairs if x != field.default}
     if isinstance(value, Mapping):
         return {name: float(number) for name, number in value.items()}
     if isinstance(value, tuple):
         return list(value)
-    return value if isinstance(value, str) else float(value)
+    return value if isinstance(value, str | bool) else float(value)

@@ -11,15 +11,30 @@ equal parameters are their sum.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate, chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.drives import Bus, ParameterName, joint_of
-from seaid.errors import IdentificationError
+from seaid.drives import (
+    DELAY_PARAMETER,
+    NORMAL_95,
+    SHARED,
+    STATED_DELAY_S,
+    Drive,
+    ParameterName,
+    check_groups,
+    joint_of,
+    places_of,
+)
+from seaid.errors import IdentificationError, RobotError, unknown_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 
 @dataclass(frozen=True)
@@ -110,6 +125,78 @@ def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
     return np.array(expected, dtype=float), np.array(stds, dtype=float)
 
 
+def delay_std_s(drive: Drive) -> float:
+    """Return the standard deviation [s] of a delay before an identification."""
+    return float(drive.std.get("command_delay_s", STATED_DELAY_S / NORMAL_95))
+
+
+def is_stated(std_s: float, stated_s: float) -> bool:
+    """Return whether a delay with a standard error is as stated, and not estimated."""
+    return bool(np.isclose(std_s, stated_s, rtol=1e-6))
+
+
+def shared_columns(
+    drives: Mapping[str, Drive], names: Sequence[str], joint: str = ""
+) -> dict[ParameterName, list[int]]:
+    """Return {shared parameter, with its group as owner: the places of its columns, two or more}.
+
+    `joint` owns names without one. A condition has parameters of its own if they are specific.
+    """
+    places: dict[ParameterName, list[int]] = {}
+    for place, name in enumerate(map(ParameterName.of, names)):
+        drive = drives.get(name.owner or joint)
+        if drive is not None and drive.shared and name.quantity in SHARED:
+            places.setdefault(name.at(drive.shared), []).append(place)
+    return {name: columns for name, columns in places.items() if len(columns) > 1}
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Drives with one delay: the `places` of its columns, nominal value and standard deviation."""
+
+    places: tuple[int, ...]
+    nominal_s: float
+    std_s: float
+
+
+def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
+    """Return the groups of columns; drives with one nominal delay are on one bus.
+
+    `joint` owns names without one. A condition has delays of its own if they are specific to it.
+    """
+    places: dict[tuple[float, str | None], list[int]] = {}
+    stds: dict[tuple[float, str | None], float] = {}
+    for place, name in enumerate(map(ParameterName.of, names)):
+        if name.quantity != DELAY_PARAMETER:
+            continue
+        drive = drives[name.owner or joint]
+        key = (drive.command_delay_s or 0.0, name.condition)
+        places.setdefault(key, []).append(place)
+        stds[key] = max(stds.get(key, 0.0), delay_std_s(drive))
+    return [Bus(tuple(places[key]), key[0], stds[key]) for key in places]
+
+
+def with_groups(
+    drives: Mapping[str, Drive], share: Mapping[str, Sequence[str]]
+) -> dict[str, Drive]:
+    """Return drives with the groups {group: joints} of `share=`. Raises RobotError."""
+    group_of: dict[str, str] = {}
+    for group, joint in ((group, joint) for group, joints in share.items() for joint in joints):
+        if joint not in drives:
+            raise RobotError("share=: " + unknown_name("joint", joint, drives), "share=")
+        if not group:
+            raise RobotError(f"share=: the group of {joint} has no name: give it one", "share=")
+        if joint in group_of:
+            raise RobotError(
+                f"share=: {joint} is in '{group_of[joint]}' and in '{group}': name it in one group",
+                "share=",
+            )
+        group_of[joint] = group
+    changed = {x: replace(y, shared=group_of.get(x, y.shared)) for x, y in drives.items()}
+    check_groups(changed, "share=")
+    return changed
+
+
 @dataclass(frozen=True, eq=False)
 class Constraints:
     """Constraints A x = b of parameters (p,), with standard deviations `stds` (c,) of the b.
@@ -196,3 +283,83 @@ def shared_parameters(
         joints = tuple(joint_of(estimate.names[place]) for place in places)
         shared.append(SharedParameter(name, joints, tuple(estimate.values[places].tolist()), test))
     return tuple(shared)
+
+
+IsSpecific = Callable[[str], bool]
+"""Whether every condition has its own parameter of a name."""
+
+
+def names_of_all(
+    names: Sequence[str], conditions: Sequence[str], is_specific: IsSpecific
+) -> tuple[str, ...]:
+    """Return the names of all columns of conditions that have columns `names` each."""
+    return tuple(
+        chain.from_iterable(
+            [ParameterName.of(name).within(condition) for condition in conditions]
+            if is_specific(name)
+            else [name]
+            for name in names
+        )
+    )
+
+
+def joined_rows(
+    rows: Mapping[str, Regression], is_specific: IsSpecific, propagated: Sequence[str] = ()
+) -> Regression:
+    """Return the rows {condition: regression} as one regression, in the order of the conditions.
+
+    `propagated` are the names of the propagated columns. Logs are numbered through all conditions,
+    as autocorrelation ends with a log. Raises IdentificationError if the conditions differ in their
+    columns.
+    """
+    from seaid.regressor import stacked
+
+    first, *others = rows
+    names, units = rows[first].names, rows[first].units
+    for condition in others:
+        if rows[condition].names != names:
+            raise IdentificationError(
+                f"condition '{first}' has the parameters {', '.join(names)}; '{condition}' has "
+                f"{', '.join(rows[condition].names)}: conditions need the same sensors and terms"
+            )
+    columns = names_of_all(names, [*rows], is_specific)
+    further = names_of_all(propagated, [*rows], is_specific)
+    unit_of = dict(zip(names, units, strict=True))
+    parts = [
+        replace(
+            part,
+            names=columns,
+            units=tuple(unit_of[ParameterName.of(name).within(None)] for name in columns),
+            H=_placed(part.H, columns, condition),
+            propagated=_placed(part.propagated, further, condition),
+        )
+        for condition, part in rows.items()
+    ]
+    counts = (int(np.max(part.run, initial=-1.0)) + 1 for part in parts)
+    starts = accumulate(counts, initial=0)
+    run = np.concatenate([part.run + start for part, start in zip(parts, starts, strict=False)])
+    return replace(stacked(parts), run=run)
+
+
+def _placed(columns: Array, names: Sequence[str], condition: str) -> Array:
+    """Return the columns (R, c) of a condition among the columns `names` of all."""
+    wide = np.zeros((len(columns), len(names)))
+    wide[:, places_of(names, condition)] = columns
+    return wide
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """What a condition has of joined rows: which rows, and how many instants were excluded."""
+
+    rows: slice
+    excluded: int
+
+
+def shares_of(rows: Mapping[str, Regression]) -> dict[str, Share]:
+    """Return {condition: its share} of the `joined_rows`."""
+    ends = accumulate((len(part.y) for part in rows.values()), initial=0)
+    return {
+        condition: Share(slice(start, start + len(part.y)), part.excluded)
+        for (condition, part), start in zip(rows.items(), ends, strict=False)
+    }

@@ -7,6 +7,7 @@ identifiable or not, by `ROUNDING` where directions of rounding are dropped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -371,3 +372,24 @@ def directions(factor: Array, names: tuple[str, ...]) -> Directions:
 def first_term(name: str) -> str:
     """Return a long grouping by its first parameter, which names the base column."""
     return name if len(name) <= _LONGEST_NAME else f"{name.split(' ')[0]} + ..."
+
+
+def deleted_residual(
+    H: Array, y: Array, apart: BoolArray, correlated: float
+) -> tuple[Array, float]:
+    """Return what the fit of all rows but those `apart` leaves of y (R,), and the rms of theirs.
+
+    The rows `apart` are in units of the error of their prediction over the noise: of a row h that
+    is not in the fit it has the variance 1 + c h (H^T H)^-1 h^T, c for `correlated` rows.
+    """
+    # The rows of all others as their triangular factor: (p + 1) rows in place of R.
+    R, p = triangle(np.column_stack([H, y])[~apart]), H.shape[1]
+    svd = scaled_svd(R[:, :p])
+    residual = y - H @ svd.solve(R[:, p], RANK_TOLERANCE)
+    # |reach|^2 = h (H^T H)^-1 h^T. A direction that the other rows lack predicts nothing: its reach
+    # is huge, not infinite.
+    sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
+    reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
+    residual[apart] /= np.sqrt(1 + correlated * np.sum(reach**2, axis=1))
+    freedom = max(int(np.sum(~apart)) - svd.rank(RANK_TOLERANCE), 1)
+    return residual, math.sqrt(float(np.sum(residual[~apart] ** 2)) / freedom)

@@ -63,7 +63,7 @@ from seaid.excitation.stance import (
 )
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
-from seaid.regressor import BaseParameters
+from seaid.regressor import BaseParameters, check_constant_ratios
 from seaid.robot import Robot, check_held
 
 _REPORT_SAMPLES = 2000
@@ -152,7 +152,7 @@ def _measures(
     base: BaseParameters,
     top_speed: Array,
 ) -> ExcitationMeasures:
-    parts, has_drives = list(_sampled(motion)), True
+    parts, has_drives = list(_sampled(robot, motion)), True
     try:
         target = drive_target(robot, torque_joints, base, top_speed)
         H = np.vstack([stacked_regressor(target, *part) for part in parts])
@@ -168,11 +168,12 @@ def _measures_of(H: Array, duration_s: float, has_drives: bool) -> ExcitationMea
     return ExcitationMeasures(scaled, d_value, H.shape[1], has_drives)
 
 
-def _sampled(motion: Trajectory | Sequence[Motion]) -> Iterator[tuple[Array, States]]:
+def _sampled(robot: Robot, motion: Trajectory | Sequence[Motion]) -> Iterator[tuple[Array, States]]:
     """Yield times (T,) and states of a plan, or of each motion of logs."""
     if isinstance(motion, Trajectory):
         time = np.linspace(0.0, motion.duration, _REPORT_SAMPLES)
-        yield time, motion.sample(time)
+        q, v, a = robot.drive_states(*motion.sample(time))
+        yield time, (q, v, a)
     else:
         n = motion[0].joint_position.shape[1]
         # the regressor of a sample has n rows of 10 n columns
@@ -344,6 +345,7 @@ def design_excitation(
             previous_logs=bool(previous_logs),
             scene=scene is not None,
         )
+    check_constant_ratios(robot, "design_excitation", ExcitationError)
     seed = seed_of(seed, ExcitationError)
     limits = limits or Limits()
     bounds = joint_limits(robot, limits)

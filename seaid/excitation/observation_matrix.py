@@ -42,12 +42,13 @@ from seaid.excitation.flatness import (
 )
 from seaid.regressor import (
     BaseParameters,
+    incomplete_group,
     joint_regressor,
     load_model,
     motor_regressor,
     rigid_body_regressor,
 )
-from seaid.robot import UNITS, Robot, incomplete_group, torques_at_drives
+from seaid.robot import UNITS, Robot, torques_at_drives
 
 
 @dataclass(frozen=True, eq=False)

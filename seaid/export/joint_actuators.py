@@ -58,18 +58,22 @@ def actuators_of(robot: Robot, *, is_complete: bool = True) -> tuple[JointActuat
 
     Raises RobotError for a value that is unknown if the model has to be complete; else it is zero.
     """
-    # Row i of the transmission C has the joints that drive i moves. One that is not a unit row (a
-    # differential, a belt past the elbow) has no actuator in the coordinate of a single joint.
-    plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
+    # A differential, a belt past the elbow or a linkage is no actuator with one ratio to a joint.
     # Writers exclude infinite numbers, so that infinity is "no limit" in each format.
     limits = np.nan_to_num(robot.velocity_limits, nan=np.inf, posinf=np.inf)
     return tuple(
         _actuator(joint, _known(robot.drives[joint], is_complete), slides, float(limit))
         for joint, slides, limit, is_plain in zip(
-            robot.joint_names, robot.is_prismatic, limits, plain, strict=True
+            robot.joint_names, robot.is_prismatic, limits, has_plain_gear(robot), strict=True
         )
         if is_plain
     )
+
+
+def has_plain_gear(robot: Robot) -> np.ndarray:
+    """Return whether each drive (n,) moves its own joint alone, by a constant ratio."""
+    plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
+    return np.asarray(plain & ~np.isin(np.arange(robot.n), [*robot.angle_ratios.by_joint]))
 
 
 def _known(drive: Drive, is_complete: bool) -> Drive:
@@ -238,8 +242,8 @@ def lost_effects(
     single = {a.joint for a in actuators}
     coupled = [joint for joint in robot.joint_names if joint not in single]
     if coupled and "coupled drives" not in holds:
-        text = f"{title} has no drive that moves several joints: those of {listed(coupled)} are"
-        findings.append(not_in_format(f"{text} not in the file"))
+        text = f"{title} has no drive that moves several joints, or one by a ratio of its angle"
+        findings.append(not_in_format(f"{text}: those of {listed(coupled)} are not in the file"))
     return findings
 
 

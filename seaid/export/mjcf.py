@@ -17,8 +17,8 @@ from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
+from seaid.regressor import check_constant_ratios, torque_slopes
 from seaid.robot import Robot
-from seaid.simulation import mass_matrix
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
 _STEPS_PER_RADIAN = 20.0
@@ -43,12 +43,8 @@ def _rates(robot: Robot) -> np.ndarray:
     # Coordinates x = (q, theta_M), 2 n of them: M x'' + D x' + K x = 0, each matrix a sum of
     # (value) * d d^T over the elements, with d the row by which an element sees x.
     n, C = robot.n, robot.transmission
-    model = robot.model.copy()
-    # The rotors are added below, in their own coordinates: as armature they would count twice.
-    model.armature = np.zeros(model.nv)
     mass, spring, damping = (np.zeros((2 * n, 2 * n)) for _ in range(3))
-    at_zero = robot.to_model(np.zeros(n))
-    mass[:n, :n] = robot.from_model(mass_matrix(model, model.createData(), at_zero), 2)
+    mass[:n, :n] = torque_slopes(robot, *np.zeros((3, 1, n)))[2, 0]
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         values = drive.values
@@ -159,6 +155,7 @@ def write_mjcf(
 
     reference = found.robot if isinstance(found, Identification) else found
     robot, path = reference.at_temperature(at_temperature_degC), Path(path)
+    check_constant_ratios(robot, "a MuJoCo model")
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     notes: list[str] = []

@@ -20,6 +20,7 @@ from seaid._files import real_path, whole_file
 from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, write_drives
 from seaid.errors import RobotError, checked, unknown_name
+from seaid.export.joint_actuators import has_plain_gear
 from seaid.export.mjcf_drives import temperature_notes
 from seaid.identification import Identification
 from seaid.robot import (
@@ -451,10 +452,9 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
 
 def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, Drive]:
     """Return stiff drives, except ideal ones, that move other joints (`are_coupled`) or not."""
-    plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
     return {
         joint: drive
-        for joint, is_plain in zip(robot.joint_names, plain, strict=True)
+        for joint, is_plain in zip(robot.joint_names, has_plain_gear(robot), strict=True)
         if not (drive := robot.drives[joint]).is_elastic
         and drive != IDEAL_DRIVE
         and is_plain != are_coupled
@@ -466,8 +466,8 @@ def _note_missing(robot: Robot, notes: list[str]) -> None:
     if np.any(robot.payload_parameters):
         notes.append("the known payload is not in the file: give it with payloads=")
     notes += [
-        f"joint '{joint}': its drive moves other joints, and <dynamics> cannot hold its friction: "
-        "the drive file does"
+        f"joint '{joint}': its drive moves other joints, or this one by an angle_ratio, and "
+        "<dynamics> cannot hold its friction: the drive file does"
         for joint in _stiff_drives(robot, are_coupled=True)
     ]
 

@@ -17,15 +17,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
 from seaid.estimation import Estimate, scaled_svd
 from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
+from seaid.regressor import check_constant_ratios, torque_slopes
 from seaid.robot import Robot
-from seaid.simulation import mass_matrix
 
 _WHAT = "the linearised robot"
 
@@ -125,12 +124,12 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
     Springs and friction parallel to a drive act at its own joint, and are transformed likewise.
     Missing values are NaN.
     """
-    data, model = robot.model.createData(), robot.model
-    mass = robot.from_model(mass_matrix(model, data, robot.to_model(posture)), axes=2)
+    check_constant_ratios(robot, "a linearised robot")
+    still = np.zeros((1, robot.n))
+    gravity, _, mass = torque_slopes(robot, posture[None], still, still)[:, 0]
     # q = C^-1 phi: the other drives are held, their columns are dropped, not eliminated.
     motion = safely(np.linalg.inv, robot.transmission, what="a transmission")[:, joints]
     every = [robot.drives[name] for name in robot.joint_names]
-    gravity = _gravity_slope(robot, posture)
     # The slope of gravity is symmetric, that of a potential, but for rounding.
     gravity = 0.5 * (gravity + gravity.T) + np.diag(_values(every, "parallel_stiffness"))
     mass, gravity = (motion.T @ matrix @ motion for matrix in (mass, gravity))
@@ -155,22 +154,6 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
 def _values(drives: Sequence[Drive], name: str, missing: float = 0.0) -> Array:
     """Return a value of each drive."""
     return np.array([drive.values.get(name, missing) for drive in drives], dtype=float)
-
-
-_STEP_RAD = 1e-5
-
-
-def _gravity_slope(robot: Robot, posture: Array) -> Array:
-    """Return the slope (n, n) of the gravity torques by central differences."""
-    data = robot.model.createData()
-
-    def torques(q: Array) -> Array:
-        return robot.from_model(pin.computeGeneralizedGravity(robot.model, data, robot.to_model(q)))
-
-    steps = _STEP_RAD * np.eye(robot.n)
-    slopes = [(torques(posture + h) - torques(posture - h)) / (2 * _STEP_RAD) for h in steps]
-    # slopes[j] = d tau / d q_j.
-    return np.array(slopes).T
 
 
 @dataclass(frozen=True, eq=False)

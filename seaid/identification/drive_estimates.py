@@ -25,29 +25,29 @@ from seaid._files import toml_table
 from seaid.drives import (
     DELAY_PARAMETER,
     NORMAL_95,
-    Bus,
     Drive,
     ParameterName,
-    buses_of,
-    is_stated,
     parameter_named,
     parameter_of,
-    shared_columns,
     unit_of,
 )
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
+    Bus,
     Constraints,
     Estimate,
     Estimator,
     FittedRows,
     QRFactor,
     Rows,
+    buses_of,
     equal_weights,
     fit,
     independent_rows,
+    is_stated,
     scaled_svd,
+    shared_columns,
     shared_parameters,
     solve,
 )

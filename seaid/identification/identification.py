@@ -18,7 +18,6 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
 from seaid.checks import MOST, explained, log_findings, not_measured, unseen_motion
-from seaid.drives import with_groups
 from seaid.errors import (
     ExcitationError,
     Finding,
@@ -27,7 +26,7 @@ from seaid.errors import (
     SeaidError,
     checked,
 )
-from seaid.estimation import Estimate, EstimatorName
+from seaid.estimation import Estimate, EstimatorName, with_groups
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.extension import extension_of
 from seaid.identification.model_selection import with_fixed_default_terms

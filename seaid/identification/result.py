@@ -40,9 +40,8 @@ from seaid.identification.drive_estimates import with_estimate, with_fixed_delay
 from seaid.identification.gear import gear_estimates, own_estimates, with_gears
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.log import Motion, Processing
-from seaid.regressor import BaseParameters, LoadModel
+from seaid.regressor import BaseParameters, LoadModel, torque_slopes
 from seaid.robot import Robot
-from seaid.simulation import mass_matrix
 
 _FAR_M = 1e4
 """Distance of a centre of mass from which a body has no mass but for rounding."""
@@ -299,8 +298,7 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
 
     It is by more than its uncertainty, or by more than the inertia of the bodies that move along.
     """
-    held = robot.to_model(np.zeros(robot.n))
-    mass = robot.from_model(mass_matrix(robot.model, robot.model.createData(), held), axes=2)
+    mass = torque_slopes(robot, *np.zeros((3, 1, robot.n)))[2, 0]
     reasons = {}
     for index, joint in enumerate(robot.joint_names):
         estimate = drives.get(joint)

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from seaid._arrays import Array, safely, white_noise
-from seaid.drives import PARAMETERS, Drive, ParameterName, buses_of, groups_of, is_stated, states
+from seaid.drives import PARAMETERS, Drive, ParameterName, groups_of, states
 from seaid.errors import IdentificationError, listed
-from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of
+from seaid.estimation import Parameter, Point, Prior, Residuals, bounds_of, buses_of, is_stated
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import with_values
 from seaid.log import (
@@ -491,8 +491,8 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         alone = all(x.controller is not None for x in robot.drives.values())
         if drive.is_elastic or not alone:
             return "whose command was logged: all drives have to be stiff, with a position command"
-        if motor_regressor(robot, joint).non_linear:
-            return "whose equation is not linear in its parameters"
+        if any((motor_regressor(robot, joint).non_linear, robot.angle_ratios)):
+            return "whose equation is not linear in its parameters, or has a ratio of its angle"
     elif drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
     if "load" in drive.friction and not drive.is_elastic:
@@ -503,8 +503,8 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 def _not_unseen(robot: Robot, joint: str, drive: Drive) -> str:
     if len(group_of(robot.transmission, robot.index(joint))) > 1:
         return "whose motor turns several joints, and no sensor is behind its spring"
-    if drive.parallel_spring or drive.joint_friction:
-        return "which has a parallel spring or joint friction and no sensor behind its spring"
+    if any((drive.parallel_spring, drive.joint_friction, drive.angle_ratio)):
+        return "which has a parallel spring or joint friction, or angle_ratio, and no sensor behind"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         return "whose equation is not linear in its parameters, without a sensor behind its spring"
     names = set(spring_regressor(robot, joint).names)

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import DELAY_PARAMETER, ParameterName, parameter_of, shared_columns, unit_of
+from seaid.drives import DELAY_PARAMETER, ParameterName, parameter_of, unit_of
 from seaid.errors import Finding
 from seaid.estimation import (
     Constraints,
@@ -33,6 +33,7 @@ from seaid.estimation import (
     Rows,
     SharedParameter,
     independent_rows,
+    shared_columns,
     shared_parameters,
     triangle,
 )

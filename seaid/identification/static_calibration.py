@@ -412,7 +412,7 @@ def held_poses(
     drive = robot.drives[joint]
     order = list(map(log.joint_names.index, robot.joint_names))
     position = log.joint_position[:, order]
-    turned = at_drives(robot.transmission, position)[:, robot.index(joint)]
+    turned = at_drives(robot.transmission, *robot.drive_states(position))[:, robot.index(joint)]
     values = _sensed(drive, log, log.joint_names.index(joint), sensor, turned)
     if np.isnan(values[0]) or np.any(np.isnan(position[0])):
         wanted = "a sensor"
@@ -430,9 +430,11 @@ def held_poses(
     poses = np.array([position[span].mean(axis=0) for span in spans])
     reading = np.array([values[span].mean() for span in spans])
     nothing = np.zeros_like(poses)
-    torques = joint_torques(robot, poses, nothing, nothing)
+    behind = robot.drive_states(poses, nothing, nothing)
+    torques = joint_torques(robot, *behind)
     if sensor == "torque":
-        load = torques[:, robot.index(joint)]
+        rates = robot.angle_ratios.rates(poses)
+        load = (rates * torques)[:, robot.index(joint)]
         return Statics(load, reading, drive.joint_units[0], drive.joint_units[0])
     # The spring of a drive that moves several joints has the torque on phi = C q.
     load = torques_at_drives(robot.transmission, torques)[:, robot.index(joint)]

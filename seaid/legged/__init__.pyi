@@ -6,4 +6,5 @@ from .contacts import find_contacts as find_contacts
 from .contacts import with_leg_order as with_leg_order
 from .extension import LeggedValidation as LeggedValidation
 from .floating import FloatingRobot as FloatingRobot
+from .floating import floating_model as floating_model
 from .loading import load_robot as load_robot

@@ -27,7 +27,14 @@ from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import FittedRows
 from seaid.identification import Dataset, SensorErrors, for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
-from seaid.legged.feet import FeetInMotion, LeggedFit, LegOrder, LoadedFeet, best_order
+from seaid.legged.feet import (
+    FeetInMotion,
+    LeggedFit,
+    LegOrder,
+    LoadedFeet,
+    best_order,
+    smoothed_where,
+)
 from seaid.legged.floating import (
     FloatingRobot,
     contact_equations,
@@ -54,7 +61,6 @@ from seaid.log import (
     low_pass,
     meaning_of,
     reconstruct_motion,
-    smoothed_where,
 )
 from seaid.regressor import LoadModel
 from seaid.robot import Contact, Robot, torques_at_joints

@@ -34,10 +34,16 @@ from seaid.identification import (
 )
 from seaid.legged.base import base_findings, missing_torques, sensor_bias, whole_body
 from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
-from seaid.legged.feet import FEET_CHECKS, feet_findings, force_findings, mass_findings
+from seaid.legged.feet import (
+    FEET_CHECKS,
+    feet_findings,
+    force_findings,
+    mass_findings,
+    smoothed_where,
+)
 from seaid.legged.floating import FloatingRobot, floating, row_scale
 from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
-from seaid.log import Log, Motion, smoothed_where
+from seaid.log import Log, Motion
 from seaid.regressor import BodyEquations, LoadModel, LoadSide, body_equations, load_side
 from seaid.robot import BASE_ROWS, Robot
 

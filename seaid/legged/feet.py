@@ -51,7 +51,7 @@ from seaid.log import (
     as_toml,
     changed_source,
     in_band,
-    smoothed_where,
+    inside_transients,
 )
 from seaid.regressor import LoadModel, Regression, stacked
 from seaid.robot import Contact, FloatingBase, Robot
@@ -828,3 +828,19 @@ def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
                 remedy="check the flag of this foot, and that nothing else touches or carries the "
                 "robot",
             )
+
+
+def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
+    """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
+    # Normalised convolution (Knutsson and Westin 1993): the low pass of the counted samples over
+    # that of their mask, so that the values at a boundary are not drawn to zero.
+    weight = in_band(motion, counts.astype(float))[:, :, None]
+    counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smooth = in_band(motion, counted) / weight
+    kept = counts & inside_transients(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
+    return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
+
+
+_WEIGHT = 0.25
+"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""

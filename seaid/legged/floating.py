@@ -18,7 +18,16 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
-from seaid.robot import HANGING, Contact, FloatingBase, Robot, floating_model, rows_at_drives
+from seaid.robot import (
+    HANGING,
+    Contact,
+    FloatingBase,
+    Robot,
+    joints_of,
+    rows_at_drives,
+    to_pinocchio,
+    with_free_joint,
+)
 
 _G = 9.81
 
@@ -51,6 +60,24 @@ class FloatingRobot(Robot):
     def joint_of(self, body: int) -> str:
         """Return the joint that moves a body, the first one for the base, which none moves."""
         return super().joint_of(0 if body == len(self.body_names) - 1 else body)
+
+
+def floating_model(held: pin.Model, base: Array) -> pin.Model:
+    """Return the model of the joints on a free joint with the parameters (10,), without gravity."""
+    free = with_free_joint(held.name, joints_of(held))
+    free.inertias[1] = to_pinocchio(base)
+    for place in range(1, len(held.inertias)):
+        free.inertias[place + 1] = held.inertias[place]
+    return free
+
+
+def planar_rotations(base: FloatingBase, angle_rad: Array) -> Array:
+    """Return the rotations (T, 3, 3) of a planar base at its angles (T,) in the world."""
+    n, upright = np.array(base.normal), np.eye(3) if base.upright is None else base.upright
+    K = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
+    s, c = np.sin(angle_rad)[:, None, None], np.cos(angle_rad)[:, None, None]
+    # Rodrigues: exp(angle [n]x) = 1 + sin [n]x + (1 - cos) [n]x^2.
+    return np.asarray(upright @ (np.eye(3) + s * K + (1 - c) * K @ K))
 
 
 def floating(robot: Robot) -> FloatingRobot:
@@ -367,7 +394,8 @@ def stance_states(
     up = rng.normal(size=(count, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     if base.normal is not None:
-        R, down = base.rotations(rng.uniform(-np.pi, np.pi, count)), robot.model.gravity.linear
+        R = planar_rotations(base, rng.uniform(-np.pi, np.pi, count))
+        down = robot.model.gravity.linear
         # A row vector times R is R^T times the vector: the vertical in the axes of the base.
         up = -down / (np.linalg.norm(down) or 1.0) @ R
         v[:, :6] *= base.free_axes

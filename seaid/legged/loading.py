@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from seaid.errors import RobotError, checked
+from seaid.regressor import check_constant_ratios
 from seaid.robot import (
     SNAP_RAD,
     BaseKind,
@@ -105,6 +106,7 @@ def load_robot(
         # All that is registered for such a robot is loaded with it.
         from seaid.legged.extension import floating_robot
 
+        check_constant_ratios(robot, "a floating base")
         values = {x.name: getattr(robot, x.name) for x in fields(Robot)}
         root = base_of_assembly(built, contacts, imu_link, base)
         return floating_robot({**values, "floating_base": root})

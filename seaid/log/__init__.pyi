@@ -66,7 +66,6 @@ from .rows import inside_transients as inside_transients
 from .rows import joint_standstill as joint_standstill
 from .rows import pieces as pieces
 from .rows import row_samples as row_samples
-from .rows import smoothed_where as smoothed_where
 from .rows import standstill as standstill
 from .rows import still_share as still_share
 from .rows import still_speed as still_speed

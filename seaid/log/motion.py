@@ -356,6 +356,11 @@ def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
     _check_joints(robot, log)
     time, signals = _uniform(log, robot.joint_names)
     _check_positions(robot, signals["joint_position"], signals["motor_position"])
+    if robot.angle_ratios:
+        q = signals["joint_position"]
+        (signals["joint_position"],) = robot.drive_states(q)
+        if "joint_torque" in signals:  # the same power: tau_phi phi' = tau_q q'
+            signals["joint_torque"] /= robot.angle_ratios.rates(q)
     return time, signals
 
 

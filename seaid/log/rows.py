@@ -147,19 +147,3 @@ def inside_transients(motion: Motion) -> BoolArray:
     """Return the samples (T,) that are no filter transients."""
     samples, transient = np.arange(len(motion.time)), round(motion.transient_s * motion.rate_hz)
     return np.asarray((samples >= transient) & (samples < len(samples) - transient))
-
-
-def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
-    """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
-    # Normalised convolution (Knutsson and Westin 1993): the low pass of the counted samples over
-    # that of their mask, so that the values at a boundary are not drawn to zero.
-    weight = in_band(motion, counts.astype(float))[:, :, None]
-    counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        smooth = in_band(motion, counted) / weight
-    kept = counts & inside_transients(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
-    return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
-
-
-_WEIGHT = 0.25
-"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""

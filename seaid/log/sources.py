@@ -252,7 +252,8 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
 
 def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
     """Raise LogError for a joint whose drive is coupled with other joints."""
-    if joint in coupled_names(robot.joint_names, robot.transmission):
+    is_coupled = joint in coupled_names(robot.joint_names, robot.transmission)
+    if is_coupled or robot.drives[joint].angle_ratio is not None:
         raise LogError(
             f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
             f"{consequence}; give motor_position and joint_position as measured"

@@ -8,7 +8,9 @@ from .base import Stances as Stances
 from .base import base_of_columns as base_of_columns
 from .base import base_parameters as base_parameters
 from .base import body_equations as body_equations
+from .base import check_constant_ratios as check_constant_ratios
 from .base import cross_check as cross_check
+from .base import incomplete_group as incomplete_group
 from .base import joint_torques as joint_torques
 from .base import left_to_right as left_to_right
 from .base import random_states as random_states
@@ -46,7 +48,6 @@ from .regression import INPUT_FIELDS as INPUT_FIELDS
 from .regression import INPUTS as INPUTS
 from .regression import Regress as Regress
 from .regression import Regression as Regression
-from .regression import Share as Share
 from .regression import actuator_columns as actuator_columns
 from .regression import actuator_equation as actuator_equation
 from .regression import actuator_regression as actuator_regression
@@ -55,15 +56,12 @@ from .regression import gear_regression as gear_regression
 from .regression import has_deflection as has_deflection
 from .regression import input_signals as input_signals
 from .regression import is_linear as is_linear
-from .regression import joined_rows as joined_rows
 from .regression import joint_regressor as joint_regressor
 from .regression import known_friction as known_friction
 from .regression import motor_regressor as motor_regressor
-from .regression import names_of_all as names_of_all
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import rows_by_pieces as rows_by_pieces
 from .regression import sensed_torque as sensed_torque
-from .regression import shares_of as shares_of
 from .regression import signals as signals
 from .regression import spring_regression as spring_regression
 from .regression import spring_regressor as spring_regressor

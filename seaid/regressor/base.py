@@ -7,7 +7,7 @@ The reduction (Gautier 1991) takes columns from left to right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
-from seaid.robot import rows_at_drives
+from seaid.robot import coupled_groups, rows_at_drives
 
 if TYPE_CHECKING:
     from seaid.log import Motion
@@ -47,7 +47,8 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     ----------
     robot : Robot
     q, v, a : arrays (T, n)
-        Joint positions, velocities and accelerations [rad or m, s], in the robot's joint order.
+        Joint positions, velocities and accelerations [rad or m, s], in the robot's joint order; of
+        a joint whose ratio depends on its angle, those behind the gear, as torques are.
 
     Returns
     -------
@@ -71,7 +72,8 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
-    states, N = [robot.to_model(state, k) for k, state in enumerate((q, v, a))], model.nv
+    moved, N = robot.joint_states(q, v, a), model.nv
+    states = [robot.to_model(state, k) for k, state in enumerate(moved)]
     # `flat` is a view of the memory that every call fills, and exists after the first call.
     pin.computeJointTorqueRegressor(model, data, *np.zeros((3, N)))
     # Pinocchio's matrix is column-major: its transposed view is copied as one block.
@@ -83,12 +85,12 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     # (T, 10N N) -> (T, 10N, N) as Pinocchio's columns lie in memory -> (T, N, 10N).
     Y = stacked.reshape(-1, 10 * N, N).swapaxes(1, 2)
     order = robot.model_order
-    if list(order) == sorted(order) and not robot.dependent_joints:
-        return Y
-    # Columns from the model's order of bodies to the robot's; the rows follow in `from_model`,
-    # which adds those of mimic joints to their leaders'.
-    by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
-    return np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
+    if list(order) != sorted(order) or robot.dependent_joints:
+        # Columns from the model's order of bodies to the robot's; the rows follow in `from_model`,
+        # which adds those of mimic joints to their leaders'.
+        by_body = Y.reshape(len(q), N, N, 10)[:, :, np.argsort(order)].reshape(len(q), N, 10 * N)
+        Y = np.moveaxis(robot.from_model(np.moveaxis(by_body, 1, -1)), -1, 1)
+    return Y / robot.angle_ratios.rates(moved[0])[..., None] if robot.angle_ratios else Y
 
 
 def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
@@ -99,19 +101,55 @@ def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
     model, data = robot.model, robot.model.createData()
-    states = (
-        robot.to_model(np.asarray(state, dtype=np.float64), k) for k, state in enumerate((q, v, a))
-    )
+    moved = robot.joint_states(q, v, a)
+    states = (robot.to_model(np.asarray(state, np.float64), k) for k, state in enumerate(moved))
     torques, rnea = np.empty((len(q), model.nv)), pin.rnea
     for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
         torques[t] = rnea(model, data, q_t, v_t, a_t)
-    return robot.from_model(torques)
+    return np.asarray(robot.from_model(torques) / robot.angle_ratios.rates(moved[0]))
 
 
 def torque_slopes(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the derivatives (3, T, n, n) of `joint_torques` by the states q, v and a."""
-    states = [robot.to_model(state, k) for k, state in enumerate((q, v, a))]
-    return np.ascontiguousarray(robot.from_model(slopes_of_model(robot.model, states), axes=2))
+    moved = robot.joint_states(q, v, a)
+    states = [robot.to_model(state, k) for k, state in enumerate(moved)]
+    slopes = np.ascontiguousarray(robot.from_model(slopes_of_model(robot.model, states), axes=2))
+    if not robot.angle_ratios:
+        return slopes
+    rho, first, second = (robot.angle_ratios.rates(moved[0], k) for k in range(3))
+    _, speed, acceleration = moved
+    # The derivatives of q' = phi' / rho and q'' = (phi'' - rho_q q'^2) / rho by q; that of q'' by
+    # phi' is 2 / rho times the first. Those by phi, phi' and phi'' are derivatives by q over rho.
+    of_speed = -first * speed / rho
+    of_acceleration = 2 * of_speed**2 - (second * speed**2 + first * acceleration) / rho
+    by_q, by_v, by_a = slopes
+    by_q = by_q + by_v * of_speed[:, None] + by_a * of_acceleration[:, None]
+    slopes = np.stack([by_q, by_v + 2 * by_a * of_speed[:, None], by_a])
+    slopes /= rho[:, None] * rho[..., None]
+    # The derivative of 1 / rho in tau_phi = tau / rho.
+    diagonal = np.arange(robot.n)
+    slopes[0][:, diagonal, diagonal] -= joint_torques(robot, q, v, a) * first / rho**2
+    return slopes
+
+
+def check_constant_ratios(robot: Robot, what: str, error: type[SeaidError] = RobotError) -> None:
+    """Raise an error if a gear ratio depends on an angle, for what needs constant ones."""
+    for index in robot.angle_ratios.by_joint:
+        raise error(
+            f"{what} needs constant gear ratios, and that of '{robot.joint_names[index]}' depends "
+            "on its angle: remove angle_ratio from its drive, or lock the joint"
+        )
+
+
+def incomplete_group(
+    joints: Sequence[str], matrix: Array, selected: Collection[str]
+) -> tuple[str, ...]:
+    """Return the first coupled group of which some joints are selected but not all, or ()."""
+    for group in coupled_groups(matrix):
+        names = tuple(joints[index] for index in group)
+        if 0 < sum(name in selected for name in names) < len(names):
+            return names
+    return ()
 
 
 def slopes_of_model(model: pin.Model, states: Sequence[Array]) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -17,16 +16,14 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import (
     COMMANDS,
-    ParameterName,
     drive_regressor,
     is_dry,
     joint_equation,
     motor_equation,
-    places_of,
     spring_equation,
     total_ratio,
 )
-from seaid.errors import IdentificationError, LogError
+from seaid.errors import LogError
 from seaid.log import (
     PIECE_SAMPLES,
     POSITION_BAND,
@@ -418,84 +415,6 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
             if name != "run"
         },
     )
-
-
-IsSpecific = Callable[[str], bool]
-"""Whether every condition has its own parameter of a name."""
-
-
-def names_of_all(
-    names: Sequence[str], conditions: Sequence[str], is_specific: IsSpecific
-) -> tuple[str, ...]:
-    """Return the names of all columns of conditions that have columns `names` each."""
-    return tuple(
-        chain.from_iterable(
-            [ParameterName.of(name).within(condition) for condition in conditions]
-            if is_specific(name)
-            else [name]
-            for name in names
-        )
-    )
-
-
-def joined_rows(
-    rows: Mapping[str, Regression], is_specific: IsSpecific, propagated: Sequence[str] = ()
-) -> Regression:
-    """Return the rows {condition: regression} as one regression, in the order of the conditions.
-
-    `propagated` are the names of the propagated columns. Logs are numbered through all conditions,
-    as autocorrelation ends with a log. Raises IdentificationError if the conditions differ in their
-    columns.
-    """
-    first, *others = rows
-    names, units = rows[first].names, rows[first].units
-    for condition in others:
-        if rows[condition].names != names:
-            raise IdentificationError(
-                f"condition '{first}' has the parameters {', '.join(names)}; '{condition}' has "
-                f"{', '.join(rows[condition].names)}: conditions need the same sensors and terms"
-            )
-    columns = names_of_all(names, [*rows], is_specific)
-    further = names_of_all(propagated, [*rows], is_specific)
-    unit_of = dict(zip(names, units, strict=True))
-    parts = [
-        replace(
-            part,
-            names=columns,
-            units=tuple(unit_of[ParameterName.of(name).within(None)] for name in columns),
-            H=_placed(part.H, columns, condition),
-            propagated=_placed(part.propagated, further, condition),
-        )
-        for condition, part in rows.items()
-    ]
-    counts = (int(np.max(part.run, initial=-1.0)) + 1 for part in parts)
-    starts = accumulate(counts, initial=0)
-    run = np.concatenate([part.run + start for part, start in zip(parts, starts, strict=False)])
-    return replace(stacked(parts), run=run)
-
-
-def _placed(columns: Array, names: Sequence[str], condition: str) -> Array:
-    """Return the columns (R, c) of a condition among the columns `names` of all."""
-    wide = np.zeros((len(columns), len(names)))
-    wide[:, places_of(names, condition)] = columns
-    return wide
-
-
-@dataclass(frozen=True, eq=False)
-class Share:
-    """What a condition has of joined rows: which rows, and how many instants were excluded."""
-
-    rows: slice
-    excluded: int
-
-
-def shares_of(rows: Mapping[str, Regression]) -> dict[str, Share]:
-    """Return {condition: its share} of the `joined_rows`."""
-    ends = accumulate((len(part.y) for part in rows.values()), initial=0)
-    return {
-        condition: Share(slice(start, start + len(part.y)), part.excluded)
-        for (condition, part), start in zip(rows.items(), ends, strict=False)
-    }
 
 
 Regress = Callable[[Motion], Regression]

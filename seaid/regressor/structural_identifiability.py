@@ -20,7 +20,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Drive, delay_sums, joint_of
+from seaid.drives import Drive, joint_of, stated_delay_s
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
@@ -237,6 +237,36 @@ def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
         drives = [condition.drives[joint] for condition in (robot, *conditions)]
         if all(drive.controller is not None for drive in drives):
             yield delay_sums(joint, drives)
+
+
+def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
+    """Return what logs with the gain sets of some drives of a joint determine of its delay T.
+
+    To first order T adds (K_d + F_v) T to the armature and K_p T to the viscous friction.
+    """
+    within = max(map(stated_delay_s, drives))
+    if not within:
+        return ""
+    pairs = []
+    for drive in drives:
+        laws = drive.law
+        assert laws is not None
+        # F_v of the motor is F_v N^2 at the joint.
+        friction = drive.values.get("viscous_friction", 0.0) * drive.ratio**2
+        pair = laws.velocity_gain_Nms_per_rad + friction, laws.position_gain_Nm_per_rad
+        pairs += [pair] * (pair not in pairs)
+    text = "; and ".join(
+        f"armature + {slope:.3g} T" + (f" and viscous friction + {gain:.4g} T" if gain else "")
+        for slope, gain in pairs
+    )
+    start = f"{joint}: with the delay T of its commands, to first order, {text}"
+    if len(pairs) > 1:
+        return f"{start}: these {len(pairs)} gain sets separate them"
+    (slope, gain), ms = pairs[0], 1e3 * within
+    return (
+        f"{start}: alone they are uncertain by {slope * within:.2g} and {gain * within:.2g} for T "
+        f"within {ms:.3g} ms; a log with another gain set separates them"
+    )
 
 
 def _sensed(

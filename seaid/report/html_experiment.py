@@ -192,11 +192,10 @@ def excitation_table(result: Identification) -> Table | None:
         return None
     robot = result.known
     rows: list[list[Cell | str]] = []
+    states = map(np.concatenate, zip(*(m.joint_states for m in result.motions), strict=True))
+    whole = robot.joint_states(*states)
     for index, joint in enumerate(robot.joint_names):
-        q, v, a = (
-            np.concatenate([getattr(m, f"joint_{state}")[:, index] for m in result.motions])
-            for state in ("position", "velocity", "acceleration")
-        )
+        q, v, a = (state[:, index] for state in whole)
         unit = "m" if robot.is_prismatic[index] else "rad"
         lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
         low, high = float(np.min(q)), float(np.max(q))

@@ -106,7 +106,8 @@ def posture_of(identification: Identification) -> Posture:
     robot, model = identification.robot, identification.robot.model
     lower, upper = robot.lower_limits, robot.upper_limits
     if identification.motions:
-        positions = np.concatenate([motion.joint_position for motion in identification.motions])
+        phi = np.concatenate([motion.joint_position for motion in identification.motions])
+        (positions,) = robot.joint_states(phi)
         lower, upper = positions.min(axis=0), positions.max(axis=0)
     bounded = np.isfinite(lower) & np.isfinite(upper)
     q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)

@@ -20,12 +20,13 @@ from .inertia import parameter_names as parameter_names
 from .inertia import principal_moments as principal_moments
 from .inertia import pseudo_inertia as pseudo_inertia
 from .inertia import second_moments as second_moments
+from .inertia import to_pinocchio as to_pinocchio
 from .pinocchio_model import BaseKind as BaseKind
 from .pinocchio_model import DependentJoint as DependentJoint
 from .pinocchio_model import Payload as Payload
-from .pinocchio_model import floating_model as floating_model
 from .pinocchio_model import joints_of as joints_of
 from .pinocchio_model import model_of as model_of
+from .pinocchio_model import with_free_joint as with_free_joint
 from .robot import Robot as Robot
 from .robot import check_held as check_held
 from .robot import check_kind as check_kind
@@ -40,7 +41,6 @@ from .transmission import check_transmission as check_transmission
 from .transmission import coupled_groups as coupled_groups
 from .transmission import coupled_names as coupled_names
 from .transmission import group_of as group_of
-from .transmission import incomplete_group as incomplete_group
 from .transmission import rows_at_drives as rows_at_drives
 from .transmission import torques_at_drives as torques_at_drives
 from .transmission import torques_at_joints as torques_at_joints

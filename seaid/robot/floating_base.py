@@ -140,14 +140,6 @@ class FloatingBase(Display):
         """The projection (3, 3) of angular velocities on those that the base can have."""
         return np.diag(self.free_axes[3:].astype(float))
 
-    def rotations(self, angle_rad: Array) -> Array:
-        """Return the rotations (T, 3, 3) of a planar base at its angles (T,) in the world."""
-        n = np.array(self.normal)
-        K = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-        s, c = np.sin(angle_rad)[:, None, None], np.cos(angle_rad)[:, None, None]
-        # Rodrigues: exp(angle [n]x) = 1 + sin [n]x + (1 - cos) [n]x^2.
-        return np.asarray(self._upright @ (np.eye(3) + s * K + (1 - c) * K @ K))
-
     @property
     def upright_quaternion(self) -> Array:
         """The rotation of a planar base at the angle zero as a quaternion w, x, y, z."""

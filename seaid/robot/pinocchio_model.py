@@ -23,7 +23,6 @@ from seaid.robot.inertia import (
     SMALLEST_KG,
     from_center_of_mass,
     in_parent_frame,
-    to_pinocchio,
 )
 
 if TYPE_CHECKING:
@@ -354,15 +353,6 @@ def with_free_joint(name: str, joints: Sequence[Mapping[str, Any]]) -> pin.Model
     model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), free)
     _add_joints(model, joints, below=1)
     return model
-
-
-def floating_model(held: pin.Model, base: Array) -> pin.Model:
-    """Return the model of the joints on a free joint with the parameters (10,), without gravity."""
-    free = with_free_joint(held.name, joints_of(held))
-    free.inertias[1] = to_pinocchio(base)
-    for place in range(1, len(held.inertias)):
-        free.inertias[place + 1] = held.inertias[place]
-    return free
 
 
 def _add_joints(model: pin.Model, joints: Sequence[Mapping[str, Any]], below: int = 0) -> None:

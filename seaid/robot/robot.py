@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
-from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
+from seaid.drives import IDEAL_DRIVE, Drive, Ratios, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidError, shown, unknown_name
 from seaid.robot.floating_base import FloatingBase
 from seaid.robot.inertia import parameter_names, to_pinocchio
@@ -158,6 +158,24 @@ class Robot(Display):
         Row i is the drive in the table of joint i; see `seaid.robot.transmission`.
         """
         return transmission_matrix(self.joint_names, self.drives)
+
+    @cached_property
+    def angle_ratios(self) -> Ratios:
+        """The ratios that depend on the angle of a joint, by its index.
+
+        Motions and equations have the angle phi behind the gear as the position of such a joint,
+        and the torque there; robot files, logs and plans have the angle and torque of the joint.
+        """
+        ratios = ((j, self.drives[joint].angle_ratio) for j, joint in enumerate(self.joint_names))
+        return Ratios({j: ratio for j, ratio in ratios if ratio is not None})
+
+    def joint_states(self, *states: Array) -> tuple[Array, ...]:
+        """Return q, q', q'' (..., n), or the first of them, at those behind the gears."""
+        return self.angle_ratios.at_joints(*states)
+
+    def drive_states(self, *states: Array) -> tuple[Array, ...]:
+        """Return phi, phi', phi'' (..., n) behind the gears, or the first, at those of joints."""
+        return self.angle_ratios.at_drives(*states)
 
     @property
     def all_joint_names(self) -> tuple[str, ...]:
@@ -480,9 +498,20 @@ def _drives(
             )
     for name in moving:
         check_kind(name, tree.joints[name].type, declared.get(name, IDEAL_DRIVE))
+        _check_reach(tree.joints[name], declared.get(name, IDEAL_DRIVE))
     by_joint = {name: declared.get(name, IDEAL_DRIVE) for name in moving}
     check_transmission(moving, by_joint, tree.joints.keys() - set(moving))
     return by_joint
+
+
+def _check_reach(joint: UrdfJoint, drive: Drive) -> None:
+    """Raise RobotError for a table of an angle-dependent ratio that a joint leaves."""
+    angles = drive.angle_ratio.angle_rad if drive.angle_ratio is not None else ()
+    if angles and not (angles[0] <= joint.lower and joint.upper <= angles[-1]):
+        raise RobotError(
+            f"the limits of joint '{joint.name}' are {joint.lower:g} and {joint.upper:g} rad, and "
+            f"the table of its angle_ratio ends at {angles[0]:g} and {angles[-1]:g} rad"
+        )
 
 
 def check_kind(joint: str, kind: str, drive: Drive) -> None:
@@ -497,6 +526,8 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
         except RobotError as problem:
             raise RobotError(f"joint '{joint}': {problem}") from None
     turning, for_turning = kind in TURNING, drive.joint_units[1] == "rad"
+    if drive.angle_ratio is not None and not turning:
+        raise RobotError(f"joint '{joint}' is {kind}, and a drive with angle_ratio turns a joint")
     if turning != for_turning and not (for_turning and drive.gear_ratio is None):
         raise RobotError(f"joint '{joint}' {_MISFITS[drive.is_elastic, turning].format(kind)}")
 

@@ -48,8 +48,8 @@ def check_transmission(
                 )
             if name not in joints:
                 raise RobotError(f"{where}: " + unknown_name("joint", name, joints))
-    if not any(drives[joint].transmission for joint in joints):
-        return
+            if drives[name].angle_ratio is not None:
+                raise RobotError(f"{where} has a factor on '{name}', whose drive has angle_ratio")
     matrix = transmission_matrix(joints, drives)
     for group in coupled_groups(matrix):
         block = matrix[np.ix_(group, group)]
@@ -86,17 +86,6 @@ def coupled_names(joints: Sequence[str], matrix: Array) -> tuple[str, ...]:
     """Return the names of all coupled joints."""
     coupled = {index for group in coupled_groups(matrix) for index in group}
     return tuple(joint for index, joint in enumerate(joints) if index in coupled)
-
-
-def incomplete_group(
-    joints: Sequence[str], matrix: Array, selected: Collection[str]
-) -> tuple[str, ...]:
-    """Return the first coupled group of which some joints are selected but not all, or ()."""
-    for group in coupled_groups(matrix):
-        names = tuple(joints[index] for index in group)
-        if 0 < sum(name in selected for name in names) < len(names):
-            return names
-    return ()
 
 
 def at_drives(matrix: Array, states: Array) -> Array:

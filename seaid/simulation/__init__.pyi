@@ -1,6 +1,5 @@
 from .plant import Response as Response
 from .plant import TorqueJacobians as TorqueJacobians
-from .plant import mass_matrix as mass_matrix
 from .plant import response_to as response_to
 from .plant import torque_jacobians as torque_jacobians
 from .plant import with_joints as with_joints

@@ -14,7 +14,7 @@ from seaid.drives import COMMANDS, DEAD_ZONES, Controller, key_of, spring_curve,
 from seaid.errors import RobotError
 from seaid.log import Log, commanded_part, relative_supply
 from seaid.robot import Robot
-from seaid.simulation.plant import Plant, inverse_dynamics, inverse_inertia
+from seaid.simulation.plant import Plant, effective_inertia, inverse_dynamics
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,12 +183,8 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
 
     Gains for the diagonal of the mass matrix would be too high for strongly coupled joints.
     """
-    data, C = plant.model.createData(), plant.coupling
-    inertias = []
-    for configuration in q[:: max(1, len(q) // 50)]:
-        inverse = inverse_inertia(plant, data, configuration)
-        inertias.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
-    return np.asarray(np.min(inertias, axis=0))
+    some = q[:: max(1, len(q) // 50)]
+    return np.asarray(np.min([effective_inertia(plant, position) for position in some], axis=0))
 
 
 @dataclass(frozen=True, eq=False)

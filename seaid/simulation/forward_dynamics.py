@@ -25,7 +25,6 @@ from seaid.simulation.plant import (
     POSITION,
     SPEED,
     Plant,
-    bias_torques,
     holding,
     inertia,
     inverse_dynamics,
@@ -209,7 +208,7 @@ def _joint_accelerations(
             model = holding(plant.model, tuple(plant.places[sticking].tolist()))
         return cast(Array, pin.aba(model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
-    rest = torque - bias_torques(plant, data, position, speed)
+    rest = torque - inverse_dynamics(plant, data, (position, speed, np.zeros_like(speed)))
     solve = partial(_safely, np.linalg.solve, inertia(plant, data, position))
     joint = np.asarray(solve(rest))
     if not sticking.size:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +21,7 @@ from seaid.drives import (
     WARM_UP,
     Drive,
     DriveFunctions,
+    Ratios,
     drive_functions,
     extra_torque,
     is_plain,
@@ -33,17 +34,11 @@ from seaid.robot import Robot, coupled_groups, rows_at_drives, torques_at_drives
 _safely = partial(safely, what="the mass matrix", error=RobotError)
 
 
-def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
-    """Return the mass matrix (n, n) of a model at a position (n,), armature included."""
-    upper = np.triu(pin.crba(model, data, position))
-    return np.asarray(upper + np.triu(upper, 1).T)
-
-
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
 MEMORY_ROWS = {"friction": 4, "spring": 5}
-"""Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.symbols`."""
+"""Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.equations`."""
 
 _STEP_PER_TIME_CONSTANT = 1.0
 """Longest step, as part of the time constant inertia / damping of a joint."""
@@ -74,7 +69,8 @@ class Plant:
 
     `model` has the rotor inertia of stiff drives, reflected to the joint, as armature. If drives
     move several joints, `coupling` is C of phi = C q; if joints follow others, `expansion` is E, e
-    of all positions E q + e (N) of the model. In both cases `rotors` (n, n) has the rotor inertia
+    of all positions E q + e (N) of the model. `ratios` are those that depend on the angle of a
+    joint, whose position is phi in all states. In these cases `rotors` (n, n) has the rotor inertia
     instead. Drives with more than plain friction and a linear spring are in `functions`, by index,
     and have zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than `longest_step`
     [s].
@@ -93,6 +89,7 @@ class Plant:
     functions: tuple[tuple[int, DriveFunctions], ...]
     longest_step: float
     coupling: Array | None
+    ratios: Ratios
     rotors: Array | None
     expansion: tuple[Array, Array] | None
 
@@ -238,49 +235,34 @@ def _memory(drives: Sequence[Drive]) -> Iterator[tuple[int, int, tuple[float, fl
 
 def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
     """Return the mass matrix (n, n) of a plant, E^T M E with dependent joints, rotors included."""
-    M = mass_matrix(plant.model, data, plant.expanded(position))
+    (q,) = plant.ratios.at_joints(position)
+    upper = np.triu(pin.crba(plant.model, data, plant.expanded(q)))
+    M = upper + np.triu(upper, 1).T
     if plant.expansion is not None:
         M = plant.expansion[0].T @ M @ plant.expansion[0]
-    return M if plant.rotors is None else M + plant.rotors
-
-
-def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
-    """Return the inverse of `inertia`."""
-    # `computeMinverse` includes armature, but neither coupled rotors nor dependent joints
-    if plant.rotors is not None:
-        return np.asarray(_safely(np.linalg.inv, inertia(plant, data, position)))
-    inverse = np.array(pin.computeMinverse(plant.model, data, position))
-    below = _below(len(position))
-    inverse[below] = inverse.T[below]
-    return inverse
-
-
-@cache
-def _below(n: int) -> tuple[IndexArray, IndexArray]:
-    """Return the indices below the diagonal, which Pinocchio does not fill."""
-    return np.tril_indices(n, -1)
-
-
-def bias_torques(plant: Plant, data: pin.Data, position: Array, speed: Array) -> Array:
-    """Return the torques (n,) at rest: gravity, Coriolis and centrifugal torques."""
-    states = plant.expanded(position), plant.expanded(speed, 1)
-    return plant.reduced(pin.nle(plant.model, data, *states))
+    if plant.ratios:
+        rho = plant.ratios.rates(q)
+        M = M / np.outer(rho, rho)
+    return np.asarray(M if plant.rotors is None else M + plant.rotors)
 
 
 def inverse_dynamics(plant: Plant, data: pin.Data, states: Sequence[Array]) -> Array:
     """Return the torques (n,) of a state q, v, a, without rotors that are in `rotors`."""
-    expanded = (plant.expanded(state, order) for order, state in enumerate(states))
-    return plant.reduced(pin.rnea(plant.model, data, *expanded))
+    moved = plant.ratios.at_joints(*states)
+    expanded = (plant.expanded(state, order) for order, state in enumerate(moved))
+    torques = plant.reduced(pin.rnea(plant.model, data, *expanded))
+    return torques / plant.ratios.rates(moved[0]) if plant.ratios else torques
 
 
-def effective_inertia(plant: Plant) -> Array:
-    """Return the effective inertia (n,) at each drive, at zero position with the others free.
+def effective_inertia(plant: Plant, position: Array | None = None) -> Array:
+    """Return the effective inertia (n,) at each drive with the others free, by default at zero.
 
     It is 1 / diag(C M^-1 C^T), the operational-space inertia (Khatib 1987) of each phi = C q.
     """
     n = len(plant.elastic)
     C = np.eye(n) if plant.coupling is None else plant.coupling
-    M = inertia(plant, plant.model.createData(), np.zeros(n))
+    at = np.zeros(n) if position is None else position
+    M = inertia(plant, plant.model.createData(), at)
     return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, M, C.T)))
 
 
@@ -302,7 +284,8 @@ def plant_of(robot: Robot) -> Plant:
     # E (N, n): all joints by the independent ones, both in the order of the model
     E = robot.expand(np.eye(robot.n)[order], 1).T[list(robot.model_order)]
     e = robot.to_model(np.zeros(robot.n))
-    is_square = not robot.dependent_joints and not is_coupled
+    ratios = robot.angle_ratios.in_order(order)
+    is_square = not any((robot.dependent_joints, is_coupled, ratios))
     model = robot.model.copy()
     # armature is a diagonal over the joints of the model, and cannot be C^T diag(N^2 I_M) C
     model.armature = armature if is_square else np.zeros(model.nv)
@@ -320,6 +303,7 @@ def plant_of(robot: Robot) -> Plant:
         functions=functions,
         longest_step=np.inf,
         coupling=C if is_coupled else None,
+        ratios=ratios,
         rotors=None if is_square else C.T @ np.diag(armature) @ C,
         expansion=(E, e) if robot.dependent_joints else None,
     )

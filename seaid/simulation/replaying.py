@@ -121,7 +121,8 @@ def rollout(
             state[[JOINT_POSITION, JOINT_SPEED], order.index(index)] = states[:, tick]
             state[[POSITION, SPEED], order.index(index)] = states[:, tick]
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
-        torques[tick] = gains * motor_input(at, state[JOINT_POSITION, back])
+        (positions,) = robot.joint_states(state[JOINT_POSITION, back])
+        torques[tick] = gains * motor_input(at, positions)
         if feedbacks is not None:
             # controllers close the loop on the model: their torque is that of its state now
             torques[tick] += feedbacks[0](0.0, state)[back]
@@ -132,7 +133,7 @@ def rollout(
         step = (log.time[tick + 1] - at) / steps
         for part in range(steps):
             start = at + part * step
-            positions = state[JOINT_POSITION, back]
+            (positions,) = robot.joint_states(state[JOINT_POSITION, back])
             now = gains * motor_input(start, positions)
             later = now  # a command is held over a step, as a digital controller does it
             if command is None:  # a logged input is linear between its samples
@@ -146,7 +147,7 @@ def rollout(
         time=log.time,
         joint_names=robot.joint_names,
         motor_position=motor,
-        joint_position=joint,
+        joint_position=robot.joint_states(joint)[0],
         motor_torque=torques,
         is_prismatic=robot.is_prismatic,
     )
@@ -279,7 +280,9 @@ def _start(robot: Robot, log: Log) -> Array:
     state = np.zeros((4, robot.n))
     for index, joint in enumerate(robot.joint_names):
         state[[JOINT_POSITION, JOINT_SPEED], index] = _first(log, "joint_position", joint)
-    position, speed = at_drives(robot.transmission, state[[JOINT_POSITION, JOINT_SPEED]])
+    behind = slice(JOINT_POSITION, JOINT_SPEED + 1)
+    state[behind] = robot.drive_states(*state[behind])
+    position, speed = at_drives(robot.transmission, state[behind])
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         if drive.is_elastic:

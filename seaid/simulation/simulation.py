@@ -140,11 +140,12 @@ def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     white = rng.normal(size=motion.motor_torque.shape)
     torque = motion.motor_torque + white * _spread(robot, noise, "torque_std_Nm")
     inputs = motor_inputs(robot, torque)
+    at_joints = robot.joint_states(motion.joint_position)
     return Log(
         time=motion.time,
         joint_names=robot.joint_names,
         motor_position=_encoder(robot, noise, "motor")(motion.motor_position),
-        joint_position=_encoder(robot, noise, "joint")(motion.joint_position),
+        joint_position=_encoder(robot, noise, "joint")(*at_joints),
         motor_torque=inputs.torque,
         motor_current=inputs.current,
         motor_voltage=inputs.voltage,
@@ -178,9 +179,10 @@ def simulate_motion(
     count = math.floor(trajectory.duration * rate_hz + 1e-6) + 1
     time = np.arange(count) / rate_hz
     # before the log the start is held: first position, zero velocity and acceleration
+    moved = robot.drive_states(*trajectory.sample(time))
     planned = [
         np.concatenate([np.repeat(rows[:1] * hold, settle, axis=0), rows])[:, order]
-        for rows, hold in zip(trajectory.sample(time), (1.0, 0.0, 0.0), strict=True)
+        for rows, hold in zip(moved, (1.0, 0.0, 0.0), strict=True)
     ]
     warmth = _warmth(robot, temperature_degC, count)
     ordered = None if warmth is None else warmth[:, order]

@@ -317,7 +317,7 @@ def _planned(models: Models, trajectory: Trajectory, name: str) -> Playback:
     columns = _columns(robot, trajectory.joint_names, f"trajectory '{name}'", ExcitationError)
     count = max(2, int(np.ceil(trajectory.duration * _PLAN_RATE_HZ)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
-    q, v, a = (state[:, columns] for state in trajectory.sample(time))
+    q, v, a = robot.drive_states(*(state[:, columns] for state in trajectory.sample(time)))
     at_motor = (True,) * robot.n
     sources, unknown = _predicted(models, time, (q, v, a), None, at_motor)
     deflection = sources[NOMINAL][2] if NOMINAL in sources else np.full(q.shape, np.nan)
@@ -326,8 +326,7 @@ def _planned(models: Models, trajectory: Trajectory, name: str) -> Playback:
         reason = unknown.get(NOMINAL)
         text = f"are unknown: {reason}" if reason else "are those of the nominal model"
         notes = [f"planned; deflections {text}"]
-    signals = {source: [signal] for source, signal in sources.items()}
-    traces = traces_of(trajectory.duration, signals, at_motor)
+    traces = traces_of(trajectory.duration, {name: [x] for name, x in sources.items()}, at_motor)
     return _playback(robot, name, time, q, deflection, traces, notes)
 
 
@@ -335,6 +334,7 @@ def _logged(models: Models, motion: Log | Motion, name: str) -> Playback:
     robot = models[NOMINAL]
     columns = _columns(robot, motion.joint_names, f"log '{name}'", LogError)
     joint, motor = motion.joint_position[:, columns], motion.motor_position[:, columns]
+    joint = robot.drive_states(joint)[0] if isinstance(motion, Log) else joint
     # N r_L / r_M is the motor angle per angle at the output of the drive.
     behind_spring = motor / [total_ratio(robot.drives[joint]) for joint in robot.joint_names]
     unseen = np.isnan(joint[0])
@@ -347,11 +347,11 @@ def _logged(models: Models, motion: Log | Motion, name: str) -> Playback:
         for joint in robot.elastic_joints
         if unseen[robot.index(joint)]
     ]
-    time = motion.time - motion.time[0]
     deflection = behind_spring - at_drives(robot.transmission, joint)
     traces, unknown = _logged_traces(models, motion, columns, deflection)
     if IDENTIFIED in models:
         notes += unknown
+    time = motion.time - motion.time[0]
     return _playback(robot, name, time, position, deflection, traces, notes)
 
 
@@ -382,7 +382,7 @@ def _playback(
     return Playback(
         name,
         frozen("time", time, (None,)),
-        frozen("position", position, shape),
+        frozen("position", robot.joint_states(position)[0], shape),
         frozen("deflection", about_mean, shape),
         traces,
         tuple(notes),

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.signal import savgol_filter
 
 import seaid
 from scripts import gauntlet
@@ -286,16 +287,27 @@ def test_an_encoder_that_measures_against_another_link_is_named() -> None:
     assert "against another link" in finding.message
 
 
+def torque_at_motor(angle: np.ndarray) -> np.ndarray:
+    """Return the torque of rotor and friction at an angle of the motor (T,)."""
+    speed, acceleration = (savgol_filter(angle, 31, 5, order, 1 / RATE_HZ) for order in (1, 2))
+    return np.asarray(ROTOR * acceleration + VISCOUS * speed + COULOMB * np.sign(speed))
+
+
 def test_a_ratio_that_varies_is_none_that_is_constant_and_wrong() -> None:
     columns, _ = LOGS["both positions"]()
     q, name = signals()["elbow"][0], "elbow.motor_position_rad"
     torque = "elbow.motor_torque_Nm"
+    turned = columns[name] + 0.9 * RATIO * (1 - np.cos(q))
+    load = columns[torque] - torque_at_motor(columns[name])
     varied = columns | {
-        name: columns[name] + 0.9 * RATIO * (1 - np.cos(q)),
-        torque: columns[torque] / (1 + 0.9 * np.sin(q)),
+        name: turned,
+        torque: load / (1 + 0.9 * np.sin(q)) + torque_at_motor(turned),
     }
-    (finding,) = findings(Setup(urdf(), DRIVES, (), (varied,), ({},)))
+    setup = Setup(urdf(), DRIVES, (), (varied,), ({},))
+    (finding,) = findings(setup)
     assert (finding.code, finding.joint) == ("varying-ratio", "elbow")
+    # The remedy as it is printed repairs the result.
+    assert not findings(applied(setup, [finding]))
 
 
 def test_a_torque_that_friction_alone_explains_is_in_no_other_unit() -> None:

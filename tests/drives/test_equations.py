@@ -11,23 +11,25 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import extra_torque, motor_equation, spring_equation
-from seaid.drives.regressor import DriveRegressor, drive_regressor
-from seaid.drives.symbols import (
+from seaid.drives.equations import (
     F_C,
     I_M,
     F_v,
     N,
+    extra_torque,
     f_0,
     k,
+    motor_equation,
     r_L,
     r_M,
+    spring_equation,
     t,
     tau_L,
     tau_M,
     theta_L,
     theta_M,
 )
+from seaid.drives.regressor import DriveRegressor, drive_regressor
 from seaid.drives.toml import read_drives
 from seaid.errors import RobotError, SymbolicError
 

@@ -23,10 +23,9 @@ from seaid.drives import (
     drives_from_mapping,
     spring_curve,
 )
-from seaid.drives.equations import motor_equation, spring_force
+from seaid.drives.equations import Dahl, after_travel, motor_equation, spring_force, states
 from seaid.drives.functions import friction_curve, smooth_columns
 from seaid.drives.regressor import drive_regressor
-from seaid.drives.symbols import Dahl, after_travel, states
 from seaid.errors import RobotError
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification

@@ -11,10 +11,16 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm, MotorInput, ParameterName, SpringTerm, parameter_of, readable
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive, is_dry, unit_of
-from seaid.drives.equations import dry_friction, joint_equation, motor_equation, spring_equation
+from seaid.drives.equations import (
+    PARAMETER_NAMES,
+    SYMBOLS,
+    dry_friction,
+    joint_equation,
+    motor_equation,
+    spring_equation,
+)
 from seaid.drives.functions import friction_curve
 from seaid.drives.regressor import drive_regressor, non_linear
-from seaid.drives.symbols import PARAMETER_NAMES, SYMBOLS
 from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError

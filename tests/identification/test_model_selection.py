@@ -9,7 +9,7 @@ import pytest
 
 from scripts.benchmarks import contact_backlash, hysteresis
 from seaid.checks.terms import possible_terms, with_term
-from seaid.drives.symbols import states
+from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms

@@ -533,7 +533,7 @@ def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> No
             {"motor_input": "position_command", "controller": {"velocity_gain_Nms_per_rad": 1.0}},
             "position_gain_Nm_per_rad is missing or zero",
         ),
-        ({"motor_input": "position_command", "controller": 20}, "must be a table with its gains"),
+        ({"motor_input": "position_command", "controller": 20}, "must be a table of its values"),
     ],
 )
 def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.drives.symbols import states
+from seaid.drives.equations import states
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification

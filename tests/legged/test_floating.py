@@ -19,6 +19,7 @@ import seaid
 from scripts.example_robots import example_urdf, example_urdfs
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
+from seaid.legged import floating_model
 from seaid.legged.floating import (
     BaseStates,
     FloatingRobot,
@@ -32,7 +33,7 @@ from seaid.legged.floating import (
 )
 from seaid.legged.load_side import stances_of
 from seaid.log import BaseLog
-from seaid.robot import Contact, Robot, floating_model
+from seaid.robot import Contact, Robot
 from tests.regressor.modular.stances import columns_of_stances
 
 DOWN = np.array([0.0, 0.0, -9.81])

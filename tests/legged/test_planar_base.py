@@ -15,7 +15,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import SeaidError
-from seaid.legged.floating import floating_regressor, floating_rows
+from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
 from tests.regressor.modular.stances import columns_of_stances
@@ -111,7 +111,7 @@ def test_rows_are_those_of_two_slides_and_a_hinge(folder: Path) -> None:
     rng, count = np.random.default_rng(1), 20
     q, v, a = rng.normal(size=(3, count, 7))
     assert robot.floating_base is not None
-    R = robot.floating_base.rotations(q[:, 2])
+    R = planar_rotations(robot.floating_base, q[:, 2])
     zero = np.zeros(count)
     w, e = (np.column_stack([zero, x[:, 2], zero]) for x in (v, a))
     f = np.einsum("tji,tj->ti", R, np.column_stack([a[:, 0], zero, a[:, 1] + 9.81]))

@@ -96,7 +96,7 @@ def centre_of_mass(base: Array, q: Array, R: Array) -> Array:
     """The centre of mass in the world, by Pinocchio."""
     import pinocchio as pin
 
-    from seaid.robot import floating_model
+    from seaid.legged import floating_model
 
     model = floating_model(go2().model, go2().parameters[-10:])
     turned = pin.Quaternion(R).coeffs()

@@ -49,7 +49,7 @@ from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.log.sources import both_sides
 from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
+from seaid.regressor.base import base_parameters, incomplete_group
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
 from seaid.regressor.exact.equations import complete_model
 from seaid.regressor.load import (
@@ -66,7 +66,6 @@ from seaid.robot.transmission import (
     at_joints,
     coupled_groups,
     group_of,
-    incomplete_group,
     rows_at_drives,
     torques_at_drives,
     torques_at_joints,

@@ -17,9 +17,17 @@ from scipy.integrate import solve_ivp
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import DriveEquation, joint_equation, motor_equation, spring_equation
+from seaid.drives.equations import (
+    SYMBOLS,
+    DriveEquation,
+    d_0,
+    f_0,
+    joint_equation,
+    known_values,
+    motor_equation,
+    spring_equation,
+)
 from seaid.drives.regressor import flat_names
-from seaid.drives.symbols import SYMBOLS, d_0, f_0, known_values
 from seaid.errors import RobotError, SeaidError
 from seaid.identification.identification import identify
 from seaid.legged import load_robot

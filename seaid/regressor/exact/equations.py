@@ -34,6 +34,7 @@ from seaid.drives import (
     u_M,
 )
 from seaid.errors import SeaidWarning, SymbolicError, unknown_name
+from seaid.regressor.base import check_constant_ratios, incomplete_group
 from seaid.regressor.exact.geometry import ExactTree, exact_tree, independent_tree
 from seaid.regressor.exact.grouping import (
     ExactBaseParameters,
@@ -54,7 +55,7 @@ from seaid.regressor.exact.program import (
     regressor_program,
 )
 from seaid.regressor.exact.recursion import null_space
-from seaid.robot import Robot, check_held, coupled_groups, incomplete_group, parameter_names
+from seaid.robot import Robot, check_held, coupled_groups, parameter_names
 from seaid.symbolic import MAX_TERMS
 
 _SUSPICIOUS = 1e10
@@ -342,6 +343,7 @@ class CompleteModel:
 
 def complete_model(robot: Robot) -> CompleteModel:
     """Derive (7) and (8) of a robot; lengths and gravity are exact numbers, the rest symbols."""
+    check_constant_ratios(robot, "complete_model", SymbolicError)
     form = rigid_body(robot)
     joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
     inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
