@@ -193,22 +193,33 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
 
 
 def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
-    """Yield joint encoders that are multiplied by the gears: their slope to the motors' is one."""
+    """Yield encoders of motors and joints with equal angles: one side is at the other's place."""
     slopes = {j: other_slope(experiment, j) for j in np.flatnonzero(experiment.both).tolist()}
     factors = {
         j: 1 / float(experiment.lever[j])
         for j, slope in slopes.items()
         if slope and abs(math.log(slope * experiment.lever[j])) < 3 * tol.SLIGHT
     }
-    if factors:
-        yield multiplied(
-            codes.UNIT,
-            experiment,
-            factors,
-            "q",
-            f"the joint encoders of {listed([experiment.robot.joint_names[j] for j in factors])} "
-            "have the angles of the motors: they are multiplied by the gear ratio already",
-        )
+    if not factors:
+        return
+    names = {j: experiment.robot.joint_names[j] for j in factors}
+    joints, sources = listed([*names.values()]), dict[str, dict[str, str]]()
+    yield multiplied(
+        codes.UNIT,
+        experiment,
+        factors,
+        "q",
+        f"the joint encoders of {joints} have the angles of the motors: they are multiplied by the "
+        "gear ratio already",
+    )
+    for j, joint in names.items():
+        source = experiment.source(j, "motor_position")
+        table = {"column": source} if isinstance(source, str) else source
+        sources[joint] = {"motor_position": changed_source({**table, "side": "joint"})}
+    message = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
+    levers = {j: 1 / factor for j, factor in factors.items()}
+    of_joints = multiplied(codes.UNIT, experiment, levers, "m", message)
+    yield replace(of_joints, remedy=in_description(sources))
 
 
 def _between_encoders(experiment: Experiment) -> list[int]:
