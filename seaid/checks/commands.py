@@ -704,7 +704,7 @@ def _thinned(experiment: Experiment) -> Experiment:
 def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
     """Return the experiment with sign * position + offset of joints, at both encoders."""
     for j, (sign, offset) in poses.items():
-        changed = scaled(experiment, {j: -1.0}, "qmt") if sign < 0 else experiment
+        changed = scaled(experiment, {j: -1.0}, "qmts") if sign < 0 else experiment
         joint, motor = changed.joint.copy(), changed.motor.copy()
         joint[0, :, j] += offset
         motor[0, :, j] += changed.lever[j] * offset

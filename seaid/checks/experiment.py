@@ -1,8 +1,9 @@
 """An experiment at some hundred instants: its signals, what was given, and what that explains.
 
-Four misfits judge a set-up: how well the nominal bodies of the robot file predict the torque of
+Five misfits judge a set-up: how well the nominal bodies of the robot file predict the torque of
 each joint, how well any bodies do, how well the motor equation (7) of a spring joint holds, and how
-well the encoders of both sides agree. Friction that would drive the joint counts as misfit.
+well the encoders of both sides agree, and the torques of both sides. Friction that would drive the
+joint counts as misfit.
 """
 
 from __future__ import annotations
@@ -38,12 +39,19 @@ _KINDS = {
     "free": ("free", tol.FEW),
     "motor": ("of_motors", tol.FEW),
     "encoders": ("of_encoders", tol.FEW),
+    "sensors": ("of_sensors", tol.FEW),
 }
 """{kind of misfit: its property, and what counts as none}: by bodies of the robot file, by any
-bodies, of the motor equation, of one encoder by the other."""
+bodies, of the motor equation, of one encoder by the other, of the torque sensor by the motor."""
 
-_ARRAYS = {"q": ("joint",), "m": ("motor", "direction"), "t": ("torque", "torque_rate", "sensed")}
-"""{channel of a joint: the arrays (..., n) that follow from it}."""
+_ARRAYS = {
+    "q": ("joint",),
+    "m": ("motor", "direction"),
+    "t": ("torque", "torque_rate"),
+    "s": ("sensed",),
+}
+"""{channel of a joint: the arrays (..., n) that follow from it}; a torque sensor is that of t at a
+joint without a motor torque."""
 
 
 def moved(mass: float, moments: Array) -> Array:
@@ -156,13 +164,13 @@ class Experiment:
         return INPUT_FIELDS[self.robot.drives[self.robot.joint_names[j]].motor_input]
 
     def logged(self, j: int, channels: str) -> list[str]:
-        """Return the logged quantities of joint j for channels of q, m and t.
+        """Return the logged quantities of joint j for channels of q, m, t and s.
 
         A position that was computed from the other side's changes with that one.
         """
         sources = self.sources[0][self.robot.joint_names[j]]
         sides = {"q": ["joint_position", "motor_position"], "t": [self.input(j), "joint_torque"]}
-        sides["m"] = sides["q"][::-1]
+        sides |= {"m": sides["q"][::-1], "s": sides["t"][1:]}
         choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
         return list(dict.fromkeys(name for choice in choices for name in choice))
 
@@ -183,9 +191,12 @@ class Experiment:
         return changed
 
     def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
-        """Return the experiment after a change of the arrays (..., n) of channels q, m and t."""
+        """Return the experiment after a change of the arrays (..., n) of channels q, m, t and s."""
         names = [name for channel in channels for name in _ARRAYS[channel]]
-        return self.with_changes(**{name: change(getattr(self, name)) for name in names})
+        changes = {name: change(getattr(self, name)) for name in names}
+        if "t" in channels and "s" not in channels:
+            changes["sensed"] = np.where(self.has_both_torques, self.sensed, change(self.sensed))
+        return self.with_changes(**changes)
 
     @derived("robot", "joint")
     def turned(self) -> Array:
@@ -451,6 +462,50 @@ class Experiment:
         torque = self.target[:, j] / max(self._torque_sizes[j], _LEAST)
         return np.column_stack([self.friction[j][:, :2], torque])
 
+    @derived("torque", "sensed")
+    def has_both_torques(self) -> BoolArray:
+        """Whether the torques (n,) of the motor and of a sensor behind it were logged."""
+        return np.asarray(np.all(np.isfinite(self.torque) & np.isfinite(self.sensed), axis=0))
+
+    @derived(*_OF_TORQUES)
+    def of_sensors(self) -> Array:
+        """Misfit (n,) between the torques of motor and sensor, but for friction."""
+        misfit = np.full(self.robot.n, np.nan)
+        for j in np.flatnonzero(self.has_both_torques).tolist():
+            target, sensed, columns = self._of_sensor(j)
+            apart = target - sensed
+            residual = apart - columns @ scaled_svd(columns).solve(apart)
+            misfit[j] = float(np.std(residual)) / max(float(np.std(sensed)), _LEAST)
+        return misfit
+
+    @cached_property
+    def sensor_scales(self) -> dict[int, tuple[float, float]]:
+        """Torques of sensors over those of the motors behind the gears, and errors, if well known.
+
+        Noise makes the slope of direct regression too small and that of the reverse one too large:
+        the factor is their geometric mean, and its error contains half of their difference.
+        """
+        scales = {}
+        for j in np.flatnonzero(self.has_both_torques).tolist():
+            target, sensed, columns = self._of_sensor(j)
+            x, covariance = fitted(np.column_stack([target, columns]), sensed)
+            inverse = fitted(np.column_stack([sensed, columns]), target)[0][0]
+            if x[0] * inverse > 0:
+                slope = math.copysign(math.sqrt(x[0] / inverse), x[0])
+                error = math.hypot(math.sqrt(covariance[0, 0]), (1 / inverse - x[0]) / 2)
+                scales[j] = slope, error
+        return {j: x for j, x in scales.items() if x[1] < tol.POOR * abs(x[0])}
+
+    def _of_sensor(self, j: int) -> tuple[Array, Array, Array]:
+        """Return the torques (R,) of the motor and of the sensor, and columns of what is between.
+
+        That is any friction, also one that grows with the load, as that of an efficiency does.
+        """
+        rows = self._moving[:, j] | (np.sum(self._moving[:, j]) < tol.FEWEST_INSTANTS)
+        grows = np.abs(self.sensed[:, j]) * self.direction[:, j]
+        columns = [self._any_friction(j, bool(self._has_open_rotor[j])), grows]
+        return self.target[rows, j], self.sensed[rows, j], np.column_stack(columns)[rows]
+
     @derived("robot")
     def _is_open(self) -> BoolArray:
         """Whether the rotor inertia (n,) of a drive is unknown, or the drive itself."""
@@ -561,7 +616,7 @@ class Experiment:
         return np.column_stack([self.friction[j], gradual, *rotor])
 
     def misfit(self, kind: str) -> Array:
-        """Return the misfit (n,) of a kind: "nominal", "free", "motor" or "encoders"."""
+        """Return the misfit (n,) of a kind, see `_KINDS`."""
         return np.asarray(getattr(self, _KINDS[kind][0]))
 
     @cached_property
@@ -889,7 +944,7 @@ def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experime
     kept = np.isin(experiment.robot.joint_names, [*joints])
     if np.all(kept):
         return experiment
-    return experiment.with_channels("t", lambda torque: np.where(kept, torque, np.nan))
+    return experiment.with_channels("ts", lambda torque: np.where(kept, torque, np.nan))
 
 
 def _windows(motion: Motion) -> list[Motion]:
@@ -947,7 +1002,8 @@ class Transform:
     """A possible mistake: the experiment without it, and the finding if that explains the log.
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
-    one for what is unusual. `partner`: the second of two joints that are concerned.
+    one for what is unusual. `partner`: the second of two joints that are concerned. `channels`: q,
+    m, t and s that it multiplies.
     """
 
     code: Code
@@ -959,6 +1015,7 @@ class Transform:
     evidence: Mapping[str, float] = field(default_factory=dict)
     penalty: float = 0.0
     partner: str = ""
+    channels: str = ""
 
 
 def multiplied(
@@ -969,10 +1026,10 @@ def multiplied(
     message: str,
     **more: Any,
 ) -> Transform:
-    """Return the transform that multiplies logged channels (q, m, t) of joints by factors."""
+    """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors."""
     names = experiment.robot.joint_names
     entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
-    changed = scaled(experiment, factors, channels)
+    changed, more["channels"] = scaled(experiment, factors, channels), channels
     return Transform(
         code, message, changed, only_joint([*entries]), in_description(entries), **more
     )
@@ -993,7 +1050,7 @@ def near(factor: float, *others: float) -> list[float]:
 
 
 def scaled(experiment: Experiment, factors: Mapping[int, float], channels: str) -> Experiment:
-    """Return the experiment with channels (q, m, t) of joints times their factors."""
+    """Return the experiment with channels (q, m, t, s) of joints times their factors."""
     factor = np.array([factors.get(j, 1.0) for j in range(experiment.robot.n)])
     changed = experiment.with_channels(channels, lambda values: values * factor)
     # `with_channels` has multiplied the direction by the whole factor, of which it has the sign.

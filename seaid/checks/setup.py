@@ -43,7 +43,7 @@ from seaid.checks.experiment import (
     with_torques_of,
 )
 from seaid.checks.verdict import JointCheck
-from seaid.errors import Certainty, Finding
+from seaid.errors import Certainty, Finding, listed
 from seaid.log import Log, Motion, changed_source
 from seaid.robot import Robot, group_of
 
@@ -58,9 +58,10 @@ _EXPLAINED_BY = {
     "free": "torque (by any bodies)",
     "motor": "motor torque",
     "encoders": "motion between the encoders",
+    "sensors": "torque between motor and sensor",
 }
 
-_DIRECT = ("free", "motor", "encoders")
+_DIRECT = ("free", "motor", "encoders", "sensors")
 """Misfits that do not rest on the bodies of the robot file."""
 
 
@@ -138,7 +139,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
 
 
-_BY_COST = ("nominal", "encoders", "motor", "free")
+_BY_COST = ("sensors", "nominal", "encoders", "motor", "free")
 """The kinds of misfit, those first that are quickly computed."""
 
 
@@ -204,7 +205,7 @@ def _trials(experiment: Experiment, notes: list[Finding]) -> list[_Trial]:
         with guarded(transform.code, notes):
             changed = transform.changed
             cost = changed.file if has_bodies else changed.cost("free", rows)
-            cost += changed.cost("motor", rows) + changed.cost("encoders", rows)
+            cost += sum(changed.cost(kind, rows) for kind in ("motor", "encoders", "sensors"))
             # one of several mistakes repairs its joints, while others still contradict the file
             costs[transform] = cost, changed.cost("nominal", rows)
     best = [
@@ -263,17 +264,22 @@ def _with_implication(transform: Transform) -> str:
 
 
 def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
-    """Return the best of each other code and joint that explains as much as the first trial."""
+    """Return the best of each other code, joint and torque that explains as much as the first."""
     best, transform = trials[0], trials[0].transform
     rivals = {
-        (trial.transform.code, trial.transform.joint): trial
-        # From the worst to the best: of each code and joint the best one stays in the dictionary.
+        _subject(trial.transform): trial
+        # From the worst to the best: of each subject the best one stays in the dictionary.
         for trial in reversed(trials)
         if trial.total > best.total - tol.SURE**2 / 2
         and trial.transform.penalty <= transform.penalty + 1  # the simple one of two that agree
     }
-    rivals.pop((transform.code, transform.joint))
+    rivals.pop(_subject(transform))
     return list(rivals.values())
+
+
+def _subject(transform: Transform) -> tuple[Code, str, bool]:
+    """Return code and joint of a transform, and whether it changes a torque sensor alone."""
+    return transform.code, transform.joint, transform.channels == "s"
 
 
 def _median(values: Array) -> float:
@@ -290,7 +296,11 @@ _OF_VALUES = (
 
 # Factors on channels: signs, units of angles and of torques
 
-_NAMES = {"joint_position": "joint encoder", "motor_position": "motor encoder"}
+_NAMES = {
+    "joint_position": "joint encoder",
+    "motor_position": "motor encoder",
+    "joint_torque": "torque sensor",
+}
 
 
 def _words(experiment: Experiment, j: int, channels: str, several: str = "") -> str:
@@ -300,7 +310,7 @@ def _words(experiment: Experiment, j: int, channels: str, several: str = "") -> 
 
 
 _SIGNS = {
-    True: {"t": 0.0, "qm": 1.0, "qmt": 0.0},
+    True: {"t": 0.0, "qm": 1.0, "qmts": 0.0},
     False: {"mt": 0.0, "q": 0.0, "m": 0.0, "qt": 1.0},
 }
 """{whether the encoders turn the same way: {channels of the opposite sign: penalty}}."""
@@ -314,10 +324,11 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
         # the motor of a coupled joint may turn either way
         is_coupled = len(group_of(experiment.robot.transmission, j)) > 1
         choices = _SIGNS[product > 0] | (_SIGNS[False] if is_coupled else {})
+        choices |= {"s": 0.0} if experiment.has_both_torques[j] else {}
         for sides, penalty in choices.items():
             words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
             message = f"the {words} of {joint} has the opposite sign"
-            if sides == "qmt":
+            if sides == "qmts":
                 message = f"the whole joint {joint} has the opposite sign, {words}"
             elif sides == "mt":
                 code, evidence = codes.GEAR_RATIO, {"given ratio": ratio}
@@ -380,10 +391,11 @@ def _positions(experiment: Experiment) -> Iterator[Transform]:
 
 def _all_channels(experiment: Experiment) -> Iterator[Transform]:
     """Yield the sign of all torques, and units of all angles, at both sides or at one."""
-    if len(experiment.used) < 2:
+    used = experiment.used
+    if len(used) < 2:
         return
-    message = "the torques of all joints have the opposite sign"
-    yield multiplied(codes.SIGN, experiment, dict.fromkeys(experiment.used, -1.0), "t", message)
+    message, factors = "the torques of all joints have the opposite sign", dict.fromkeys(used, -1.0)
+    yield multiplied(codes.SIGN, experiment, factors, _torques(experiment), message)
     turns = ~np.array(experiment.robot.is_prismatic)
     turning, both = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
     if len(turning) > 1:
@@ -393,6 +405,11 @@ def _all_channels(experiment: Experiment) -> Iterator[Transform]:
     slope = float(np.median(slopes)) if is_common else 0.0
     for side, name in (("q", "joint"), ("m", "motor")) if len(both) > 1 else ():
         yield from _in_units(experiment, both, side, f"{name} encoders of all joints are", slope)
+
+
+def _torques(experiment: Experiment) -> str:
+    """Return the channels of the torques of all joints: with the sensors that agree with motors."""
+    return "t" if np.nanmax(experiment.of_sensors, initial=0.0) > tol.POOR else "ts"
 
 
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
@@ -421,10 +438,12 @@ def _scale(
     words: str,
     penalty: float = 0.0,
     error: float = 0.0,
+    channels: str = "t",
 ) -> Transform:
     """Return the transform of torques that are `slope` times too large, or in another unit.
 
-    `error` is the relative standard error of the slope, zero if it is not known.
+    `error` is the relative standard error of the slope, zero if it is not known; the `channels` of
+    torques are those of motors (t) and of sensors (s).
     """
     size, sign = abs(slope), math.copysign(1.0, slope)
     unit = min(_UNITS, key=lambda name: abs(math.log(size / _UNITS[name])))
@@ -440,7 +459,7 @@ def _scale(
         codes.UNIT if is_unit else codes.TORQUE_SCALE,
         experiment,
         dict.fromkeys(joints, factor),
-        "t",
+        channels,
         f"{words} {off}",
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope},
@@ -467,6 +486,31 @@ def _refinement(experiment: Experiment, j: int) -> tuple[float, float]:
     return factor, factor * float(np.linalg.norm(z)) / abs(size) if size else 0.0
 
 
+def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
+    """Yield factors between the torques of motors and sensors, on either of them.
+
+    The bodies of the robot file decide which of the two it is.
+    """
+    scales = experiment.sensor_scales
+    for j, (slope, error) in scales.items():
+        joint, relative = experiment.robot.joint_names[j], error / abs(slope)
+        if abs(abs(slope) - 1) > max(tol.SLIGHT, tol.SURE * error):
+            words = f"the torque sensor of {joint} is"
+            yield _scale(experiment, [j], slope, words, error=relative, channels="s")
+            words = f"the motor torque of {joint}, by its constant or gear ratio, is"
+            yield _scale(experiment, [j], 1 / slope, words, error=relative)
+    factors = {j: float(f"{slope:.4g}") for j, (slope, _) in scales.items()}
+    if min(factors.values(), default=0.0) > tol.TWICE:  # each by the ratio of its own gear
+        others = {j: float(np.median([*factors.values()])) for j in experiment.used}
+        message = (
+            "the motor torques of all joints are too small, by their constants or gear ratios, as "
+            f"their sensors show: {', '.join(f'{x:g}' for x in factors.values())} times those of "
+            f"{listed([experiment.robot.joint_names[j] for j in factors])}"
+        )
+        options = {"penalty": float(len(factors))}
+        yield multiplied(codes.TORQUE_SCALE, experiment, others | factors, "t", message, **options)
+
+
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
     used, lever = experiment.used, experiment.lever[experiment.used]
@@ -476,7 +520,8 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
         return
     # torques in another unit change the apparent rotor inertias too, masses do not
     of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
-    yield _scale(experiment, used, middle, "the torques of all joints are", float(of_masses))
+    words, channels = "the torques of all joints are", _torques(experiment)
+    yield _scale(experiment, used, middle, words, float(of_masses), channels=channels)
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
@@ -587,8 +632,9 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
     for i, j in combinations(range(experiment.robot.n), 2):
         first, second = (experiment.robot.joint_names[place] for place in (i, j))
         are_apart = experiment.both[i] and experiment.both[j]
-        for sides in ("qmt", "qm", "t", *("qm" if are_apart else "")):
-            words = "channels" if sides == "qmt" else _words(experiment, i, sides, "s")
+        are_twice = experiment.has_both_torques[i] and experiment.has_both_torques[j]
+        for sides in ("qmts", "qm", "t", *("qm" if are_apart else ""), *("s" if are_twice else "")):
+            words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
             sources = {first: experiment.entries(j, sides), second: experiment.entries(i, sides)}
             yield Transform(
                 codes.SWAPPED_JOINTS,
@@ -601,7 +647,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
 
 
 def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experiment:
-    """Return the experiment with channels (q, m, t) of two joints exchanged."""
+    """Return the experiment with channels (q, m, t, s) of two joints exchanged."""
     order = np.arange(experiment.robot.n)
     order[[i, j]] = j, i
     changed = experiment.with_channels(channels, lambda values: values[..., order])
@@ -644,6 +690,11 @@ def _has_other_ratios(experiment: Experiment) -> bool:
     return is_other or _is_severe_by_joint(experiment)
 
 
+def _has_sensors_apart(experiment: Experiment) -> bool:
+    """Whether the torques of a motor and of a sensor behind it contradict each other."""
+    return bool(np.nanmax(experiment.of_sensors, initial=0.0) > tol.SLIGHT)
+
+
 Generator = Callable[[Experiment], Iterator[Transform]]
 
 MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
@@ -665,6 +716,7 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
         _signs: codes.SIGN,
     },
     _is_severe_by_joint: {_positions: codes.UNIT, _exchanges: codes.SWAPPED_JOINTS},
+    _has_sensors_apart: {_sensor_scales: codes.TORQUE_SCALE},
     _has_other_ratios: {gears.gear_ratios: codes.GEAR_RATIO},
     _has_encoders_apart: {
         gears.coupled_motors: codes.COUPLED_JOINTS,

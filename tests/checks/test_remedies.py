@@ -41,8 +41,8 @@ def urdf() -> str:
 
 
 @cache
-def signals() -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return {joint: (position, motor torque)} of an exact motion, with a little noise."""
+def signals() -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return {joint: (position, motor torque, torque on the load)} of a motion with noise."""
     robot, rng = load(urdf(), DRIVES), np.random.default_rng(3)
     t = np.arange(0.0, 8.0, 1 / RATE_HZ)
     sizes, phases = rng.uniform(0.1, 0.35, (2, 4, 3))[0], rng.uniform(0, 6, (4, 3))
@@ -57,16 +57,25 @@ def signals() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     torque = np.array(loads) / RATIO + ROTOR * RATIO * a + friction
     torque += 0.002 * rng.normal(size=q.shape)
     q = q + 1e-5 * rng.normal(size=q.shape)
-    return {joint: (q[:, j], torque[:, j]) for j, joint in enumerate(JOINTS)} | {"": (t, t)}
+    sensed = np.array(loads) + 0.02 * rng.normal(size=q.shape)
+    return {joint: (q[:, j], torque[:, j], sensed[:, j]) for j, joint in enumerate(JOINTS)} | {
+        "": (t, t, t)
+    }
 
 
 def log(position: str, ratio: float = 1.0, torque: str = "motor_torque_Nm") -> Columns:
     """Return the columns of a log with a position, at one side, and a torque of each joint."""
     found = {"time_s": signals()[""][0]}
     for joint in JOINTS:
-        q, t = signals()[joint]
+        q, t, _ = signals()[joint]
         found |= {f"{joint}.{position}": ratio * q, f"{joint}.{torque}": t}
     return found
+
+
+def both_torques() -> Columns:
+    """Return the columns of a log that also has a torque sensor behind the gear of each joint."""
+    sensed = {f"{joint}.joint_torque_Nm": signals()[joint][2] for joint in JOINTS}
+    return log("joint_position_rad") | log("motor_position_rad", RATIO) | sensed
 
 
 CUSTOM = {
@@ -84,6 +93,7 @@ LOGS: dict[str, Callable[[], tuple[Columns, Mapping[str, object]]]] = {
     "motor positions": lambda: (log("motor_position_rad", RATIO), {}),
     "short names": lambda: (log("position_rad"), {}),
     "both positions": lambda: (log("joint_position_rad") | log("motor_position_rad", RATIO), {}),
+    "both torques": lambda: (both_torques(), {}),
     "custom columns": lambda: (
         {
             name: 2 * x if name.endswith(".i") else x
@@ -152,6 +162,12 @@ def moved(angles: Mapping[str, float]) -> Change:
     return columns_of(change)
 
 
+def exchanged_sensors(columns: Columns) -> Columns:
+    """Return columns of which the torque sensors of the shoulder and of the elbow are exchanged."""
+    first, second = "shoulder.joint_torque_Nm", "elbow.joint_torque_Nm"
+    return columns | {first: columns[second], second: columns[first]}
+
+
 def rotated(columns: Columns) -> Columns:
     """Return columns of which each joint has the torque of the next one."""
     torques = [f"{joint}.motor_torque_Nm" for joint in JOINTS]
@@ -207,13 +223,24 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "motor encoder with another sign": ("sign", of("elbow", ("motor_position",), -1.0)),
     "motor encoder in counts": ("unit", of("elbow", ("motor_position",), 4096 / (2 * np.pi))),
     "joint encoders in counts": ("unit", of("", ("joint_position",), 2**14 / (2 * np.pi))),
+    "motor encoders in joint angles": ("unit", of("", ("motor_position",), 1 / RATIO)),
 }
 """{mistake: its code, and the change of the set-up}"""
+
+OF_SENSORS: dict[str, tuple[str, Change]] = {
+    "torque sensor of half the torque": ("torque-scale", of("elbow", ("joint_torque",), 0.5)),
+    "torque sensor with another sign": ("sign", of("wrist", ("joint_torque",), -1.0)),
+    "exchanged torque sensors": ("swapped-joints", columns_of(exchanged_sensors)),
+    "motor constant next to a sensor": ("torque-scale", of("elbow", ("motor_torque",), 0.8)),
+    "both torques with another sign": ("sign", of("", ("torque",), -1.0)),
+}
+"""{mistake of torques that are measured twice: its code, and the change of the set-up}"""
 
 SAME_OF_ALL = (IN_DEGREES, "torque with another sign", "exchanged joints")
 CASES = [("joint positions", mistake) for mistake in [*MISTAKES][:11]]
 OF_KINDS = [(kind, mistake) for kind in [*LOGS][1:] for mistake in SAME_OF_ALL]
 CASES += [*OF_KINDS, *(("both positions", mistake) for mistake in [*MISTAKES][11:])]
+CASES += [("both torques", mistake) for mistake in OF_SENSORS]
 SLOW = [case for case in OF_KINDS if case[0] != "custom columns"]
 SLOW += [  # the same remedies, of one joint instead of all or in another unit
     ("joint positions", "torque of a joint in mN m"),
@@ -249,7 +276,7 @@ def test_right_set_ups_have_nothing_to_repair(kind: str) -> None:
 )
 def test_a_remedy_speaks_of_the_columns_of_its_log_and_repairs(kind: str, mistake: str) -> None:
     columns, description = LOGS[kind]()
-    code, change = MISTAKES[mistake]
+    code, change = (MISTAKES | OF_SENSORS)[mistake]
     setup = change(Setup(urdf(), DRIVES, (), (columns,), (description,)))
     found = findings(setup)
     assert code in {one.code for one in found}
