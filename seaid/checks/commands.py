@@ -695,7 +695,7 @@ def pose_findings(experiment: Experiment) -> Iterator[Finding]:
 def _thinned(experiment: Experiment) -> Experiment:
     """Return the experiment at fewer instants, 50 of which decide between poses."""
     part = slice(None, None, max(1, len(experiment.direction) // 50))
-    rows = ("log", "direction", "torque", "torque_rate", "sensed", "counted")
+    rows = ("log", "time", "direction", "torque", "torque_rate", "sensed", "counted")
     changes: dict[str, Any] = {name: getattr(experiment, name)[part] for name in rows}
     changes |= {name: getattr(experiment, name)[:, part] for name in ("motor", "joint")}
     return experiment.with_changes(**changes)

@@ -123,20 +123,20 @@ def derived(*fields: str) -> Callable[[Callable[[Any], Value]], cached_property[
 class Experiment:
     """A motion at R instants, below the cutoff, with what was given about the robot.
 
-    `log` (R,): number of the log, from 0; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
-    position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
-    speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
-    without the sensor; `unscaled` (R, n): the current or the voltage of a motor whose constant is
-    unknown, NaN of the others; `both` (n,): whether both encoders were logged; `ratio`, `inertia`
-    (n,): gear ratios and rotor inertias; `sprung` (n,): whether a spring is parallel to the joint;
-    `bodies` (10n,): standard parameters with payloads;
-    `sources`: of each log {joint: {quantity: column or entry of its description}}; `counted` (R,
-    n): whether misfits are taken at an instant; `has_wrenches`: whether contact forces were
-    measured.
+    `log` (R,): number of the log, from 0; `time` (R, 1) [s] in it; `rate_hz`: sampling rate;
+    `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
+    (R, n): the sign of the motor speed; `torque`, its derivative `torque_rate`, and `sensed` (R,
+    n): of motor and joint, NaN without the sensor; `unscaled` (R, n): the current or the voltage of
+    a motor whose constant is unknown, NaN of the others; `both` (n,): whether both encoders were
+    logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias; `sprung` (n,): whether a spring
+    is parallel to the joint; `bodies` (10n,): standard parameters with payloads; `sources`: of each
+    log {joint: {quantity: column or entry of its description}}; `counted` (R, n): whether misfits
+    are taken at an instant; `has_wrenches`: whether contact forces were measured.
     """
 
     robot: Robot
     log: IndexArray
+    time: Array
     rate_hz: float
     motor: Array
     joint: Array
@@ -909,7 +909,7 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     return Experiment(
         robot,
         np.repeat([number for number, _ in windows], [len(part["torque"]) for part in parts]),
-        logs[0][0].rate_hz,
+        rate_hz=logs[0][0].rate_hz,
         # A side without an encoder was computed from the other one, and differs by rounding only.
         both=np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor, axis=0),
         ratio=ratio,
@@ -987,6 +987,7 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     torque = filtered(of_motors, np.arange(len(of_motors)))
     motor = motion.motor_position, motion.motor_velocity, motion.motor_acceleration
     return {
+        "time": motion.time[rows, None],
         "motor": np.stack([*map(filtered, motor)]),
         "joint": np.stack([*map(filtered, motion.joint_states)]),
         "direction": filtered(np.sign(motion.motor_velocity)),

@@ -61,8 +61,8 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            # less than half a period looks like the spring
-            if (name, order) not in known and order * width >= np.pi:
+            # Less than a period looks like anything else: half a one looks like the spring.
+            if (name, order) not in known and order * width >= 2 * np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
                 yield linear_candidate(joint, name, str(order), columns)
 
@@ -87,8 +87,8 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
-def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
-    """Return the finding of periodic errors, with their orders as TOML."""
+def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding | None:
+    """Return the finding of periodic errors, with their orders as TOML, none of a huge one."""
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
     field = "transmission_error" if is_error else "torque_ripple"
@@ -99,6 +99,8 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
         # A torque over k r_M / N in (7), or a force over k in (4b), is a deflection.
         error = largest / (_lever(side, joint) * estimate.value("stiffness"))
+        if error > tol.SLIGHT:  # rad or m: no gear or encoder has it, but a step or an offset
+            return None
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
@@ -227,6 +229,38 @@ def _between_encoders(experiment: Experiment) -> list[int]:
     drives = [*experiment.robot.drives.values()]
     both = np.flatnonzero(experiment.both).tolist()
     return [j for j in both if j in experiment.used or not drives[j].is_elastic]
+
+
+def slips(experiment: Experiment) -> Iterator[Finding]:
+    """Yield joints whose encoders step against each other within a log.
+
+    The step stands out next to the deflection of a spring and to a drift in time, which is no step.
+    """
+    logs = np.equal.outer(experiment.log, np.unique(experiment.log)).astype(float)
+    # (R, R): in column i a step at instant i, within its log
+    steps = np.tri(len(logs)) * (logs @ logs.T)
+    for j in _between_encoders(experiment):
+        # the rotor again: a step in the motor equation (7) spoils an inertia that it gives
+        deflection = [experiment.deflection(j), experiment.motor[2][:, j]]
+        span = scaled_svd(np.column_stack([logs, logs * experiment.time, *deflection])).spans
+        X = np.column_stack([steps, experiment.apart[:, j]])
+        X -= span @ (span.T @ X)
+        # A step at an end of a log is nothing but its offset, of which rounding is left.
+        squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), tol.POOR)
+        projected = X[:, :-1].T @ X[:, -1]
+        i = int(np.argmax(projected**2 / squares))
+        step, before = float(projected[i] / squares[i]), float(X[:, -1] @ X[:, -1])
+        is_step = before - projected[i] ** 2 / squares[i] < tol.SEVERE * before
+        if is_step and abs(step) > tol.LEAST_OFFSET:
+            start, end = experiment.time[[i - 1, i], 0].tolist()
+            yield codes.LOOSE_ENCODER.wrong(
+                f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
+                f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
+                experiment.robot.joint_names[j],
+                evidence={"step": step, "time [s]": end},
+                remedy="tighten it and repeat, or read the parts before and after as two logs, in "
+                f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, 1e9]",
+            )
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:

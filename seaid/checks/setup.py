@@ -785,7 +785,10 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
     if of_logs & {code.name for code in hiding} or codes.NO_MEASUREMENT.name in wrong:
         return []  # the torques show no other mistake
-    checks = [Observation(codes.ENCODER_OFFSETS_DIFFER, channels.offset_findings)]
+    checks = [
+        Observation(codes.ENCODER_OFFSETS_DIFFER, channels.offset_findings),
+        Observation(codes.LOOSE_ENCODER, gears.slips),
+    ]
     if not experiment.robot.has_controllers:
         checks += [
             Observation(codes.NO_MEASUREMENT, commands.of_friction_alone),

@@ -84,6 +84,38 @@ def test_saturated_torques_and_a_robot_at_rest() -> None:
     assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
 
 
+@pytest.mark.parametrize(("case", "joint", "slip"), [("leg", 3, 0.02), ("arm", 1, -0.01)])
+def test_a_coupling_that_slips_within_a_log_is_named_with_its_time(
+    case: str, joint: int, slip: float
+) -> None:
+    """Its parts as two logs have two encoder offsets."""
+    robot, log = CASES[case][0](), CASES[case][1]()
+    name, start = robot.joint_names[joint], float(log.time[0]) + 2.5
+    drive, motor = robot.drives[name], log.motor_position.copy()
+    motor[log.time > start, joint] += drive.ratio * drive.load_radius / drive.motor_radius * slip
+    slipped = replace(log, motor_position=motor)
+    finding = worst(robot, slipped)
+    assert (finding.code, finding.joint) == ("loose-encoder", name)
+    assert finding.evidence["step"] == pytest.approx(slip, rel=0.1)
+    assert finding.evidence["time [s]"] == pytest.approx(start, abs=0.15)
+    parts = slipped.between(-1.0, start - 0.1), slipped.between(start + 0.1, 1e9)
+    codes = {(x.code, x.joint) for x in seaid.check(robot, list(parts)).warnings}
+    assert ("encoder-offsets-differ", name) in codes
+    assert "loose-encoder" not in {code for code, _ in codes}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_encoders_that_drift_against_each_other_do_not_step(case: str) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    t = (log.time - log.time[0]) / np.ptp(log.time)
+    for drift in (t, np.sin(2 * np.pi * t)):
+        motor = log.motor_position + 0.02 * drift[:, None] * [
+            x.ratio for x in robot.drives.values()
+        ]
+        codes = {x.code for x in seaid.check(robot, replace(log, motor_position=motor)).warnings}
+        assert "loose-encoder" not in codes
+
+
 @pytest.mark.slow  # 1 s
 def test_encoder_offsets_that_differ_between_logs() -> None:
     logs = [leg_log(1), leg_log(2)]
