@@ -295,6 +295,24 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.
     return robot, replace(plan, joint_position=moved.joint_position)
 
 
+def test_exchanged_commands_are_named_and_their_remedy_repairs_it(
+    chain: tuple[seaid.Robot, seaid.Log],
+) -> None:
+    robot, log = chain
+    assert log.position_command is not None
+    exchanged = replace(log, position_command=log.position_command[:, ::-1])
+    (finding,) = wrong_of(robot, exchanged)
+    assert (finding.code, finding.joint) == ("swapped-joints", "j0")
+    tables = tomllib.loads(finding.remedy.partition("\n")[2])["joints"]
+    columns = [tables[joint]["position_command"]["column"] for joint in robot.joint_names]
+    sources = exchanged.sources()
+    assert columns == [sources[joint]["position_command"] for joint in ("j1", "j0")]
+    assert "swapped-joints" not in {x.code for x in wrong_of(robot, log)}
+    # A joint that follows its own command, and that of the other one too, shows no exchange.
+    alike = replace(log, position_command=log.position_command[:, [0, 0]])
+    assert "swapped-joints" not in {x.code for x in wrong_of(robot, alike)}
+
+
 @pytest.mark.slow  # 1.2 s
 @pytest.mark.parametrize(
     ("signs", "zeros"),
