@@ -78,9 +78,10 @@ def drive_parameters(
         if not drive.is_elastic and index in known:
             # N times (7) without a spring: friction and rotor inertia as torques on the load.
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
-        if drive.parallel_spring or drive.joint_friction:
-            # C^-T e_j: a torque on one joint is shared by all drives that move it.
-            at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
+        # C^-T e_j: a torque on one joint is shared by all drives that move it.
+        at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
+        # No equation has what acts on a joint that none of the known torques moves.
+        if (drive.parallel_spring or drive.joint_friction) and np.any(at_drive[known]):
             parts.append((joint_regressor(robot, joint), 1.0, at_drive))
         for regressor, factor, share in parts:
             by_name = signals_of(index)
