@@ -31,7 +31,7 @@ from scripts.legged_plant import (
 from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 from seaid.legged import whole_body
-from seaid.log import turned_to_world
+from seaid.legged.base import turned_to_world
 
 NOISE = {"joint_position": 2e-4, "motor_torque": 0.1 / 45}
 """Standard deviation of the encoders [rad], and of the torques over their limit."""

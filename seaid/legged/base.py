@@ -15,10 +15,10 @@ in the axes of its link, and is identified as the foot turns, or as it leaves th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
+from itertools import chain, compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,9 +49,9 @@ from seaid.log import (
     Motion,
     base_jumps,
     low_pass,
+    matrices,
     needed_columns,
     quaternion_rates,
-    turned_to_world,
 )
 from seaid.regressor import LoadModel, Regress
 from seaid.robot import FloatingBase, Robot
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
 BASE_FRAMES = CODES["base-frames"]
 BASE_JUMPS = CODES["base-jumps"]
 BASE_SENSOR = CODES["base-sensor"]
+LOCKED_OUTPUT = CODES["locked-output"]
 NO_TORQUE = CODES["no-torque"]
 
 FRAMES_HZ, BASE_TURNS_RAD_S = 5.0, 0.05
@@ -191,6 +192,12 @@ def _turning(orientation: Array, w: Array, time: Array) -> Iterator[Finding]:
     yield BASE_FRAMES.wrong(text, evidence=evidence, remedy=remedy)
 
 
+def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
+    """Return vectors (T, 3) of the base's frame in the world's, or `back`."""
+    R = matrices(orientation / np.linalg.norm(orientation, axis=1, keepdims=True))
+    return np.asarray(np.einsum("tji,tj->ti" if back else "tij,tj->ti", R, vectors))
+
+
 _BY_SAMPLES = (
     "name order and frame in [base] of the description of the log; seaid describe decides both by "
     "the samples"
@@ -223,6 +230,20 @@ def base_findings(robot: FloatingRobot, logs: Sequence[Log]) -> list[Finding]:
     base = robot.floating_base
     records = [BaseRecord(log.base, log.time, base) for log in logs if log.base is not None]
     return [finding for record in records for finding in observed(_RECORD_CHECKS, record)]
+
+
+def guide_findings(motions: Iterable[Motion]) -> list[Finding]:
+    """Return the note on equations of planar bases that do not use a freedom of their plane."""
+    guided = dict.fromkeys(chain(*(x.base.guided for x in motions if x.base is not None)))
+    if not guided:
+        return []
+    note = LOCKED_OUTPUT.note(
+        "the base does not move along or about an axis that its plane leaves free: a guide may "
+        f"hold it there by an unknown force or moment: not used are {listed([*guided])}",
+        evidence={"equations": float(len(guided))},
+        remedy="nothing, if the guide holds it; otherwise its column is dead, or its motion small",
+    )
+    return [note]
 
 
 def missing_torques(asked: Sequence[str], used: Collection[str]) -> Iterator[Finding]:

@@ -42,6 +42,7 @@ from seaid.legged.floating import (
     contact_rotations,
     floating,
     floating_regressor,
+    guided,
     measured_contact,
     row_scale,
 )
@@ -244,8 +245,9 @@ def force_instants(
     identification: Identification, motion: Motion, contacts: Sequence[Contact], bodies: Array
 ) -> _Instants:
     """Return the forces at the instants of one motion."""
-    robot, model, base = floating(identification.known), identification.model, motion.base
+    model, base = identification.model, motion.base
     assert base is not None
+    robot = guided(identification.known, base.guided)
     theta = identification.load_side.values
     rows, unknown = contact_force_rows(robot, motion, model, identification.springs, theta, bodies)
     touching, A, inverse = _equations_at(robot, motion, model, contacts, unknown)
@@ -269,7 +271,7 @@ def force_instants(
     # Normal force u^T f = (u^T A^+) rows: its variance is |u^T A^+|^2 for rows of variance 1.
     spread = np.einsum("tki,tkir->tkr", up, inverse[:, places])
     # Six rows of the base, of which a guide leaves some, and those of joints.
-    count = np.sum(robot.floating_base.free_axes) + np.sum(~unknown, axis=1)
+    count = np.sum(robot.free_axes) + np.sum(~unknown, axis=1)
     residual = in_band(motion, residual * base.used[:, None])
     split = forces[:, places]
     return _Instants(
@@ -356,6 +358,8 @@ def _basis(
     if not len(steps):
         return ("none",) * len(contacts), variance
     steps = steps[np.linspace(0, len(steps) - 1, min(len(steps), _INSTANTS)).astype(int)]
+    assert motion.base is not None
+    robot = guided(robot, motion.base.guided)
     *_, inverse = _equations_at(robot, motion, model, contacts, None, steps)
     columns, grouping = contact_force_columns(robot, motion, model, steps)
     F = inverse @ (row_scale(robot, columns.shape[1]) * columns)
@@ -566,8 +570,8 @@ def _loads(robot: FloatingRobot, log: Log) -> Array:
     rows[:, 6:] -= low_pass(torque, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
     points = [replace(contact, is_flat=False) for contact in robot.floating_base.contacts]
     A = contact_map(robot, motion.joint_position, points, base.up)
-    guided = ~robot.floating_base.free_axes
-    rows[:, :6][:, guided] = A[:, :6][:, guided] = 0.0
+    held = ~guided(robot, base.guided).free_axes
+    rows[:, :6][:, held] = A[:, :6][:, held] = 0.0
     # All feet count as on the ground. Forces between two feet along their line act on nothing: the
     # small ridge makes them zero.
     normal = A.swapaxes(1, 2) @ A + 1e-9 * np.eye(A.shape[2])

@@ -32,7 +32,13 @@ from seaid.identification import (
     extension_of,
     fit_of,
 )
-from seaid.legged.base import base_findings, missing_torques, sensor_bias, whole_body
+from seaid.legged.base import (
+    base_findings,
+    guide_findings,
+    missing_torques,
+    sensor_bias,
+    whole_body,
+)
 from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
 from seaid.legged.feet import (
     FEET_CHECKS,
@@ -86,7 +92,9 @@ class LeggedExtension(Extension):
         findings = base_findings(floating(robot), logs)
         if is_wrong(findings):
             return findings
-        return findings + feet_findings(floating(robot), logs, list(chain(*motions)))
+        of_logs = list(chain(*motions))
+        findings += guide_findings(of_logs)
+        return findings + feet_findings(floating(robot), logs, of_logs)
 
     def torque_findings(
         self, robot: Robot, asked: Sequence[str], used: Collection[str]
@@ -174,7 +182,8 @@ def _contradictions(identification: Identification, result: LeggedValidation) ->
         rms = float(np.linalg.norm(result.base.rms_error[rows]))
         error = rms / max(size, _LEAST_OF_WEIGHT * least)
         known = [float(np.linalg.norm(fit.rms_error[rows])) for fit in fits if fit is not None]
-        ratio = rms / max(known) if known else np.inf
+        # A guide may leave no equation of a moment: its residual is zero.
+        ratio = rms / max(known) if any(known) else np.inf
         yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
 

@@ -19,6 +19,7 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
 from seaid.robot import (
+    BASE_ROWS,
     HANGING,
     Contact,
     FloatingBase,
@@ -44,13 +45,21 @@ class FloatingRobot(Robot):
     floating_base : FloatingBase
         The base, whose body is the last of the robot's; `model` is that of the joints on a held
         base.
+    guided : tuple of str
+        Those of `BASE_ROWS` that have an unknown force of a guide, besides those off its plane.
     """
 
     floating_base: FloatingBase = field(kw_only=True)
+    guided: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         kind = "floating" if self.floating_base.normal is None else "planar"
         return f"{super()._in_short()}, {kind} base"
+
+    @property
+    def free_axes(self) -> BoolArray:
+        """Whether nothing holds the base along x, y, z and about x, y, z of its frame (6,)."""
+        return self.floating_base.free_axes & ~np.isin(BASE_ROWS, self.guided)
 
     @property
     def base_is_held(self) -> bool:
@@ -84,6 +93,13 @@ def floating(robot: Robot) -> FloatingRobot:
     """Return a robot whose base is known to move, as one of its type."""
     assert isinstance(robot, FloatingRobot)
     return robot
+
+
+@lru_cache(maxsize=8)
+def guided(robot: Robot, rows: tuple[str, ...]) -> FloatingRobot:
+    """Return the robot whose base a guide holds in those `rows` that are of `BASE_ROWS`."""
+    of_base = tuple(row for row in rows if row in BASE_ROWS)
+    return replace(floating(robot), guided=of_base) if of_base else floating(robot)
 
 
 def floating_regressor(
@@ -180,7 +196,7 @@ def without_contact_forces(
     """
     assert robot.floating_base is not None
     rows = rows.copy()
-    rows[:, :6][:, ~robot.floating_base.free_axes] = 0.0
+    rows[:, :6][:, ~floating(robot).free_axes] = 0.0
     if unknown is not None:
         rows[:, 6:] *= ~unknown[:, :, None]
     contacts = [contact for contact in robot.floating_base.contacts if contact.link in touching]
@@ -356,7 +372,7 @@ def stance_rows(
         base = (still, still, still - robot.model.gravity.linear)
         Y = floating_rows(robot, floating_regressor(robot, *states, base), joints)
         return states, Y, lambda rows: np.asarray(rows * (np.arange(rows.shape[1]) >= 6)[:, None])
-    robot = _with_points(robot)
+    robot = guided(_with_points(robot), tuple(links))
     states, base = stance_states(robot, links, seed, count)
     hidden = (link for link in links if link not in measured)
     touching = dict.fromkeys(hidden, np.ones(count, dtype=bool))
@@ -383,8 +399,7 @@ def stance_states(
     Velocities v with J_c v = 0, accelerations with J_c v' + J_c' v = 0, and gravity in any
     direction: a base that is turned feels it from there. A planar base turns about its normal.
     """
-    assert robot.floating_base is not None
-    base = robot.floating_base
+    base, free = floating(robot).floating_base, floating(robot).free_axes
     contacts = [contact for contact in base.contacts if contact.link in links]
     rng = np.random.default_rng(seed)
     shape = (count, 6 + robot.n)
@@ -394,15 +409,15 @@ def stance_states(
     up = rng.normal(size=(count, 3))
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     if base.normal is not None:
-        R = planar_rotations(base, rng.uniform(-np.pi, np.pi, count))
-        down = robot.model.gravity.linear
+        angles = rng.uniform(-np.pi, np.pi, count) * np.any(free[3:])
+        R, down = planar_rotations(base, angles), robot.model.gravity.linear
         # A row vector times R is R^T times the vector: the vertical in the axes of the base.
         up = -down / (np.linalg.norm(down) or 1.0) @ R
-        v[:, :6] *= base.free_axes
-        a[:, :6] *= base.free_axes
+        v[:, :6] *= free
+        a[:, :6] *= free
     if contacts:
         J = contact_map(robot, q, contacts).swapaxes(1, 2)
-        J[:, :, :6] *= base.free_axes
+        J[:, :, :6] *= free
         inverse = safely(np.linalg.pinv, J, what="the contacts", error=RobotError)
 
         def within(x: Array, wanted: Array) -> Array:
@@ -582,7 +597,7 @@ def floating_rows(robot: Robot, Y: Array, joints: Sequence[int]) -> Array:
     assert robot.floating_base is not None
     of_joints = rows_at_drives(robot.transmission, Y[:, 6:])[:, joints]
     rows = np.concatenate([Y[:, :6], of_joints], axis=1)
-    rows[:, :6][:, ~robot.floating_base.free_axes] = 0.0
+    rows[:, :6][:, ~floating(robot).free_axes] = 0.0
     return rows
 
 

@@ -24,6 +24,7 @@ from seaid.legged.floating import (
     contact_map,
     floating_regressor,
     floating_rows,
+    guided,
     measured_contact,
     measured_wrenches,
     row_scale,
@@ -89,8 +90,8 @@ class FloatingBodies(BodyEquations):
         if motion is not None:
             base, q = motion.base, motion.joint_position
             assert base is not None
-            Y = self.body_columns(motion, known)
-            rows = [without_contact_forces(self.robot, q, base.contacts, known, Y, up=base.up)]
+            Y, robot = self.body_columns(motion, known), guided(self.robot, base.guided)
+            rows = [without_contact_forces(robot, q, base.contacts, known, Y, up=base.up)]
         else:
             random = self.random_rows(known, stances, measured, seed_of(seed))
             rows = [reduced(Y) for _, Y, reduced in random]
@@ -117,14 +118,14 @@ class FloatingBodies(BodyEquations):
         assert motion.base is not None
         some = None if columns is None else columns.tolist()
         Y = floating_regressor(self.robot, *motion.joint_states, motion.base.states, some)
-        return floating_rows(self.robot, Y, known)
+        return floating_rows(guided(self.robot, motion.base.guided), Y, known)
 
     def check_stances(self, stances: Stances) -> None:
         """Raise RobotError for links of stances that are no contacts of the robot."""
         known = self.robot.floating_base.contact_links
         for links in stances:
             for link in () if links == HANGING else links:
-                if link not in known:
+                if link not in (*known, *BASE_ROWS):
                     raise RobotError(
                         f"stances=: {unknown_name('contact', link, known)}", "stances="
                     )
@@ -158,10 +159,11 @@ class FloatingLoadSide(LoadSide):
 
     def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured wrenches contribute to the torque (T, rows) of `load_columns`."""
-        robot, base, q = self.robot, motion.base, motion.joint_position
+        base, q = motion.base, motion.joint_position
         assert base is not None
         if not base.wrenches:
             return 0.0
+        robot = guided(self.robot, base.guided)
         joints = [robot.index(joint) for joint in model.torque_joints]
         unknown = unknown_frictions(robot, motion, model.torque_joints)
         rows = measured_wrenches(robot, q, base.wrenches, joints, base.up)[:, :, None]
@@ -180,8 +182,8 @@ class FloatingLoadSide(LoadSide):
         The indices of the rows of the base follow those of the n joints.
         """
         assert motion.base is not None
-        robot = self.robot
-        free = np.repeat(robot.floating_base.free_axes[:, None], len(rows), axis=1)
+        robot = guided(self.robot, motion.base.guided)
+        free = np.repeat(robot.free_axes[:, None], len(rows), axis=1)
         usable = np.concatenate([free, usable]) & motion.base.used[rows]
         indices = [*range(robot.n, robot.n + 6), *joints]
         return (*robot.joint_names, *BASE_ROWS), indices, usable
@@ -205,7 +207,7 @@ def floating_columns(
     """
     base, q = motion.base, motion.joint_position
     assert base is not None
-    joints = model.torque_joints
+    robot, joints = guided(robot, base.guided), model.torque_joints
     known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
     known_columns = np.flatnonzero(robot.known_parameters)
     torque, propagated = load_targets(robot, motion, joints, springs)
@@ -257,6 +259,7 @@ def contact_force_rows(
     """
     base, q = motion.base, motion.joint_position
     assert base is not None
+    robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
     rows = -below_base(drive_torques(robot, motion, model, springs, theta))
     step = max(_BLOCK_NUMBERS // (rows.shape[1] * len(bodies)), 1)
@@ -278,6 +281,7 @@ def contact_force_columns(
     """
     base, p = motion.base, len(model.base.columns)
     assert base is not None
+    robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
     q, v, a, w, e, f = (values[samples] for values in (*motion.joint_states, *base.states))
     Y = floating_rows(robot, floating_regressor(robot, q, v, a, (w, e, f)), joints)
@@ -322,10 +326,11 @@ def _base_stances(base: BaseMotion | None, flat: Sequence[str]) -> list[tuple[st
         return [()]
     touching = {**base.contacts, **{link: loaded(base.wrenches[link]) for link in flat}}
     if not touching:
-        return [()]
+        return [base.guided]
     # (samples, contacts) of the samples that are used; each different row is a stance.
     patterns = np.array([flags[base.used] for flags in touching.values()]).T
-    return [tuple(compress(touching, pattern)) for pattern in np.unique(patterns, axis=0)]
+    stances = np.unique(patterns, axis=0)
+    return [(*compress(touching, pattern), *base.guided) for pattern in stances]
 
 
 def _without_stance(motions: Sequence[Motion]) -> LogError:
@@ -446,7 +451,8 @@ def radius_rows(
         # `contact_equations` are of scaled rows, in which unknown ones are zero.
         rows = rows * row_scale(robot, rows.shape[1])[:, 0]
         rows[:, 6:] *= ~unknown
-        _, inverse = contact_equations(robot, q, contacts, base.contacts, joints, unknown, base.up)
+        held = guided(robot, base.guided)
+        _, inverse = contact_equations(held, q, contacts, base.contacts, joints, unknown, base.up)
         # The map is linear in the radius: its derivative is that at 1 m less that at 0.
         lower, centre = (
             contact_map(robot, q, [replace(contact, radius_m=x) for contact in contacts], base.up)
@@ -473,11 +479,12 @@ def _further_rows(
         base, q = piece.base, piece.joint_position
         assert base is not None
         unknown = unknown_frictions(robot, piece, model.torque_joints)
-        A = floating_rows(robot, columns_of(piece), known)
+        held = guided(robot, base.guided)
+        A = floating_rows(held, columns_of(piece), known)
         # in the place of y: zero in rows without an equation only, so that the rows are the same
         any_y = np.broadcast_to(np.cos(np.arange(A.shape[1])), A.shape[:2])
         A = np.concatenate([A, any_y[:, :, None]], axis=2)
-        A = without_contact_forces(robot, q, base.contacts, known, A, unknown, base.up)
+        A = without_contact_forces(held, q, base.contacts, known, A, unknown, base.up)
         A *= base.used[:, None, None]
         columns = (A[:, :, -1], A[:, :, -1] * 0.0, A[:, :, :-1], A[:, :, :0])
         return load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))

@@ -3,9 +3,9 @@ from .base_log import BaseLog as BaseLog
 from .base_log import BaseMotion as BaseMotion
 from .base_log import base_jumps as base_jumps
 from .base_log import loaded as loaded
+from .base_log import matrices as matrices
 from .base_log import needed_columns as needed_columns
 from .base_log import quaternion_rates as quaternion_rates
-from .base_log import turned_to_world as turned_to_world
 from .channels import CHANNELS as CHANNELS
 from .channels import OF_CONTROLLERS as OF_CONTROLLERS
 from .channels import LogField as LogField
@@ -24,6 +24,7 @@ from .description import changed_source as changed_source
 from .filtering import REST_RAD_S as REST_RAD_S
 from .filtering import ROWS_PER_PERIOD as ROWS_PER_PERIOD
 from .filtering import STANDSTILL as STANDSTILL
+from .filtering import STILL as STILL
 from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
 from .filtering import is_friction_known as is_friction_known

@@ -8,18 +8,19 @@ position nor orientation is needed; with a pose they give all three.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping, frozen
+from seaid._arrays import Array, BoolArray, FrozenMapping, frozen, white_noise
 from seaid._files import toml_key
 from seaid._progress import Display
 from seaid.errors import LogError, unknown_name
 from seaid.log.channels import ANGLE, CHANNELS, contact_columns
-from seaid.log.filtering import low_pass, spline_derivatives
-from seaid.robot import imu_motion
+from seaid.log.filtering import STILL, low_pass, spline_derivatives
+from seaid.robot import BASE_ROWS, imu_motion
 
 if TYPE_CHECKING:
     from seaid.robot import FloatingBase, ImuMotion, Robot
@@ -114,9 +115,8 @@ class BaseLog(Display):
                 f"contacts=, seaid.Contact({link!r}, is_flat=True)",
                 "contacts=",
             )
-        upright = base.upright_quaternion
         return cls(
-            orientation=np.tile(upright, (count, 1)),
+            orientation=np.tile(base.upright_quaternion, (count, 1)),
             velocity=np.zeros((count, 3)),
             contacts={x: np.full(count, float(x == base.link)) for x in base.contact_links},
         )
@@ -146,7 +146,7 @@ def _changed(data: BaseLog | BaseMotion, change: Callable[[Any], Any]) -> dict[s
         value = getattr(data, signal.name)
         if isinstance(value, Mapping):
             arrays[signal.name] = {link: change(x) for link, x in value.items()}
-        elif value is not None:
+        elif isinstance(value, np.ndarray):
             arrays[signal.name] = change(value)
     return arrays
 
@@ -308,6 +308,9 @@ class BaseMotion(Display):
     imu : array (3, 3) or None
         The rotation from the frame of the IMU, if an accelerometer on the base gives the specific
         force.
+    guided : tuple of str
+        Those of `BASE_ROWS` in which the guide of a planar base has an unknown force, since the
+        base does not move along, or about, an axis that the plane leaves free.
     """
 
     angular_velocity: Array
@@ -319,6 +322,7 @@ class BaseMotion(Display):
     up: Array | None = None
     velocity: Array | None = None
     imu: Array | None = None
+    guided: tuple[str, ...] = ()
 
     def _in_short(self) -> str:
         return f"{len(self.used):,} samples, contacts {', '.join(self.contacts) or 'none'}"
@@ -330,7 +334,7 @@ class BaseMotion(Display):
 
     def samples(self, part: slice) -> BaseMotion:
         """Return some successive samples."""
-        return BaseMotion(**{**_changed(self, lambda values: values[part]), "imu": self.imu})
+        return replace(self, **_changed(self, lambda values: values[part]) | {"imu": self.imu})
 
 
 def base_motion(
@@ -370,7 +374,7 @@ def base_motion(
     # Period of the low pass in samples.
     period = rate_hz / cutoff_hz
     feet = {f"wrench of {link}": loaded(x) for link, x in log.wrenches.items()}
-    used = _between_changes({**flags, **feet, "": jumped}, len(time), _PERIODS * period)
+    used = _between_changes({**flags, **feet, "": jumped}, len(time), round(_PERIODS * period))
     has_imu = smooth.specific_force is not None and base.imu_is_fixed
     return BaseMotion(
         angular_velocity=w,
@@ -381,9 +385,28 @@ def base_motion(
         used=_without_short_lifts(used, flags, _LIFTED * period),
         velocity=_velocity(smooth, time, R),
         imu=base.imu_placement[0] if has_imu else None,
+        guided=_guided(base, log, R),
         # A row times R (T, 3, 3) is R^T times the column: gravity in the axes of the base.
         up=None if R is None else np.asarray(-gravity / np.linalg.norm(gravity) @ R),
     )
+
+
+def _guided(base: FloatingBase, log: BaseLog, R: Array | None) -> tuple[str, ...]:
+    """Return the equations of a planar base about and along the free axes that it never uses."""
+    moves = np.ones(6, dtype=bool)
+    # A quaternion has the sine of half of the angle.
+    turn = log.angular_velocity if log.orientation is None else 2.0 * log.orientation
+    moves[3:] = base.normal is None or turn is None or any(map(_moves, turn.T))
+    place = log.velocity if log.position is None else log.position
+    if not moves[3] and R is not None and place is not None:
+        # The axes of a base that does not turn are constant in the world.
+        moves[:3] = [_moves(along) for along in (place @ R.mean(axis=0)).T]
+    return tuple(compress(BASE_ROWS, base.free_axes & ~moves))
+
+
+def _moves(place: Array) -> bool:
+    # As a joint, a base does not move within so many times the noise between samples.
+    return bool(np.ptp(place) > max(STILL, _RARE * white_noise(place)))
 
 
 def _logged(robot: Robot, log: BaseLog | None) -> BaseLog:
@@ -403,7 +426,7 @@ def _specific_force_of_imu(measured: Array, imu: ImuMotion, w: Array, e: Array) 
 
     `w` and `e` (T, 3) are the angular velocity and acceleration of the base.
     """
-    f = _turned(imu.rotation, measured)
+    f = (imu.rotation @ measured[:, :, None])[:, :, 0]
     # a_0 = a_p - e x p - w x (w x p), less 2 w x p' + p'' by joints that move the IMU
     f = f - np.cross(e, imu.place) - np.cross(w, np.cross(w, imu.place))
     return np.asarray(f - 2 * np.cross(w, imu.velocity) - imu.acceleration)
@@ -434,8 +457,7 @@ def _check_contacts(log: BaseLog, base: FloatingBase) -> None:
     for link in log.wrenches:
         if link not in base.frames:
             raise LogError(f"wrenches: {unknown_name('link', link, base.frames)}")
-    silent = log.unflagged(base.contact_links)
-    if silent:
+    if silent := log.unflagged(base.contact_links):
         raise LogError(
             f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
             f"column {contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
@@ -507,12 +529,6 @@ def _without_jumps(log: BaseLog) -> tuple[BaseLog, BoolArray]:
     return (BaseLog(**arrays) if np.any(jumps) else log), np.cumsum(jumps) % 2 == 1
 
 
-def turned_to_world(orientation: Array, vectors: Array, *, back: bool = False) -> Array:
-    """Return vectors (T, 3) of the base's frame in the world's, or `back`."""
-    R = matrices(orientation / np.linalg.norm(orientation, axis=1, keepdims=True))
-    return np.asarray(np.einsum("tji,tj->ti" if back else "tij,tj->ti", R, vectors))
-
-
 def quaternion_rates(orientation: Array, time: Array) -> Array:
     """Return the angular velocity (T, 3) of unit quaternions in the frame of the base."""
     rate = spline_derivatives(time, orientation)[1]
@@ -520,10 +536,6 @@ def quaternion_rates(orientation: Array, time: Array) -> Array:
     scalar, vector = orientation[:, :1], orientation[:, 1:]
     w = scalar * rate[:, 1:] - rate[:, :1] * vector - np.cross(vector, rate[:, 1:])
     return np.asarray(2 * w)
-
-
-def _turned(rotation: Array, vectors: Array) -> Array:
-    return np.asarray((rotation @ vectors[:, :, None])[:, :, 0])
 
 
 def _turning(log: BaseLog, time: Array, imu: ImuMotion) -> tuple[Array | None, Array]:
@@ -540,18 +552,14 @@ def _turning(log: BaseLog, time: Array, imu: ImuMotion) -> tuple[Array | None, A
             f"({CHANNELS['angular_velocity'][0]} ...), or its orientation"
         )
     # w_IMU = w_base + w of the IMU against the base, by the joints between them.
-    return R, _turned(imu.rotation, log.angular_velocity) - imu.angular_velocity
+    return R, (imu.rotation @ log.angular_velocity[:, :, None])[:, :, 0] - imu.angular_velocity
 
 
 def matrices(quaternions: Array) -> Array:
     """Return the rotations (T, 3, 3) of unit quaternions (T, 4): w, x, y, z."""
-    w, x, y, z = quaternions.T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.moveaxis(np.array(rows), 2, 0)
+    # R = 1 + 2 w [v]x + 2 [v]x [v]x of a unit quaternion (w, v).
+    K = np.cross(quaternions[:, None, 1:], np.eye(3)).swapaxes(1, 2)
+    return np.asarray(np.eye(3) + 2 * (quaternions[:, :1, None] * K + K @ K))
 
 
 _GRAVITY_FREE = 3.0
@@ -599,13 +607,12 @@ def loaded(wrench: Array) -> BoolArray:
     return np.asarray(force > _LOADED * np.quantile(force, 0.99))
 
 
-def _between_changes(flags: Mapping[str, BoolArray], count: int, margin: float) -> BoolArray:
+def _between_changes(flags: Mapping[str, BoolArray], count: int, margin: int) -> BoolArray:
     """Return the samples (T,) that are `margin` samples or more from a change of contact."""
     used = np.ones(count, dtype=bool)
     for flag in flags.values():
         for place in np.flatnonzero(np.diff(flag.astype(int))) + 1:
-            near = round(margin)
-            used[max(place - near, 0) : place + near] = False
+            used[max(place - margin, 0) : place + margin] = False
     return used
 
 

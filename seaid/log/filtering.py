@@ -154,6 +154,10 @@ STILL_RAD_S = 1e-5
 40 s. The rounding of speeds, about 1e-10, is far below, so that it decides no sample."""
 
 
+STILL = 1e-3
+"""Range of a position [rad or m] that stands still, of a joint, its motor or a base."""
+
+
 def moving(speed: Array) -> Array:
     """Return speeds, zero where nothing but rounding is left of them."""
     return np.where(np.abs(speed) < STILL_RAD_S, 0.0, speed)

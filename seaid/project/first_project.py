@@ -31,6 +31,7 @@ from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
 from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import (
+    STILL,
     Description,
     Log,
     LogDescription,
@@ -307,11 +308,7 @@ def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
 
 def _is_still(position: Array) -> bool:
     """Return whether a position is not logged, or hardly changes."""
-    return bool(np.all(np.isnan(position)) or np.nanmax(position) - np.nanmin(position) < _STILL)
-
-
-_STILL = 1e-3
-"""Motion of a joint [rad or m] that stands still, and of its motor."""
+    return bool(np.all(np.isnan(position)) or np.nanmax(position) - np.nanmin(position) < STILL)
 
 
 @dataclass(frozen=True)

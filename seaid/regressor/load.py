@@ -81,7 +81,7 @@ def drive_parameters(
         # C^-T e_j: a torque on one joint is shared by all drives that move it.
         at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
         # No equation has what acts on a joint that none of the known torques moves.
-        if (drive.parallel_spring or drive.joint_friction) and np.any(at_drive[known]):
+        if np.any(at_drive[known]) and (*drive.parallel_spring, *drive.joint_friction):
             parts.append((joint_regressor(robot, joint), 1.0, at_drive))
         for regressor, factor, share in parts:
             by_name = signals_of(index)

@@ -20,6 +20,7 @@ from seaid.checks import observed
 from seaid.errors import Finding, LogError, SeaidError
 from seaid.identification import extension_of
 from seaid.legged import with_leg_order
+from seaid.legged.base import turned_to_world
 from seaid.legged.feet import (
     FEET_CHECKS,
     MOTION_CHECKS,
@@ -30,7 +31,7 @@ from seaid.legged.feet import (
 )
 from seaid.legged.floating import contact_map
 from seaid.legged.load_side import radius_rows
-from seaid.log import BaseLog, Description, LogDescription, turned_to_world
+from seaid.log import BaseLog, Description, LogDescription
 from seaid.log.description import Source, VectorSource
 from seaid.regressor import load_model_of, load_regression
 from tests.legged.test_floating_base import go2

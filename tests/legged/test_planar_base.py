@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import make_interp_spline
 
 import seaid
 from scripts.example_robots import example_urdf
@@ -17,6 +18,7 @@ from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.legged.floating import floating_regressor, floating_rows, planar_rotations
 from seaid.log import BaseLog
+from seaid.log.filtering import spline_derivatives
 from seaid.robot import Contact, Robot
 from tests.regressor.modular.stances import columns_of_stances
 
@@ -391,3 +393,59 @@ def test_the_lowest_contact_of_a_written_model_touches_the_floor(
     lowest = data.geom_xpos[balls, 2] - model.geom_size[balls, 0]
     assert np.min(lowest) == pytest.approx(0.0, abs=1e-6)
     assert (np.argmin(lowest) == 0) == (belly_m > 0.5)
+
+
+def in_the_air(folder: Path, held: str) -> dict[str, Array]:
+    """Columns of a hopper in the air whose pitch, and x, a guide may hold: forces on it are zero.
+
+    The others have a motion by which the equations of the base hold without a guide.
+    """
+    robot = seaid.load_robot(folder / "hopper.urdf", base="planar_xz")
+    time = np.arange(0.0, 8.0, 0.004)
+    places = [0.4 * np.sin((3.0 + 0.7 * k) * time + k) for k in range(4)]
+    q = np.column_stack(places) + np.array([0.3, -0.6, 0.2, -0.7])
+    v, a = (spline_derivatives(time, q)[order] for order in (1, 2))
+    free = [row for row, axis in ((0, "x"), (2, "z"), (4, "pitch")) if axis not in held.split()]
+
+    def rows(values: Array) -> Array:
+        """Return the rows of accelerations (T, 6) of a base that does not turn fast."""
+        base = (np.zeros((len(time), 3)), values[:, 3:], values[:, :3])
+        return floating_rows(robot, floating_regressor(robot, q, v, a, base), range(4)) @ (
+            robot.parameters
+        )
+
+    # The rows are linear in the accelerations: those of the free axes make their rows zero.
+    nothing = np.zeros((len(time), 6))
+    still = rows(nothing)
+    mass = np.stack([(rows(nothing + np.eye(6)[row]) - still)[:, free] for row in free], axis=2)
+    accelerations = nothing.copy()
+    accelerations[:, free] = -np.linalg.solve(mass, still[:, free][:, :, None])[:, :, 0]
+    torque, rng = rows(accelerations)[:, 6:], np.random.default_rng(3)
+    table = {"time_s": time, "base.angle_rad": 1e-5 * rng.normal(size=len(time))}
+    for axis, row in (("x", 0), ("z", 2)):
+        change = accelerations[:, row] - 9.81 * (axis == "z")
+        speed = make_interp_spline(time, change, k=5).antiderivative()(time)
+        table[f"base.velocity_{axis}_m_per_s"] = speed * (row in free)
+    for place, joint in enumerate(robot.joint_names):
+        noise = rng.normal(size=(2, len(time)))
+        table[f"{joint}.joint_position_rad"] = q[:, place] + 1e-6 * noise[0]
+        table[f"{joint}.motor_torque_Nm"] = torque[:, place] + 1e-3 * noise[1]
+    return table
+
+
+@pytest.mark.parametrize(
+    ("held", "equations"),
+    [("pitch", "base moment y"), ("pitch x", "base force x, base moment y")],
+)
+def test_equations_of_a_base_have_no_force_of_a_guide_that_holds_it(
+    folder: Path, held: str, equations: str
+) -> None:
+    robot = seaid.load_robot(folder / "hopper.urdf", base="planar_xz")
+    log = seaid.read_log(written(folder / "air.csv", in_the_air(folder, held)), robot)
+    found = seaid.identify(robot.without_nominal(), log, cutoff_hz=10.0)
+    (note,) = [finding for finding in found.warnings if finding.code == "locked-output"]
+    assert f"not used are {equations}" in note.message
+    truth = found.base.project(robot.parameters)
+    np.testing.assert_allclose(found.load.values, truth, atol=0.02 * np.max(np.abs(truth)))
+    scores = (found.load.values - truth) / found.load.standard_errors
+    assert np.sqrt(np.mean(scores**2)) < 2.0

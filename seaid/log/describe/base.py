@@ -470,11 +470,10 @@ class _Search:
         words = {*words_of(column)}
         is_in_degrees = unit in ("deg", "deg/s") or "°" in column
         is_in_degrees |= not words.isdisjoint(("deg", "degree", "degrees", "dps"))
-        if unit is None and not is_in_degrees and "rad" not in column.lower():
-            is_in_degrees = float(np.ptp(values)) > _TURNS
-            if is_in_degrees:
-                text = f"turns by {np.ptp(values):.3g} without a unit: taken for degrees"
-                self.note(column, text)
+        is_unknown = unit is None and not is_in_degrees and "rad" not in column.lower()
+        if is_unknown and np.ptp(values) > _TURNS:
+            is_in_degrees = True
+            self.note(column, f"turns by {np.ptp(values):.3g} without a unit: taken for degrees")
         return VectorSource((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
 
     def _check_signs(self, vectors: Mapping[str, VectorSource]) -> None:
