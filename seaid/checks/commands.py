@@ -592,7 +592,7 @@ def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, floa
 def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     """Return the finding on commands that act before their time, or later than on any bus."""
     is_late = delay > 0
-    when, cause = "before", "they are logged late, or the positions early"
+    when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
     if is_late:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     return codes.DELAY.finding(

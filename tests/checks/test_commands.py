@@ -16,6 +16,7 @@ import pytest
 import seaid
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
+from seaid.checks import commands
 from seaid.checks.commands import _is_folded, _returns, _returns_of, no_measurements
 from seaid.checks.tolerances import EVENTS
 from seaid.drives.toml import drives_from_mapping
@@ -499,3 +500,10 @@ def test_returns_of_joints_count_together_where_no_torque_is_below_zero() -> Non
     assert [_returns_of(torque) for torque in torques.T] == [4, 4]
     assert _returns([*torques.T]) == [8, 8]
     assert _returns([torques[:, 0], -torques[:, 1]]) == [4, 4]
+
+
+def test_commands_that_act_early_may_be_those_of_a_velocity_gain_on_the_error() -> None:
+    early, late = (commands._unusual_delay(sign * 0.04, ["j"]).message for sign in (-1, 1))
+    assert "40 ms before their time" in early
+    assert "command_velocity_gain" in early
+    assert "command_velocity_gain" not in late
