@@ -386,9 +386,8 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     ordered = by_severity(findings)
     alike: dict[tuple[str, str], list[Finding]] = {}
     for finding in ordered:
-        key = (finding.code, finding.severity) if finding.severity != "note" else ("", "")
-        alike.setdefault(key if finding.joint else ("", ""), []).append(finding)
-    alike.pop(("", ""), None)
+        if finding.joint and finding.severity != "note":
+            alike.setdefault((finding.code, finding.severity), []).append(finding)
     replaced = {
         finding: _as_one(group) if finding is group[0] else None
         for group in alike.values()

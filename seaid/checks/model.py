@@ -38,7 +38,7 @@ from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.checks.verdict import Contact, RobotFit
-from seaid.drives import joint_of, parameter_of, readable, term_fields
+from seaid.drives import readable, term_fields
 from seaid.errors import Finding, SeaidError, Severity, by_severity
 from seaid.estimation import FittedRows, estimator_named, first_term, fit
 from seaid.log import Motion
@@ -87,17 +87,13 @@ class SideSelection:
 
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
-        findings, estimate = noise_findings(fitted.estimate), fitted.estimate
-        is_motor, known = self.side.is_motor, self.side.fitted.estimate.names
-        for joint in self.side.joints:
-            places = [
-                place
-                for place, name in enumerate(estimate.names)
-                if name in known and (is_motor or joint_of(name) == joint)
-            ]
-            names = [parameter_of(estimate.names[place]) for place in places]
-            qr_factor = fitted.qr_factor if is_motor else None
-            findings += drive_findings(joint, estimate.part(places, names), qr_factor)
+        findings, known = noise_findings(fitted.estimate), self.side.fitted.estimate.names
+        estimate = fitted.estimate.of_names(x for x in fitted.estimate.names if x in known)
+        if self.side.is_motor:
+            (joint,) = self.side.joints
+            findings += drive_findings(joint, estimate, fitted.qr_factor)
+        for joint, of_joint in estimate.by_owner().items():
+            findings += drive_findings(joint, of_joint) if joint in self.side.joints else []
         findings += offset_findings(self.side.robot, fitted)
         return {(finding.code, finding.joint) for finding in findings}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from seaid.drives import (
 )
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import (
+    Diagnostics,
     Estimate,
     FittedRows,
     ModelChecks,
@@ -110,40 +111,36 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
 # The noise of a fit
 
 
-def _few_rows(estimate: Estimate) -> Iterator[Finding]:
-    count, p = estimate.diagnostics.independent_rows, estimate.diagnostics.parameters
+def noise_findings(estimate: Estimate) -> list[Finding]:
+    """Return what the errors of the rows of a fit show, by its diagnostics."""
+    return [*_noise_findings(estimate.diagnostics)]
+
+
+def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
+    count, p, scatter = shown.independent_rows, shown.parameters, shown.scatter
     if count < tol.FEWEST_INDEPENDENT * p:
         yield codes.FEW_ROWS.finding(
             f"{p} parameters were estimated from {count:.0f} independent rows: their intervals are "
             "unreliable; record a longer log, or raise cutoff_hz",
             evidence={"independent rows": count, "parameters": float(p)},
         )
-
-
-def _blocks_disagree(estimate: Estimate) -> Iterator[Finding]:
-    scatter = estimate.diagnostics.scatter
     if scatter >= tol.TWICE:
         yield codes.BLOCKS_DISAGREE.finding(
-            f"{estimate.diagnostics.blocks} parts of the data disagree: their estimates scatter up "
+            f"{shown.blocks} parts of the data disagree: their estimates scatter up "
             f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
             "were enlarged so much",
             evidence={"chi-square per degree of freedom": scatter},
             remedy=codes.BLOCKS_DISAGREE.advice,
         )
-
-
-def _drifts(estimate: Estimate) -> Iterator[Finding]:
-    growth = estimate.diagnostics.growth
-    for drift in estimate.diagnostics.drifts:
-        if drift.ratio <= tol.FAR:  # it is in the standard errors all the same
-            continue
+    # others are in the standard errors all the same
+    for drift in (x for x in shown.drifts if x.ratio > tol.FAR):
         yield codes.DRIFT.finding(
             f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
             "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
             f"below {drift.corner_hz:.2g} Hz they are larger than the noise; the standard errors "
-            f"were enlarged by them, up to {math.sqrt(growth):.2g} times",
+            f"were enlarged by them, up to {math.sqrt(shown.growth):.2g} times",
             drift.joint,
-            "doubtful" if growth > tol.TWICE and drift.share >= tol.FEW else "note",
+            "doubtful" if shown.growth > tol.TWICE and drift.share >= tol.FEW else "note",
             {
                 "share of the torque": drift.share,
                 "corner_hz": drift.corner_hz,
@@ -152,22 +149,13 @@ def _drifts(estimate: Estimate) -> Iterator[Finding]:
             },
             codes.DRIFT.advice,
         )
-
-
-def _weak_instruments(estimate: Estimate) -> Iterator[Finding]:
-    for name, share in estimate.diagnostics.instruments.items():
+    for name, share in shown.instruments.items():
         if share < tol.POOR:
             yield codes.WEAK_INSTRUMENTS.finding(
                 f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
                 "as biased as that of least squares",
                 evidence={"partial R^2": share},
             )
-
-
-def noise_findings(estimate: Estimate) -> list[Finding]:
-    """Return what the errors of the rows of a fit show, by its diagnostics."""
-    looks = (_few_rows, _blocks_disagree, _drifts, _weak_instruments)
-    return [finding for look in looks for finding in look(estimate)]
 
 
 def smoothed_instruments(problem: Exception) -> Finding:
@@ -227,32 +215,16 @@ _OF_TORQUE = (*_CONSTANTS, "stiffness")
 """Parameters whose sign is that of a channel."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Value:
-    """A parameter of a drive: its name, that in words, its value and standard error."""
+def _values(joint: str, estimate: Estimate) -> Iterator[tuple[str, str, dict[str, float]]]:
+    """Yield the parameters that are not zero in a drive of this kind.
 
-    name: str
-    text: str
-    value: float
-    error: float
-
-    @property
-    def evidence(self) -> dict[str, float]:
-        return {"value": self.value, "standard error": self.error}
-
-    @property
-    def has_wrong_sign(self) -> bool:
-        kind = PARAMETERS.get(self.name)
-        return kind is not None and kind.is_positive and self.value < 0
-
-
-def _values(joint: str, estimate: Estimate) -> Iterator[_Value]:
-    """Yield the parameters that are not zero in a drive of this kind."""
-    rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
-    for name, value, error in rows:
+    They are (name, that in words, value and standard error as the evidence of a finding).
+    """
+    columns = estimate.values.tolist(), estimate.standard_errors.tolist()
+    for name, value, error in zip(estimate.names, *columns, strict=True):
         if not (name in _ZEROS or is_harmonic(name)):
             text = readable(ParameterName(name, joint))
-            yield _Value(name, text, float(value), float(error))
+            yield name, text, {"value": value, "standard error": error}
 
 
 _NONLINEAR = {"deflection_zero", "cubic_stiffness", "fifth_stiffness", "hysteresis_force"}
@@ -305,46 +277,47 @@ def _scattering(estimate: Estimate) -> str:
 def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> Iterator[Finding]:
     """Yield the parameters with a large standard error, and a stiffness that is biased by noise."""
     weak = _weak(estimate, qr_factor)
-    for term in _values(joint, estimate):
-        reasons, subject = list[str](), term.text
-        if term.error > tol.POOR * abs(term.value):
-            share = f"standard error {term.error / abs(term.value):.0%}" if term.value else ""
-            reasons = [share or "value zero"]
-        if term.name == "stiffness" and weak:
-            if _scattering(estimate):
-                constant = readable(ParameterName(_scattering(estimate), joint))
-                subject = f"{constant}, and with it friction and rotor inertia,"
-            message = f"{subject} is poorly identified: {'; '.join([*reasons, *weak])}"
-            yield codes.WEAK_SPRING.finding(message, joint, evidence=term.evidence)
-        elif reasons:
-            message = f"{subject} is poorly identified: {reasons[0]}"
-            yield codes.POORLY_IDENTIFIED.finding(message, joint, "note", term.evidence)
+    for name, text, evidence in _values(joint, estimate):
+        value, error = evidence.values()
+        is_weak = name == "stiffness" and bool(weak)
+        reasons = weak * is_weak
+        if error > tol.POOR * abs(value):
+            share = f"standard error {error / abs(value):.0%}" if value else "value zero"
+            reasons = [share, *reasons]
+        if is_weak and _scattering(estimate):
+            constant = readable(ParameterName(_scattering(estimate), joint))
+            text = f"{constant}, and with it friction and rotor inertia,"
+        if reasons:
+            code: Code = codes.WEAK_SPRING if is_weak else codes.POORLY_IDENTIFIED
+            message = f"{text} is poorly identified: {'; '.join(reasons)}"
+            yield code.finding(message, joint, "doubtful" if is_weak else "note", evidence)
 
 
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
-    for term in _values(joint, estimate):
-        if not term.has_wrong_sign:
+    for name, text, evidence in _values(joint, estimate):
+        value, error = evidence.values()
+        if value >= 0 or name not in PARAMETERS or not PARAMETERS[name].is_positive:
             continue
-        is_sure = term.value < -tol.SURE * term.error
+        is_sure = value < -tol.SURE * error
         severity: Severity = "doubtful" if is_sure else "note"
         code: Code = codes.NEGATIVE_PARAMETER
-        message, remedy = f"{term.text} is negative, {term.value:.3g}: ", ""
-        if PARAMETERS[term.name].starts:  # of a search: not due to a wrong sign in the log
+        message, remedy = f"{text} is negative, {value:.3g}: ", ""
+        if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
             code, severity = codes.NEEDLESS_TERM, "note"
-            message = f"{term.text} is not distinguishable from zero: remove its term"
-        elif term.name == "coulomb_friction" and "stiffness" in estimate.names:
-            code, play = codes.LOOSE_ENCODER, abs(term.value / estimate.value("stiffness"))
+            message = f"{text} is not distinguishable from zero: remove its term"
+        elif name == "coulomb_friction" and "stiffness" in estimate.names:
+            code, play = codes.LOOSE_ENCODER, abs(value / estimate.value("stiffness"))
             message += (
                 "the joint encoder, or the spring, has play or hysteresis, at least "
                 f"{play:.2g} (torque of the motor over stiffness)"
             )
         else:
             message += "check signs and offsets of the log"
-            remedy = _if_negative(term.name, estimate.names, is_sure)
-            if is_sure and term.name in _OF_TORQUE:
+            remedy = _if_negative(name, estimate.names, is_sure)
+            if is_sure and name in _OF_TORQUE:
                 severity = "wrong"
-        yield code.finding(message, joint, severity, term.evidence, remedy)
+        yield code.finding(message, joint, severity, evidence, remedy)
 
 
 def _if_negative(name: str, others: Collection[str], sure: bool) -> str:

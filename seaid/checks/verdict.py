@@ -333,10 +333,10 @@ def robot_fit(
         return bare
     notes, whole = list[Finding](), bare
     with guarded(NO_FIT, notes):
-        by_blocks, sizes = _blocks(fit), _load_sizes(experiment, bodies)
+        (targets, count), sizes = _blocks(fit), _load_sizes(experiment, bodies)
         computed = rows.H @ fit.estimate.values
-        predicted = by_blocks.targets if bare.own is None else by_blocks.targets[bare.own]
-        errors, blocks = (_errors(rows, targets, sizes) for targets in (computed, predicted))
+        predicted = targets if bare.own is None else targets[bare.own]
+        errors, blocks = (_errors(rows, each, sizes) for each in (computed, predicted))
         misfits = np.column_stack([experiment.of_bodies(bodies), experiment.nominal]).tolist()
         of_bodies, motors = dict(zip(names, misfits, strict=True)), dict[str, float]()
         for joint, side in actuators.items():
@@ -347,7 +347,7 @@ def robot_fit(
         residual = NAN, NAN
         if not experiment.robot.base_is_held:
             residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
-        fits, count = FrozenMapping(joints, "joint"), by_blocks.rows_per_parameter
+        fits = FrozenMapping(joints, "joint")
         whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
     with guarded(FEW_ROWS, notes):
         whole = replace(whole, predicted=_prediction_errors(experiment, base, load))
@@ -412,21 +412,12 @@ def _errors(
     return errors
 
 
-@dataclass(frozen=True, eq=False)
-class _Blocks:
-    """Targets (R,) of blocks of the rows, each predicted by the fit of the others.
+def _blocks(fit: FittedRows) -> tuple[Array, float]:
+    """Return the targets (R,) of blocks of the rows, each predicted by the fit of the others.
 
-    `rows_per_parameter` are the independent ones, by how much farther blocks are from the fit of
-    all, in each direction of the parameters, than in white noise.
-    """
-
-    targets: Array
-    rows_per_parameter: float
-
-
-def _blocks(fit: FittedRows) -> _Blocks:
-    """Return the predictions of blocks, NaN if there are too few rows for them.
-
+    They are NaN if there are too few rows for them. The second value are the independent rows per
+    parameter, by how much farther blocks are from the fit of all, in each direction of the
+    parameters, than in white noise.
     Directions of the parameters that a block alone determines, such as the mass at a foot that is
     in the air once, are those of the fit of all: the others predict nothing of them.
     """
@@ -435,7 +426,7 @@ def _blocks(fit: FittedRows) -> _Blocks:
     try:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
-        return _Blocks(np.full(len(rows.y), NAN), float("inf"))
+        return np.full(len(rows.y), NAN), float("inf")
     parts = [qr_factor_of(rows.at(mask)) for mask in masks]
     factors = [
         part.weighted_factor(fit.weights[np.searchsorted(fit.qr_factor.equations, part.equations)])
@@ -460,9 +451,9 @@ def _blocks(fit: FittedRows) -> _Blocks:
         targets[mask] = rows.H[mask] @ (theta - root @ (V @ change))
     score, squares = np.concatenate(scores), np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2)
     if not np.sum(score) > 0:  # each direction is determined by a block alone
-        return _Blocks(targets, float("inf"))
+        return targets, float("inf")
     # of n independent rows the residuals have (1 - kept / n) of the variance of the noise
-    return _Blocks(targets, 1 + float(squares / np.mean(score)) / kept)
+    return targets, 1 + float(squares / np.mean(score)) / kept
 
 
 def _beyond_friction(rows: Regression, fit: FittedRows, residual: Array) -> Array:
@@ -537,37 +528,35 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
     fit = whole.joints[joint]
-    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
     kept = [x for x, each in whole.joints.items() if x not in BASE_ROWS and each.own < tol.NOTHING]
-    of, force, base = f"the torque on the load of {joint}", "torque", None
+    of, force, base = f"the torque on the load of {joint}", "torque", ""
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
     holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
+    finding = NO_FIT.finding(
+        f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
+        f"{error:.0%} in excluded blocks, a constant 100%{holds}",
+        joint,
+        evidence={"error": fit.own, "error of excluded blocks": fit.blocks},
+        remedy=base or NO_FIT.advice,
+    )
     if fit.own <= tol.MOST:
-        return NO_FIT.finding(
-            f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
-            f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of a part "
-            "of the log does not determine its parameters",
-            joint,
-            evidence=evidence,
+        return replace(
+            finding,
+            message=f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of "
+            f"the {force}, and predicts excluded blocks of them with {error:.0%}: the motion of a "
+            "part of the log does not determine its parameters",
             remedy="record a longer motion" + ("" if base else ", or remove terms of this drive"),
         )
     if error <= tol.NOTHING:
-        return NO_FIT.finding(
-            f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
-            f"{error:.0%} in excluded blocks, a constant 100%{holds}",
-            joint,
-            evidence=evidence,
-            remedy=base or NO_FIT.advice,
-        )
-    return NO_FIT.finding(
-        f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in the own "
-        f"logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}",
-        joint,
-        "wrong",
-        evidence,
-        base or _OF_JOINT + excluding_torque(kept),
-        "certain",
+        return finding
+    return replace(
+        finding,
+        message=f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
+        f"the own logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}",
+        severity="wrong",
+        remedy=base or _OF_JOINT + excluding_torque(kept),
+        certainty="certain",
     )
 
 
