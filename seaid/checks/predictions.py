@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtri
@@ -362,11 +363,5 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
 # Files for simulators
 
 
-def not_in_format(
-    text: str,
-    severity: Severity = "doubtful",
-    evidence: Mapping[str, float] | None = None,
-    remedy: str = "",
-) -> Finding:
-    """Return that a written file does not hold a part of the model."""
-    return codes.NOT_IN_FORMAT.finding(text, "", severity, dict(evidence or {}), remedy, "certain")
+not_in_format = partial(codes.NOT_IN_FORMAT.finding, joint="", certainty="certain")
+"""Return that a written file does not hold a part of the model."""

@@ -256,7 +256,8 @@ def _lost_effect(
     texts = listed(f"{a.joint} ({sizes[a.joint]:.4g} {_unit(a, effect)})" for a in lost)
     if lost:
         text = f"{problem}: it is not in the file for {texts}"
-        yield not_in_format(text, effect.severity, sizes, effect.remedy(lost))
+        remedy = effect.remedy(lost)
+        yield not_in_format(text, severity=effect.severity, evidence=sizes, remedy=remedy)
 
 
 def _lost_terms(
@@ -269,9 +270,8 @@ def _lost_terms(
         yield not_in_format(f"{title} has not these terms of the drives: {listed(texts)}")
     smooth = [a.joint for a in actuators if {*SMOOTH} & {*a.drive.friction}]
     if smooth and is_dry:
-        yield not_in_format(
-            f"smooth friction is written as dry friction for {listed(smooth)}", "note"
-        )
+        text = f"smooth friction is written as dry friction for {listed(smooth)}"
+        yield not_in_format(text, severity="note")
 
 
 def limited_offsets(actuators: Iterable[JointActuator]) -> list[Finding]:
@@ -282,7 +282,7 @@ def limited_offsets(actuators: Iterable[JointActuator]) -> list[Finding]:
     sizes = {a.joint: a.offset for a in limited}
     text = "at its torque limit, an actuator of the file has no friction offset: "
     text += listed(f"{a.joint} ({a.offset:.4g} of {a.limit:.4g})" for a in limited)
-    return [not_in_format(text, "note", sizes)]
+    return [not_in_format(text, severity="note", evidence=sizes)]
 
 
 def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Finding]:
@@ -291,10 +291,10 @@ def rounded_delays(actuators: Iterable[JointActuator], step_s: float) -> list[Fi
     far = {joint: error for joint, error in errors.items() if abs(error) > _EXACT * step_s}
     if not far:
         return []
-    text = f"delays are whole steps of {step_s * 1e3:g} ms in the file: " + listed(
-        f"{joint} is {error * 1e3:+.3g} ms off" for joint, error in far.items()
-    )
-    return [not_in_format(text, "note", far, "--time-step, with the time step of the simulation")]
+    delays = listed(f"{joint} is {error * 1e3:+.3g} ms off" for joint, error in far.items())
+    text = f"delays are whole steps of {step_s * 1e3:g} ms in the file: {delays}"
+    remedy = "--time-step, with the time step of the simulation"
+    return [not_in_format(text, severity="note", evidence=far, remedy=remedy)]
 
 
 _EXACT = 0.05
