@@ -1,9 +1,8 @@
-"""The codes of findings, by which checks make them: `DELAY.finding(...)`, and which are echoes.
+"""The codes of findings, and which findings are echoes of others.
 
-What each `Code` stands for, what usually causes it, and what to do, is in `codes.toml`. A `Symptom`
-says that something is off, and not why; a `Cause` spoils the fit of its joint. `CODES` has them in
-the order of the page `docs/warnings.md`, whose sections are made from both files
-(`python -m scripts.warnings_page`). Each code is given in one place.
+`CODES` has all that are in `codes.toml`, with what each stands for, what usually causes it, and
+what to do; checks make their findings by them: `CODES["delay"].finding(...)`. The sections of the
+page `docs/warnings.md` are made from that file, in its order (`python -m scripts.warnings_page`).
 
 An `Observation` is a check that looks at what is there, such as the samples of a `Channel` of a
 log; `observed` makes all those of a room. A check that fails is no reason to lose the result: its
@@ -19,10 +18,10 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, partial, partialmethod
+from functools import partial, partialmethod
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -54,38 +53,26 @@ class Code:
     ----------
     name : str
         The word by which users and scripts refer to it, such as "delay".
-    is_symptom, spoils : bool
-        Whether it is a `Symptom`, or a `Cause`.
+    meaning : str
+        What it stands for, in a phrase.
+    cause, advice : str
+        The usual cause, and what to do, in sentences.
+    measurement : str
+        What decides between it and other causes that explain a log as well, "" if nothing.
+    implies : str
+        What follows if it is the cause, as a clause, "" if nothing does.
+    kind : {"cause", "symptom", ""}
+        "symptom": something is off, and not why; what spoils a fit brings it with it. "cause": what
+        spoils the fit of its joint, or of all joints if a finding names none.
     """
 
     name: str
-    is_symptom: ClassVar[bool] = False
-    spoils: ClassVar[bool] = False
-
-    @property
-    def meaning(self) -> str:
-        """What it stands for, in a phrase."""
-        return _texts()[self.name]["meaning"]
-
-    @property
-    def cause(self) -> str:
-        """The usual cause, in sentences."""
-        return _texts()[self.name]["cause"]
-
-    @property
-    def advice(self) -> str:
-        """What to do, in sentences."""
-        return _texts()[self.name]["advice"]
-
-    @property
-    def measurement(self) -> str:
-        """What decides between it and other causes that explain a log as well, "" if nothing."""
-        return _texts()[self.name].get("measurement", "")
-
-    @property
-    def implies(self) -> str:
-        """What follows if it is the cause, as a clause, "" if nothing does."""
-        return _texts()[self.name].get("implies", "")
+    meaning: str
+    cause: str
+    advice: str
+    measurement: str = ""
+    implies: str = ""
+    kind: Literal["cause", "symptom", ""] = ""
 
     def finding(
         self,
@@ -111,27 +98,19 @@ class Code:
     """Return a `finding` for information: by default what is certain and no mistake."""
 
 
-@cache
-def _texts() -> Mapping[str, Mapping[str, str]]:
-    """Return {name of a code: its texts} of codes.toml, read once, where a text is needed."""
+def _codes() -> Mapping[str, Code]:
+    """Return {name of a code: the code} of codes.toml."""
     path = Path(__file__).with_name("codes.toml")
     tables = read_toml(path, "the texts of codes", SeaidError)
-    return {
-        name: {key: " ".join(text.split()) for key, text in texts.items()}
-        for name, texts in tables.items()
-    }
+    codes = dict[str, Code]()
+    for name, texts in tables.items():
+        attributes: dict[str, Any] = {key: " ".join(text.split()) for key, text in texts.items()}
+        codes[name] = Code(name, **attributes)
+    return FrozenMapping(codes, "code of a finding")
 
 
-class Symptom(Code):
-    """A code of something that is off, and not of why: what spoils a fit brings it with it."""
-
-    is_symptom = True
-
-
-class Cause(Code):
-    """A code of what spoils the fit of its joint, or of all joints if a finding names none."""
-
-    spoils = True
+CODES = _codes()
+"""{name of a code: the code}, in the order of codes.toml."""
 
 
 @dataclass(frozen=True)
@@ -264,84 +243,40 @@ def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator
                 yield Channel(joint, quantity, values, sources[joint].get(quantity))
 
 
-UNIT = Cause("unit")
-TIME_UNIT = Cause("time-unit")
-WRAPS = Cause("wraps")
-SIGN = Cause("sign")
-ENCODER_OFFSET = Cause("encoder-offset")
-SWAPPED_JOINTS = Cause("swapped-joints")
-GEAR_RATIO = Cause("gear-ratio")
-VARYING_RATIO = Cause("varying-ratio")
-COUPLED_JOINTS = Cause("coupled-joints")
-MISSING_DRIVES = Cause("missing-drives")
-PAYLOAD = Code("payload")
-GRAVITY = Cause("gravity")
-NOMINAL_VALUES = Code("nominal-values")
-GEOMETRY = Cause("geometry")
-DELAY = Cause("delay")
-COMMAND_DELAY = Code("command-delay")
-CONTACT_FLAGS = Code("contact-flags")
-BASE_FRAMES = Code("base-frames")
-BASE_SENSOR = Code("base-sensor")
-SOFT_FEET = Code("soft-feet")
-BASE_BIAS = Code("base-bias")
-SENSOR_ZERO = Code("sensor-zero")
-NO_TORQUE = Code("no-torque")
-TOTAL_MASS = Code("total-mass")
-BASE_JUMPS = Code("base-jumps")
-ROTOR_INERTIA = Cause("rotor-inertia")
-TORQUE_SCALE = Cause("torque-scale")
-GAIN_SCALE = Code("gain-scale")
-UNUSED_COMMAND = Code("unused-command")
-NO_MEASUREMENT = Cause("no-measurement")
-TORQUE_OFFSET = Symptom("torque-offset")
-ENCODER_OFFSETS_DIFFER = Cause("encoder-offsets-differ")
-WEAK_SPRING = Symptom("weak-spring")
-BACKLASH = Cause("backlash")
-NONLINEAR_SPRING = Cause("nonlinear-spring")
-GEAR_COMPLIANCE = Code("gear-compliance")
-TRANSMISSION_ERROR = Cause("transmission-error")
-REFERENCE_POSITION = Code("reference-position")
-LOOSE_ENCODER = Cause("loose-encoder")
-MISSING_TERM = Cause("missing-term")
-NEEDLESS_TERM = Code("needless-term")
-DRIVES_DIFFER = Code("drives-differ")
-DRIFT = Symptom("drift")
-RESIDUAL = Code("residual")
-NO_FIT = Symptom("no-fit")
-UNSEEN_MOTION = Code("unseen-motion")
-CONTACT_FORCES = Code("contact-forces")
-NOT_REPLAYED = Code("not-replayed")
-REPLAY_WORSE = Code("replay-worse")
-POORLY_IDENTIFIED = Code("poorly-identified")
-UNIDENTIFIABLE = Code("unidentifiable")
-POORLY_DETERMINED = Code("poorly-determined")
-NEGATIVE_PARAMETER = Symptom("negative-parameter")
-INCONSISTENT_INERTIA = Symptom("inconsistent-inertia")
-WEAK_INSTRUMENTS = Symptom("weak-instruments")
-FEW_ROWS = Symptom("few-rows")
-HOMOGENEOUS = Code("homogeneous")
-ESTIMATOR_DISAGREES = Symptom("estimator-disagrees")
-BLOCKS_DISAGREE = Symptom("blocks-disagree")
-CUTOFF_SENSITIVE = Symptom("cutoff-sensitive")
-WORSE_THAN_START = Code("worse-than-start")
-MOTOR_SIDE = Code("motor-side")
-HIDDEN_RESONANCE = Code("hidden-resonance")
-WRONG_MINIMUM = Code("wrong-minimum")
-NOTHING_TO_SIMULATE = Code("nothing-to-simulate")
-CONTACT = Cause("contact")
-LOCKED_OUTPUT = Code("locked-output")
-STANDSTILL = Cause("standstill")
-SATURATION = Cause("saturation")
-HOLES = Cause("holes")
-NOT_IN_FORMAT = Code("not-in-format")
-UNUSED_CHANNEL = Code("unused-channel")
-
-CODES: Mapping[str, Code] = FrozenMapping(
-    {code.name: code for code in list(globals().values()) if isinstance(code, Code)},
-    "code of a finding",
-)
-"""{name of a code: the code}."""
+UNIT = CODES["unit"]
+TIME_UNIT = CODES["time-unit"]
+WRAPS = CODES["wraps"]
+SIGN = CODES["sign"]
+ENCODER_OFFSET = CODES["encoder-offset"]
+SWAPPED_JOINTS = CODES["swapped-joints"]
+GEAR_RATIO = CODES["gear-ratio"]
+VARYING_RATIO = CODES["varying-ratio"]
+COUPLED_JOINTS = CODES["coupled-joints"]
+MISSING_DRIVES = CODES["missing-drives"]
+PAYLOAD = CODES["payload"]
+GRAVITY = CODES["gravity"]
+NOMINAL_VALUES = CODES["nominal-values"]
+GEOMETRY = CODES["geometry"]
+DELAY = CODES["delay"]
+COMMAND_DELAY = CODES["command-delay"]
+ROTOR_INERTIA = CODES["rotor-inertia"]
+TORQUE_SCALE = CODES["torque-scale"]
+GAIN_SCALE = CODES["gain-scale"]
+UNUSED_COMMAND = CODES["unused-command"]
+NO_MEASUREMENT = CODES["no-measurement"]
+ENCODER_OFFSETS_DIFFER = CODES["encoder-offsets-differ"]
+BACKLASH = CODES["backlash"]
+LOOSE_ENCODER = CODES["loose-encoder"]
+NONLINEAR_SPRING = CODES["nonlinear-spring"]
+TRANSMISSION_ERROR = CODES["transmission-error"]
+REFERENCE_POSITION = CODES["reference-position"]
+MISSING_TERM = CODES["missing-term"]
+UNIDENTIFIABLE = CODES["unidentifiable"]
+CONTACT = CODES["contact"]
+LOCKED_OUTPUT = CODES["locked-output"]
+STANDSTILL = CODES["standstill"]
+SATURATION = CODES["saturation"]
+HOLES = CODES["holes"]
 
 EXPLAINED, OF_MOTOR = "explained", "explained of the motor equation"
 """The evidence of a column: the part of the squared residual of its equation that it explains."""
@@ -356,7 +291,7 @@ def is_wrong(setup: Iterable[Finding]) -> bool:
 
 
 def _is_symptom(finding: Finding) -> bool:
-    return CODES[finding.code].is_symptom
+    return CODES[finding.code].kind == "symptom"
 
 
 def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[Finding]:
@@ -445,8 +380,8 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
     minor: dict[str, Collection[str]] = dict.fromkeys(_ECHOES, exact)
-    if {finding.code for finding in findings if finding.severity != "note"} - {FEW_ROWS.name}:
-        minor[FEW_ROWS.name] = {""}
+    if {finding.code for finding in findings if finding.severity != "note"} - {"few-rows"}:
+        minor["few-rows"] = {""}
     kept = (x for x in findings if x.severity == "wrong" or x.joint not in echoes.get(x.code, ()))
     matter = [
         replace(finding, severity="note")
@@ -480,7 +415,7 @@ def _brings(cause: Finding, symptom: Finding) -> bool:
     symptom that is worse nearly all, and so much of an error that less than half of the torque is
     left. What a motor lacks explains no load.
     """
-    if cause.severity == "note" or not CODES[cause.code].spoils:
+    if cause.severity == "note" or CODES[cause.code].kind != "cause":
         return False
     joints, evidence = joints_of([cause]), cause.evidence
     is_there = not joints or not symptom.joint or symptom.joint in joints

@@ -14,16 +14,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from seaid.checks.codes import (
-    CODES,
-    CONTACT,
-    DELAY,
-    ENCODER_OFFSET,
-    MISSING_TERM,
-    as_note,
-    guarded,
-    joints_of,
-)
+from seaid.checks.codes import CODES, as_note, guarded, joints_of
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import (
     Accepted,
@@ -220,7 +211,7 @@ def model_sides(
     notes, contacts = list[Finding](), tuple[Contact, ...]()
     if load.rows is None or not motions:
         return []
-    with guarded(CONTACT, notes):
+    with guarded(CODES["contact"], notes):
         contacts = RobotFit(robot.joint_names, load).contacts
     shared = widths, frozenset(gears), tuple(notes)
     sides = [
@@ -264,7 +255,7 @@ def _selected(
 ) -> SideSelection:
     """Return what the rows of a side support, without candidates that turn out to be nothing."""
     selection, findings = Selection((), side.equation, ()), {}
-    with guarded(MISSING_TERM, notes):
+    with guarded(CODES["missing-term"], notes):
         selection = forward_selection(side.equation, candidates, asked, STRONG)
     for joint, check in product(side.joints, COLUMN_CHECKS):
         accepted = [x for x in selection.accepted if x.trial.candidate.origin == (check, joint)]
@@ -299,14 +290,14 @@ def model_findings(
     findings = _with_common_delay(findings, selected, mistakes)
     if any(not finding.joint for finding in mistakes):
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
-        zero = ENCODER_OFFSET.name
+        zero = "encoder-offset"
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
     return [*findings, *dict.fromkeys(chain.from_iterable(side.notes for side in selected))]
 
 
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:
     """Return findings: notes at joints whose channels are wrong, all where a whole log is."""
-    spoiling = [finding for finding in mistakes if CODES[finding.code].spoils]
+    spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
     joints = joints_of(spoiling)
     is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
@@ -316,9 +307,9 @@ def _with_common_delay(
     findings: list[Finding], selected: Sequence[SideSelection], mistakes: Sequence[Finding]
 ) -> list[Finding]:
     """Return findings with one delay in place of those of all joints, and none if it is known."""
-    is_known = any(finding.code == DELAY.name for finding in mistakes)
+    is_known = any(finding.code == "delay" for finding in mistakes)
     common = common_delay([(side.side, side.selection) for side in selected])
     if common is None and not is_known:
         return findings
-    others = [finding for finding in findings if finding.code != DELAY.name]
+    others = [finding for finding in findings if finding.code != "delay"]
     return others if is_known or common is None else [common, *others]

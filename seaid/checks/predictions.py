@@ -12,8 +12,7 @@ from functools import partial
 import numpy as np
 from scipy.special import ndtri
 
-from seaid.checks import codes
-from seaid.checks.codes import in_drives, only_joint
+from seaid.checks.codes import CODES, in_drives, only_joint
 from seaid.checks.tolerances import FAR, MOST, NOTHING, POOR, RARE, SLIGHT, SURE, TWICE
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Estimate
@@ -30,20 +29,20 @@ def unseen_motion(of: str, joint: str, error: float, ratio: float) -> Iterator[F
     if not (error > MOST and ratio > TWICE):
         return
     times = f", and {ratio:.2g} times that in the own logs" if math.isfinite(ratio) else ""
-    yield codes.UNSEEN_MOTION.finding(
+    yield CODES["unseen-motion"].finding(
         f"the model does not predict {of} in another motion: its error is {error:.0%} of it, that "
         f"of a constant 100%{times}",
         joint,
         "wrong" if error > NOTHING else "doubtful",
         {"error": error, "over that in the own logs": ratio},
-        codes.UNSEEN_MOTION.advice,
+        CODES["unseen-motion"].advice,
     )
 
 
 def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints that a validation simulates from their motor angles."""
     if joints:
-        yield codes.MOTOR_SIDE.note(
+        yield CODES["motor-side"].note(
             f"the log has no sensor behind the spring of {', '.join(joints)}: the joint is "
             "simulated from the motor angle, and the motor torque compared; there is no measured "
             "torque on its load to compare",
@@ -56,7 +55,7 @@ def not_measured(joints: Sequence[str]) -> Iterator[Finding]:
 
 def not_replayed(joint: str, reason: str) -> Finding:
     """Return the note on a joint that follows its measured motion in a replay."""
-    return codes.NOT_REPLAYED.note(
+    return CODES["not-replayed"].note(
         f"{joint} follows its measured motion in the replay, which compares the other joints: "
         f"{reason}",
         joint,
@@ -70,7 +69,7 @@ def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
     if title == "nominal":
         line = "motor_inertia_kg_m2 = 1e-5  # write that of your motor"
         severity, remedy = "note", f"nominal values {in_drives({(next(iter(inertias)),): line})}"
-    return codes.ROTOR_INERTIA.finding(
+    return CODES["rotor-inertia"].finding(
         f"the {title} model has too little rotor inertia to be simulated under its controllers "
         "(the simulation diverged): it was replayed with the least that can, at the joint "
         f"[kg m^2 or kg]: {listed(f'{joint} {x:.2g}' for joint, x in inertias.items())}",
@@ -84,7 +83,7 @@ def diverged_replay(title: str, inertias: Mapping[str, float]) -> Finding:
 
 def least_inertias(title: str, inertias: Mapping[str, float], least_s: float) -> Finding:
     """Return the note that friction stops joints within a time [s] without other inertias."""
-    return codes.ROTOR_INERTIA.note(
+    return CODES["rotor-inertia"].note(
         f"the {title} model has so little inertia at "
         f"{listed(f'{joint} {x:.2g}' for joint, x in inertias.items())} that viscous friction "
         f"stops it within {1e3 * least_s:g} ms: it was replayed with these rotor inertias at the "
@@ -111,13 +110,13 @@ def replay_worse(
         what, size, mean = "this log", "", " (geometric mean of the joints)"
         if joint:
             what, size, mean = joint, f"{1e3 * after[joint]:.3g} {unit_of[joint]}, ", ""
-        yield codes.REPLAY_WORSE.finding(
+        yield CODES["replay-worse"].finding(
             f"the identified model replays {what} worse than the nominal one: its "
             f"rms error is {size}{ratio:.2g} times that before{mean}",
             joint,
             "wrong" if is_closed and not joint else "doubtful",
             {"ratio": ratio},
-            codes.REPLAY_WORSE.advice,
+            CODES["replay-worse"].advice,
             "likely" if joint else "certain" if is_closed else "possible",
         )
 
@@ -127,21 +126,21 @@ def replay_worse(
 
 def nothing_to_simulate() -> Finding:
     """Return the note that a refinement has no joint to simulate."""
-    return codes.NOTHING_TO_SIMULATE.note(
+    return CODES["nothing-to-simulate"].note(
         "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
         "there is no motion to simulate, and the torques alone determine no more than identify "
         "found",
-        remedy=codes.NOTHING_TO_SIMULATE.advice,
+        remedy=CODES["nothing-to-simulate"].advice,
     )
 
 
 def worse_than_start(reason: str, evidence: Mapping[str, float]) -> Finding:
     """Return that a refinement returns its start, because of a reason."""
-    return codes.WORSE_THAN_START.finding(
+    return CODES["worse-than-start"].finding(
         f"refine returns the values of its start, because {reason}: the model lacks an effect that "
         "the simulation of the joints accumulates, or the log is another one",
         evidence=evidence,
-        remedy=codes.WORSE_THAN_START.advice,
+        remedy=CODES["worse-than-start"].advice,
     )
 
 
@@ -172,7 +171,7 @@ def motor_side_findings(
         f"have lowered the stiffness by up to {bounds} (95 %); motions up to twice the "
         "antiresonance show more"
     )
-    yield codes.MOTOR_SIDE.note(
+    yield CODES["motor-side"].note(
         f"{', '.join(tests)}: no sensor behind the spring, so that stiffness and load come from "
         "motor angle and torque by output error; the stiffness is that of gear, spring and link in "
         "series, and the joint angle that of the motor over the gear ratio at a spring without "
@@ -183,7 +182,7 @@ def motor_side_findings(
 
 
 def _undamped(joint: str, size: float, error: float) -> Finding:
-    return codes.MOTOR_SIDE.finding(
+    return CODES["motor-side"].finding(
         f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
         f"{size / 2:.2%} of its load, {size / error:.0f} standard errors: its stiffness and "
         "friction may be wrong by more than their intervals",
@@ -196,7 +195,7 @@ def _undamped(joint: str, size: float, error: float) -> Finding:
 def _flexible(joint: str, size: float, error: float, antiresonance_hz: float) -> Finding:
     # d from B = d^2 (1 - s) / s
     less = [math.sqrt(size * share / (1 - share)) for share in (0.3, 0.5)]
-    return codes.MOTOR_SIDE.finding(
+    return CODES["motor-side"].finding(
         f"the stiffness that the motor of {joint} feels falls with the frequency, by {size:.2%} at "
         f"its antiresonance of {antiresonance_hz:.3g} Hz, {size / error:.0f} standard errors: "
         "something behind the spring is elastic too, a link, a gear or a mounting, which the model "
@@ -212,7 +211,7 @@ def noisy_springs(unexplained: Mapping[str, float]) -> Iterator[Finding]:
     """Yield the joints whose torque, as their motors feel it, is mostly not explained."""
     for joint, part in unexplained.items():
         if part > MOST:
-            yield codes.MOTOR_SIDE.finding(
+            yield CODES["motor-side"].finding(
                 f"{part:.0%} of the torque on the spring of {joint}, as its motor feels it, is "
                 "not explained: its stiffness and load may be wrong by more than their intervals; "
                 "load this spring more (a larger motion, a test mass), or log the joint position",
@@ -238,7 +237,7 @@ def hidden_springs(
         hz, share = antiresonances_hz[joint], error / abs(k)
         needed_hz, larger = rate_hz[1] * hz, share / SLIGHT
         rate = f"log at {needed_hz:.3g} Hz or more, " if needed_hz > rate_hz[0] else ""
-        yield codes.HIDDEN_RESONANCE.finding(
+        yield CODES["hidden-resonance"].finding(
             f"the motor torque hardly shows the spring of {joint}: its stiffness is known to "
             f"{share:.0%}. The motor feels it most at the antiresonance, about {hz:.3g} Hz, and "
             f"the motion has a band of {band_hz:.3g} Hz",
@@ -293,7 +292,7 @@ def unseen_resonance(
         reason = f"no resonance stands out up to {top:.3g} Hz; it is above that, or inside the "
         reason += f"noise, which is {noise:.2g} of the response there"
         remedy = f"excite up to {2 * top:.3g} Hz, logged at {6 * top:.3g} Hz or more; or {louder}"
-    yield codes.HIDDEN_RESONANCE.finding(
+    yield CODES["hidden-resonance"].finding(
         f"the response of {joint} does not determine its spring (relative standard error "
         f"{error:.2g}): {reason}",
         joint,
@@ -306,12 +305,12 @@ def unseen_resonance(
 
 def wrong_minimum(lack_of_fit: float) -> Finding:
     """Return that the errors of coupled joints follow the angles of their motors."""
-    return codes.WRONG_MINIMUM.finding(
+    return CODES["wrong-minimum"].finding(
         "the errors of the torques of the coupled joints follow their motor angles: they are "
         f"{lack_of_fit:.3g} times as large as what does not; the search may have ended in a wrong "
         "minimum, or links or gears are elastic",
         evidence={"error_ratio": lack_of_fit},
-        remedy=codes.WRONG_MINIMUM.advice,
+        remedy=CODES["wrong-minimum"].advice,
         certainty="possible",
     )
 
@@ -330,7 +329,7 @@ def contradicted_rotor(
     inertia, stiffness = stated["motor_inertia"], stated["stiffness"]
     # high - low is two half widths of the interval.
     if abs(inertia - rotor) > high - low and abs(stiffness - k) > SLIGHT * k:
-        yield codes.ROTOR_INERTIA.finding(
+        yield CODES["rotor-inertia"].finding(
             f"the response of {joint} contradicts its rotor inertia of {inertia:.3g} kg m^2: it "
             f"shows {rotor:.3g} kg m^2, {low:.3g} to {high:.3g}, with which the stiffness is "
             f"{k:.4g} {free.units[free.names.index('stiffness')]} and not {stiffness:.4g}",
@@ -348,7 +347,7 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
     if low > most or high < least:
         k, other_k = response.value("stiffness"), identified.value("stiffness")
         unit = response.units[response.names.index("stiffness")]
-        yield codes.ESTIMATOR_DISAGREES.finding(
+        yield CODES["estimator-disagrees"].finding(
             f"the stiffness of {joint} is {k:.4g} {unit} by its frequency response, {low:.4g} to "
             f"{high:.4g}, and {other_k:.4g} by the identification, {least:.4g} to {most:.4g}: a "
             "spring that is not linear, or softer at other amplitudes, a cutoff below its "
@@ -363,5 +362,5 @@ def stiffness_disagrees(joint: str, response: Estimate, identified: Estimate) ->
 # Files for simulators
 
 
-not_in_format = partial(codes.NOT_IN_FORMAT.finding, joint="", certainty="certain")
+not_in_format = partial(CODES["not-in-format"].finding, joint="", certainty="certain")
 """Return that a written file does not hold a part of the model."""

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import Code, consequences, in_drives, only_joint
+from seaid.checks.codes import CODES, Code, consequences, in_drives, only_joint
 from seaid.drives import (
     COMMANDS,
     DEAD_ZONES,
@@ -97,7 +96,7 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
     if pull > tol.PULL and not np.all(zero_fits):
         names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
-        yield codes.HOMOGENEOUS.finding(
+        yield CODES["homogeneous"].finding(
             f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
             "without a known torque zero parameters fit best, and noise in the accelerations pulls "
             f"all parameters towards zero, by about {pull:.0%}",
@@ -119,22 +118,22 @@ def noise_findings(estimate: Estimate) -> list[Finding]:
 def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
     count, p, scatter = shown.independent_rows, shown.parameters, shown.scatter
     if count < tol.FEWEST_INDEPENDENT * p:
-        yield codes.FEW_ROWS.finding(
+        yield CODES["few-rows"].finding(
             f"{p} parameters were estimated from {count:.0f} independent rows: their intervals are "
             "unreliable; record a longer log, or raise cutoff_hz",
             evidence={"independent rows": count, "parameters": float(p)},
         )
     if scatter >= tol.TWICE:
-        yield codes.BLOCKS_DISAGREE.finding(
+        yield CODES["blocks-disagree"].finding(
             f"{shown.blocks} parts of the data disagree: their estimates scatter up "
             f"to {scatter**0.5:.1f} times as much as their residuals explain; the standard errors "
             "were enlarged so much",
             evidence={"chi-square per degree of freedom": scatter},
-            remedy=codes.BLOCKS_DISAGREE.advice,
+            remedy=CODES["blocks-disagree"].advice,
         )
     # others are in the standard errors all the same
     for drift in (x for x in shown.drifts if x.ratio > tol.FAR):
-        yield codes.DRIFT.finding(
+        yield CODES["drift"].finding(
             f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
             "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
             f"below {drift.corner_hz:.2g} Hz they are larger than the noise; the standard errors "
@@ -147,11 +146,11 @@ def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
                 "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
                 "likelihood ratio": drift.ratio,
             },
-            codes.DRIFT.advice,
+            CODES["drift"].advice,
         )
     for name, share in shown.instruments.items():
         if share < tol.POOR:
-            yield codes.WEAK_INSTRUMENTS.finding(
+            yield CODES["weak-instruments"].finding(
                 f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
                 "as biased as that of least squares",
                 evidence={"partial R^2": share},
@@ -160,7 +159,7 @@ def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
 
 def smoothed_instruments(problem: Exception) -> Finding:
     """Return the finding of instruments of the load side that no simulation gave."""
-    return codes.WEAK_INSTRUMENTS.finding(
+    return CODES["weak-instruments"].finding(
         "the instruments of the load side come from the smoothed joint encoders, whose noise may "
         f"bias the base parameters: {problem}"
     )
@@ -168,7 +167,7 @@ def smoothed_instruments(problem: Exception) -> Finding:
 
 def instruments_without_effect() -> Finding:
     """Return the note on instruments of stiff drives."""
-    return codes.WEAK_INSTRUMENTS.note(
+    return CODES["weak-instruments"].note(
         "instrumental variables have no effect: the instruments of stiff drives come from the same "
         "motor encoder as the motion"
     )
@@ -181,16 +180,16 @@ def regression_notes(place: str, side: str, joint: str, checks: ModelChecks) -> 
     if they name their own.
     """
     for text in checks.poorly_determined:
-        yield codes.POORLY_DETERMINED.note(f"{place}: {text}")
+        yield CODES["poorly-determined"].note(f"{place}: {text}")
     for term in checks.terms:
         if term.bic <= 0:
             name = readable(ParameterName(term.terms[0], joint) if joint else term.terms[0])
-            yield codes.NEEDLESS_TERM.note(
+            yield CODES["needless-term"].note(
                 f"{name}: not supported by the data (BIC {term.bic:.3g}); remove the term"
             )
     for name, white in checks.whiteness.items():
         if white.first > 1 - tol.POOR:
-            yield codes.RESIDUAL.note(
+            yield CODES["residual"].note(
                 f"the residual of {name} ({side}) is autocorrelated ({white.first:.3g} at lag 1): "
                 "the model lacks a term there, or a sensor has an offset"
             )
@@ -288,7 +287,7 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
             constant = readable(ParameterName(_scattering(estimate), joint))
             text = f"{constant}, and with it friction and rotor inertia,"
         if reasons:
-            code: Code = codes.WEAK_SPRING if is_weak else codes.POORLY_IDENTIFIED
+            code: Code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"
             yield code.finding(message, joint, "doubtful" if is_weak else "note", evidence)
 
@@ -301,13 +300,13 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
             continue
         is_sure = value < -tol.SURE * error
         severity: Severity = "doubtful" if is_sure else "note"
-        code: Code = codes.NEGATIVE_PARAMETER
+        code: Code = CODES["negative-parameter"]
         message, remedy = f"{text} is negative, {value:.3g}: ", ""
         if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
-            code, severity = codes.NEEDLESS_TERM, "note"
+            code, severity = CODES["needless-term"], "note"
             message = f"{text} is not distinguishable from zero: remove its term"
         elif name == "coulomb_friction" and "stiffness" in estimate.names:
-            code, play = codes.LOOSE_ENCODER, abs(value / estimate.value("stiffness"))
+            code, play = CODES["loose-encoder"], abs(value / estimate.value("stiffness"))
             message += (
                 "the joint encoder, or the spring, has play or hysteresis, at least "
                 f"{play:.2g} (torque of the motor over stiffness)"
@@ -384,16 +383,16 @@ def fixed_findings(
         what = f"{readable(ParameterName(name, joint))} is not identifiable {where}"
         if by_simulation or name not in _ONE_SIDED or not has_zone:
             message = f"{what}: {fixed}{source}; remove its term, or excite it"
-            yield codes.UNIDENTIFIABLE.finding(message, joint, "note")
+            yield CODES["unidentifiable"].finding(message, joint, "note")
             continue
         (second,) = {*_ONE_SIDED} - {name}
-        yield codes.UNIDENTIFIABLE.finding(
+        yield CODES["unidentifiable"].finding(
             f"{what}: the spring is loaded in one direction only and shows one end of its dead "
             f"zone, so that this value, {fixed}, is arbitrary, and that of "
             f"{second.replace('_', ' ')} is wrong by as much",
             joint,
             evidence={name: drive.values[name]},
-            remedy=codes.UNIDENTIFIABLE.advice,
+            remedy=CODES["unidentifiable"].advice,
             certainty="certain",
         )
 
@@ -407,7 +406,7 @@ def shared_findings(parameters: Iterable[SharedParameter]) -> Iterator[Finding]:
         values = dict(zip(shared.joints, shared.values, strict=True))
         alone = listed(f"{value:.3g} at {joint}" for joint, value in values.items())
         quantity = shared.name.quantity.replace("_", " ")
-        yield codes.DRIVES_DIFFER.finding(
+        yield CODES["drives-differ"].finding(
             f"the drives of '{shared.name.owner}' share the {quantity} and differ in it by "
             f"{spread:.0%}: alone it is {alone}",
             severity="doubtful" if spread > tol.POOR else "note",
@@ -430,14 +429,14 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
         torque = float(size / total_ratio(robot.drives[joint_of(name)]))
         lower, upper = estimate.interval(tol.NO_CHANCE)[place]
         if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
-            yield codes.TORQUE_OFFSET.finding(
+            yield CODES["torque-offset"].finding(
                 f"the motor torque of {joint_of(name)} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
                 joint_of(name),
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
-                codes.TORQUE_OFFSET.advice,
+                CODES["torque-offset"].advice,
             )
 
 
@@ -446,7 +445,7 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
 
 def shared_scale(std: float) -> Finding:
     """Return the note that one scale error of all torques is in all standard errors."""
-    return codes.TORQUE_SCALE.note(
+    return CODES["torque-scale"].note(
         f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
         "and changes all parameters together, so that their ratios are better known",
         evidence={"relative std": std},
@@ -456,7 +455,7 @@ def shared_scale(std: float) -> Finding:
 def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the note on joints whose motor constants rest on known bodies, which are exact."""
     if joints:
-        yield codes.TORQUE_SCALE.note(
+        yield CODES["torque-scale"].note(
             f"the motor constants of {listed(joints)} rest on the known bodies, which count as "
             "exact: were these 10 % heavier, all constants, frictions, rotor inertias and "
             "stiffnesses would be 10 % larger",
@@ -470,7 +469,7 @@ def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
     if not joints:
         return
     scales = (f"{joint} {robot.drives[joint].scale_of_gains:.4g}" for joint in joints)
-    yield codes.GAIN_SCALE.finding(
+    yield CODES["gain-scale"].finding(
         "the gains are in units of the drive, and nothing fixes their scale in N m: it counts as "
         f"that of the drives file ({listed(scales)}), and all inertias, masses, frictions and "
         "torques of the joints that move together are known up to that factor. Their ratios, "
@@ -521,10 +520,10 @@ def contradictions(robot: Robot, program: Program, least: float) -> Iterator[Fin
         default=(least, ""),
     )
     if smallest < (1 - tol.NOTHING) * least:
-        yield codes.INCONSISTENT_INERTIA.finding(f"{text}, and {smallest:.3g} without {words}")
+        yield CODES["inconsistent-inertia"].finding(f"{text}, and {smallest:.3g} without {words}")
         return
     known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
-    yield codes.INCONSISTENT_INERTIA.finding(
+    yield CODES["inconsistent-inertia"].finding(
         f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
         "robot file",
         certainty="possible",
@@ -543,9 +542,9 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
         if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
     if wrong:
-        yield codes.INCONSISTENT_INERTIA.note(
+        yield CODES["inconsistent-inertia"].note(
             f"the inertial parameters of {listed(wrong)} are physically inconsistent",
-            remedy="" if is_nearest else codes.INCONSISTENT_INERTIA.advice,
+            remedy="" if is_nearest else CODES["inconsistent-inertia"].advice,
         )
 
 
@@ -571,7 +570,7 @@ def _payloads_removed(robot: Robot, program: Program) -> Iterator[tuple[str, Pro
 
 def rigid_gear(joint: str, least: float) -> Finding:
     """Return the note on a gear whose stiffness [N m/rad] is above the `least` one."""
-    return codes.GEAR_COMPLIANCE.note(
+    return CODES["gear-compliance"].note(
         f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
         "N m/rad",
         joint,
@@ -597,7 +596,7 @@ def gear_findings(
         if not all(_is_by_deflection(source.get(joint, {})) for source in sources)
     ]
     if joints:
-        yield codes.GEAR_COMPLIANCE.note(
+        yield CODES["gear-compliance"].note(
             f"the stiffness of {listed(joints)} is that between the encoders, of spring and gear "
             "in series; give gear_stiffness_Nm_per_rad in the drives, or log the deflection too, "
             "for that of the spring alone",
@@ -628,7 +627,7 @@ def unused_findings(
         if unused:
             name = channel.replace("_", " ")
             message = f"the {name} of {listed(unused)} is in the log and in no equation"
-            yield codes.UNUSED_CHANNEL.note(message, only_joint(unused))
+            yield CODES["unused-channel"].note(message, only_joint(unused))
 
 
 def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Iterator[Finding]:
@@ -636,7 +635,7 @@ def _without_motor_equation(robot: Robot, drives: Mapping[str, Estimate]) -> Ite
         names = motor_regressor(robot, joint).names
         missing = [name.replace("_", " ") for name in names if name not in drives[joint].names]
         if missing:
-            yield codes.UNIDENTIFIABLE.note(
+            yield CODES["unidentifiable"].note(
                 f"the log has the joint torque of {joint} and not its motor "
                 f"{robot.drives[joint].motor_input}, which alone would identify {listed(missing)}",
                 joint,
@@ -667,17 +666,17 @@ def calibration_findings(
     term, and `is_curved` whether it is significant.
     """
     if misfit > tol.SLIGHT:
-        yield codes.NO_FIT.finding(
+        yield CODES["no-fit"].finding(
             f"the law explains the loads to {misfit:.1%} of their standard deviation only",
             severity="wrong" if misfit > tol.MOST else "doubtful",
             remedy="check the order of the rows and their units, and that the joint was at rest",
         )
     if law == "linear" and is_curved:
         text = f"the law is not a straight line: a cubic term has a p-value of {p_value:.2g}"
-        yield codes.NONLINEAR_SPRING.finding(text, remedy='law="cubic"')
+        yield CODES["nonlinear-spring"].finding(text, remedy='law="cubic"')
     if law == "cubic" and not is_curved:
         text = f"the cubic term is not significant: its p-value is {p_value:.2g}"
-        yield codes.NEEDLESS_TERM.finding(text, severity="note", remedy='law="linear"')
+        yield CODES["needless-term"].finding(text, severity="note", remedy='law="linear"')
     if slope < 0:
         text = "a larger load has a smaller reading: the sign of one of them is opposite"
-        yield codes.SIGN.finding(text, remedy="change the sign of the readings")
+        yield CODES["sign"].finding(text, remedy="change the sign of the readings")

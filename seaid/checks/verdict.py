@@ -18,17 +18,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid._progress import Display
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    CONTACT,
-    FEW_ROWS,
-    NO_FIT,
-    POORLY_IDENTIFIED,
-    Observation,
-    as_note,
-    excluding_torque,
-    guarded,
-    observed,
-)
+from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, guarded, observed
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
@@ -168,7 +158,7 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
     unknown = {
         finding.joint: None
         for finding in warnings
-        if finding.code == POORLY_IDENTIFIED.name
+        if finding.code == "poorly-identified"
         and finding.evidence.get("standard error", 0) >= abs(finding.evidence.get("value", 1))
     }
     but = f", but drives have errors of 100% and more: {listed(unknown, 2 * tol.MOST_ALIKE)}"
@@ -192,7 +182,7 @@ def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> 
     """
     wrong = _of_severity("wrong", warnings)
     names = [*dict.fromkeys(finding.joint for finding in wrong)]
-    if {finding.code for finding in wrong} != {NO_FIT.name} or not {*names} <= {*joints}:
+    if {finding.code for finding in wrong} != {"no-fit"} or not {*names} <= {*joints}:
         return ""
     motors = np.array([joints[joint].motor for joint in names])
     stiff, springs, driven = (
@@ -332,7 +322,7 @@ def robot_fit(
     if rows is None or fit.rows is None:
         return bare
     notes, whole = list[Finding](), bare
-    with guarded(NO_FIT, notes):
+    with guarded(CODES["no-fit"], notes):
         (targets, count), sizes = _blocks(fit), _load_sizes(experiment, bodies)
         computed = rows.H @ fit.estimate.values
         predicted = targets if bare.own is None else targets[bare.own]
@@ -349,7 +339,7 @@ def robot_fit(
             residual = _whole(rows, computed, joints), _whole(rows, predicted, joints)
         fits = FrozenMapping(joints, "joint")
         whole = replace(bare, joints=fits, residual=residual, rows_per_parameter=count)
-    with guarded(FEW_ROWS, notes):
+    with guarded(CODES["few-rows"], notes):
         whole = replace(whole, predicted=_prediction_errors(experiment, base, load))
     return replace(whole, notes=notes)
 
@@ -516,7 +506,7 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
         if error > tol.NOTHING or (min(error, fit.own) > tol.MOST and joint not in whole.weak):
             yield _misfit(whole, joint, error)
         elif fit.nominal < tol.MOST**0.5 * fit.identified and fit.identified > tol.POOR:
-            yield NO_FIT.finding(
+            yield CODES["no-fit"].finding(
                 f"the bodies of the robot file predict the torque of {joint} better, with an error "
                 f"of {fit.nominal:.1%}, than the identified ones, with {fit.identified:.1%}",
                 joint,
@@ -533,12 +523,12 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
     holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
-    finding = NO_FIT.finding(
+    finding = CODES["no-fit"].finding(
         f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
         f"{error:.0%} in excluded blocks, a constant 100%{holds}",
         joint,
         evidence={"error": fit.own, "error of excluded blocks": fit.blocks},
-        remedy=base or NO_FIT.advice,
+        remedy=base or CODES["no-fit"].advice,
     )
     if fit.own <= tol.MOST:
         return replace(
@@ -570,7 +560,7 @@ def _contacts(whole: RobotFit) -> Iterator[Finding]:
         log = f"log {whole.logs[contact.run]}" if several else "the log"
         start, end, joints = contact.start_s, contact.end_s, contact.joints
         softly = f"{max(start - contact.softly_s, 0):.3f}, {end + contact.softly_s:.3f}"
-        finding = CONTACT.finding(
+        finding = CODES["contact"].finding(
             f"between {start:.2f} and {end:.2f} s{f' of {log}' * several} the torques of "
             f"{', '.join(joints)} are far from the model, more than {tol.BURST:g} times as far as "
             "at other times: contact, or a hand",
@@ -592,7 +582,7 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
     is_unclear = error > tol.POOR and count < tol.TWICE * fewest
     if has_fit and (count < fewest or is_unclear) and not whole.contacts:
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
-        yield FEW_ROWS.finding(
+        yield CODES["few-rows"].finding(
             "blocks of the logs contradict each other as if there were only "
             f"{count:.2g} independent rows per parameter{unseen * is_unclear}: the logs are too "
             "short for so many parameters",
@@ -602,9 +592,9 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
 
 
 _OF_FIT = (
-    Observation(NO_FIT, _unexplained),
-    Observation(CONTACT, _contacts),
-    Observation(FEW_ROWS, _few_rows),
+    Observation(CODES["no-fit"], _unexplained),
+    Observation(CODES["contact"], _contacts),
+    Observation(CODES["few-rows"], _few_rows),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -131,10 +132,22 @@ def test_what_follows_from_a_wrong_set_up_prints_no_lines_to_apply() -> None:
     assert consequences([HOLES.finding("holes")], [finding]) == [finding]
 
 
+def test_codes_that_modules_name_are_codes() -> None:
+    """A misspelled name in a check that hardly ever speaks would show only there."""
+    named = {
+        name
+        for path in Path(seaid.__file__).parent.rglob("*.py")
+        for name in re.findall(r'\bCODES\["([^"]+)"\]', path.read_text("utf-8"))
+    }
+    assert {"delay", "no-fit", "drift"} <= named
+    assert named <= {*CODES}
+
+
 def test_texts_of_codes_are_those_of_codes() -> None:
     tables = tomllib.loads((Path(checks.__file__).with_name("codes.toml")).read_text("utf-8"))
     assert [*tables] == [*CODES]
     for code in CODES.values():
+        assert code.kind in ("cause", "symptom", "")
         assert code.meaning
         assert code.cause.endswith(".")
         assert code.advice.endswith(".")

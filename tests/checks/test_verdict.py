@@ -10,8 +10,7 @@ import pytest
 
 import seaid
 from scripts.benchmarks.short_logs import short_log
-from seaid.checks import JointFit, RobotFit, fit_findings, unused_findings, verdict_of
-from seaid.checks.codes import POORLY_IDENTIFIED
+from seaid.checks import CODES, JointFit, RobotFit, fit_findings, unused_findings, verdict_of
 from seaid.checks.verdict import _blocks
 from seaid.estimation import FittedRows, ordinary, qr_factor_of
 from seaid.export import content_of
@@ -334,7 +333,7 @@ def test_a_log_of_a_second_is_too_short_and_one_of_ten_is_not(name: str) -> None
 def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined() -> None:
     def sentence(*errors: float) -> str:
         findings = [
-            POORLY_IDENTIFIED.finding(
+            CODES["poorly-identified"].finding(
                 "poor", f"joint_{place}", "note", {"value": -2.0, "standard error": error}
             )
             for place, error in enumerate(errors)
