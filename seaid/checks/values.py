@@ -131,8 +131,20 @@ def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
             evidence={"chi-square per degree of freedom": scatter},
             remedy=CODES["blocks-disagree"].advice,
         )
-    # others are in the standard errors all the same
-    for drift in (x for x in shown.drifts if x.ratio > tol.FAR):
+    yield from _drifts(shown)
+    for name, share in shown.instruments.items():
+        if share < tol.POOR:
+            yield CODES["weak-instruments"].finding(
+                f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
+                "as biased as that of least squares",
+                evidence={"partial R^2": share},
+            )
+
+
+def _drifts(shown: Diagnostics) -> Iterator[Finding]:
+    for drift in shown.drifts:
+        if drift.ratio <= tol.FAR:  # it is in the standard errors all the same
+            continue
         yield CODES["drift"].finding(
             f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
             "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "
@@ -148,13 +160,6 @@ def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
             },
             CODES["drift"].advice,
         )
-    for name, share in shown.instruments.items():
-        if share < tol.POOR:
-            yield CODES["weak-instruments"].finding(
-                f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be "
-                "as biased as that of least squares",
-                evidence={"partial R^2": share},
-            )
 
 
 def smoothed_instruments(problem: Exception) -> Finding:
@@ -209,6 +214,9 @@ _CONSTANTS = tuple(
     if kind not in COMMANDS and names
 )
 """Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
+
+_POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}
+"""Parameters that are not negative in a drive."""
 
 _OF_TORQUE = (*_CONSTANTS, "stiffness")
 """Parameters whose sign is that of a channel."""
@@ -278,8 +286,8 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
     weak = _weak(estimate, qr_factor)
     for name, text, evidence in _values(joint, estimate):
         value, error = evidence.values()
-        is_weak = name == "stiffness" and bool(weak)
-        reasons = weak * is_weak
+        reasons = weak if name == "stiffness" else []
+        is_weak = bool(reasons)
         if error > tol.POOR * abs(value):
             share = f"standard error {error / abs(value):.0%}" if value else "value zero"
             reasons = [share, *reasons]
@@ -287,7 +295,7 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
             constant = readable(ParameterName(_scattering(estimate), joint))
             text = f"{constant}, and with it friction and rotor inertia,"
         if reasons:
-            code: Code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
+            code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"
             yield code.finding(message, joint, "doubtful" if is_weak else "note", evidence)
 
@@ -296,11 +304,11 @@ def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
     """Yield the parameters with the wrong sign."""
     for name, text, evidence in _values(joint, estimate):
         value, error = evidence.values()
-        if value >= 0 or name not in PARAMETERS or not PARAMETERS[name].is_positive:
+        if name not in _POSITIVE or not value < 0:
             continue
         is_sure = value < -tol.SURE * error
         severity: Severity = "doubtful" if is_sure else "note"
-        code: Code = CODES["negative-parameter"]
+        code = CODES["negative-parameter"]
         message, remedy = f"{text} is negative, {value:.3g}: ", ""
         if PARAMETERS[name].starts:  # of a search: not due to a wrong sign in the log
             code, severity = CODES["needless-term"], "note"
