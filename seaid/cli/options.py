@@ -83,9 +83,11 @@ class RobotOptions:
     imu_link: str | None = None
 
     @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The files of these options, which a command reads."""
-        return self.urdf, self.drives
+    def files(self) -> tuple[Path, ...]:
+        """The files of these options, which a command reads; a saved run is none of them."""
+        values = [value for name, value in vars(self).items() if name != "run"]
+        every = chain(*(value if isinstance(value, list) else [value] for value in values))
+        return tuple(value for value in every if isinstance(value, Path))
 
     def keywords_of_robot(self) -> dict[str, Any]:
         """Return the keyword arguments that `load_robot` and `write_first_project` share."""
@@ -134,11 +136,6 @@ class LogOptions(RobotOptions):
     torque_joints: kinds.JointNames | None = None
     cutoff_hz: float | None = None
     find_contacts: bool = False
-
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The files of these options, which a command reads."""
-        return *super().files, self.description
 
     def robot(self, known_bodies: Sequence[str] | None = None) -> seaid.Robot:
         """Load the robot, with its known bodies."""
@@ -258,11 +255,6 @@ class IdentifiedOptions(IdentifyOptions):
     from_logs: list[kinds.LogFile] | None = None
     run: kinds.RunFile | None = None
 
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """The files of these options, which a command reads."""
-        return *super().files, *(self.from_logs or ())
-
     def identified_run(self, *, feasible: bool = False) -> seaid.project.Run:
         """Load the saved run, or identify.
 
@@ -276,7 +268,7 @@ class IdentifiedOptions(IdentifyOptions):
         robot = self.robot()
         identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
         options = self.recorded(self.from_logs, feasible=feasible)
-        origin = seaid.project.provenance_of(filter(None, self.files), options, command_line())
+        origin = seaid.project.provenance_of(self.files, options, command_line())
         return seaid.project.Run(identification, {}, origin)
 
 
