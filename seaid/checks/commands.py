@@ -89,13 +89,7 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
     """
     if log.position_command is None or not robot.has_controllers:
         return
-    asked, every = _asked(robot, log), list[Commanded]()
-    for joint, drive in robot.drives.items():
-        j, law = log.joint_names.index(joint), drive.controller
-        signals = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
-        if law is not None and not any(np.isnan(signal[0]) for signal in signals):
-            torque = drive.ratio * asked[:, j]
-            every.append(Commanded(robot, log, joint, law, *signals, torque))
+    every = [*_commanded(robot, log)]
     exchanged = [x for pair in combinations(every, 2) for x in _exchanged_commands(*pair)]
     yield from exchanged
     for commanded in every if not exchanged else ():
@@ -103,28 +97,34 @@ def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
         yield from wrong or chain.from_iterable(look(commanded) for look in _OF_COMMANDS)
 
 
+def _commanded(robot: Robot, log: Log) -> Iterator[Commanded]:
+    """Yield the joints of a log with position commands that have a controller and an encoder."""
+    assert log.position_command is not None
+    asked = _asked(robot, log)
+    for joint, drive in robot.drives.items():
+        j, law = log.joint_names.index(joint), drive.controller
+        signals = log.position_command[:, j], _controlled_position(log, j, drive.ratio)
+        if law is not None and not any(np.isnan(signal[0]) for signal in signals):
+            yield Commanded(robot, log, joint, law, *signals, drive.ratio * asked[:, j])
+
+
 def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding]:
     """Yield two joints of which each follows the command of the other one and not its own."""
     pairs = [(first, second), (second, first), (first, first), (second, second)]
     crossed, other, *own = (_correlation(x.command, y.position) for x, y in pairs)
-    if min(crossed, other) > 1 - tol.POOR and max(own) < tol.MOST:
-        sources = first.log.sources()
-        yield codes.SWAPPED_JOINTS.finding(
-            f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
-            f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
-            first.joint,
-            "wrong",
-            {"correlation": min(crossed, other), "correlation as given": max(own)},
-            in_description(
-                {
-                    x.joint: {
-                        "position_command": changed_source(sources[y.joint]["position_command"])
-                    }
-                    for x, y in pairs[:2]
-                }
-            ),
-            "certain",
-        )
+    if min(crossed, other) <= 1 - tol.POOR or max(own) >= tol.MOST:
+        return
+    sources = {x.joint: first.log.sources()[y.joint]["position_command"] for x, y in pairs[:2]}
+    lines = {joint: {"position_command": changed_source(x)} for joint, x in sources.items()}
+    yield codes.SWAPPED_JOINTS.finding(
+        f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
+        f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
+        first.joint,
+        "wrong",
+        {"correlation": min(crossed, other), "correlation as given": max(own)},
+        in_description(lines),
+        "certain",
+    )
 
 
 def _asked(robot: Robot, log: Log) -> Array:
