@@ -23,7 +23,13 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.errors import Severity
-from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
+from seaid.estimation import (
+    RANK_TOLERANCE,
+    correlated_rows,
+    fitted_columns,
+    scaled_svd,
+    triangle,
+)
 from seaid.log import Motion, changed_source, in_band_at, moving, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -813,16 +819,6 @@ class Experiment:
         return float(np.nansum(rows * np.log(squares))) / 2
 
 
-def correlated_rows(residual: Array) -> float:
-    """Return rows per independent one: the long-run variance over the variance (Bartlett)."""
-    x = residual - np.mean(residual)
-    power, lags = float(x @ x), round(2 * math.sqrt(len(x)))
-    products = np.correlate(x, x, "full")[len(x) : len(x) + lags]
-    sums = (1 - np.arange(1, lags + 1) / (lags + 1)) * products
-    # 1 + 2 sum_l (1 - l / (L + 1)) rho_l, with the autocorrelation rho_l (Newey and West 1987)
-    return 1 + 2 * float(np.sum(sums)) / power if power > 0 else 1.0
-
-
 def _shrunk(theta: Array, sizes: Array) -> Array:
     """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
     return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
@@ -840,20 +836,8 @@ def _whitened(y: Array, X: Array, effects: Iterable[tuple[Array, Array]]) -> Arr
 
 
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
-    """Return the parameters of a fit and their covariance, from the residuals of each part of y."""
-    svd = scaled_svd(columns)
-    rank = svd.rank(RANK_TOLERANCE)
-    x = svd.solve(y, RANK_TOLERANCE)
-    residual = (y - columns @ x).reshape(count, -1)
-    rows = np.sum(residual != 0, axis=1)  # others are excluded
-    sizes = np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
-    # (X^T X)^+ = inverse^T inverse, in the units of the parameters.
-    inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
-    # the first parameter of each part belongs to its residuals; all parts are weighed alike
-    size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
-    size[:count] = sizes
-    scaled = tol.CORRELATED_ERRORS * inverse * size
-    return x, np.asarray(scaled.T @ scaled)
+    """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
+    return fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
 
 
 def _slope(columns: Array, y: Array) -> tuple[float, float]:

@@ -1,4 +1,5 @@
 from .covariance import at_slots as at_slots
+from .covariance import correlated_rows as correlated_rows
 from .covariance import long_run as long_run
 from .covariance import long_run_of as long_run_of
 from .covariance import newey_west as newey_west
@@ -76,6 +77,7 @@ from .qr_factor import QRFactor as QRFactor
 from .qr_factor import deleted_residual as deleted_residual
 from .qr_factor import directions as directions
 from .qr_factor import first_term as first_term
+from .qr_factor import fitted_columns as fitted_columns
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import scaled_svd as scaled_svd
 from .qr_factor import triangle as triangle

@@ -255,3 +255,13 @@ def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:
         # Not padded[-lags:], which is everything for lags = 0.
         tail = padded[len(padded) - lags :]
     return weighted / (lags + 1), white
+
+
+def correlated_rows(residual: Array) -> float:
+    """Return rows per independent one: the long-run variance over the variance (Bartlett)."""
+    x = residual - np.mean(residual)
+    power, lags = float(x @ x), round(2 * math.sqrt(len(x)))
+    products = np.correlate(x, x, "full")[len(x) : len(x) + lags]
+    sums = (1 - np.arange(1, lags + 1) / (lags + 1)) * products
+    # 1 + 2 sum_l (1 - l / (L + 1)) rho_l, with the autocorrelation rho_l (Newey and West 1987)
+    return 1 + 2 * float(np.sum(sums)) / power if power > 0 else 1.0

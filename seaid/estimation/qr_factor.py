@@ -393,3 +393,23 @@ def deleted_residual(
     residual[apart] /= np.sqrt(1 + correlated * np.sum(reach**2, axis=1))
     freedom = max(int(np.sum(~apart)) - svd.rank(RANK_TOLERANCE), 1)
     return residual, math.sqrt(float(np.sum(residual[~apart] ** 2)) / freedom)
+
+
+def fitted_columns(columns: Array, y: Array, inflation: float, count: int) -> tuple[Array, Array]:
+    """Return the parameters of a fit and their covariance, from the residuals of each part of y.
+
+    Standard errors are `inflation` times those for white noise; y has `count` parts of equal size.
+    """
+    svd = scaled_svd(columns)
+    rank = svd.rank(RANK_TOLERANCE)
+    x = svd.solve(y, RANK_TOLERANCE)
+    residual = (y - columns @ x).reshape(count, -1)
+    rows = np.sum(residual != 0, axis=1)  # others are excluded
+    sizes = np.linalg.norm(residual, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
+    # (X^T X)^+ = inverse^T inverse, in the units of the parameters.
+    inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
+    # the first parameter of each part belongs to its residuals; all parts are weighed alike
+    size = np.full(len(x), float(np.sqrt(np.mean(sizes**2))))
+    size[:count] = sizes
+    scaled = inflation * inverse * size
+    return x, np.asarray(scaled.T @ scaled)
