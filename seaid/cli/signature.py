@@ -77,7 +77,9 @@ def for_typer(
     for subject in (*groups.values(), command):
         hints |= get_type_hints(subject, include_extras=True)
         texts |= descriptions(subject)
-    flat = _flat_parameters(command, groups)
+    flat: dict[str, Parameter] = {}
+    for name, parameter in signature(command).parameters.items():
+        flat |= signature(groups[name]).parameters if name in groups else {name: parameter}
     positional = [name for name, p in flat.items() if p.kind is not Parameter.KEYWORD_ONLY]
     options = {name: _option(flat[name], hints[name], texts.get(name, "")) for name in flat}
     required = {
@@ -95,16 +97,6 @@ def for_typer(
     # Typer reads the options of a command from its signature.
     run.__signature__ = Signature([first, *options.values()])  # type: ignore[attr-defined]
     return run
-
-
-def _flat_parameters(
-    command: Callable[..., None], groups: Mapping[str, Any]
-) -> dict[str, Parameter]:
-    """Return the parameters of a command, with the fields of a group in the place of the group."""
-    flat: dict[str, Parameter] = {}
-    for name, parameter in signature(command).parameters.items():
-        flat |= signature(groups[name]).parameters if name in groups else {name: parameter}
-    return flat
 
 
 def _in_groups(values: dict[str, Any], groups: Mapping[str, Any]) -> dict[str, Any]:
