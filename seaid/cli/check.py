@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 import seaid
-from seaid.cli.kinds import JointNames, Kind, LogFile
-from seaid.cli.messages import is_stdout, is_terminal, written
+from seaid.cli.kinds import JointNames, Kind, LogFile, check_suffix
+from seaid.cli.messages import is_terminal, written
 from seaid.cli.options import FailOptions, LogOptions, ResultOptions, check_joints, refuse
 
 Section = tuple[str, dict[str, Any]]
@@ -89,10 +89,7 @@ def _check_output(output: Path | None, delays: bool, terms: bool) -> None:
         return
     if not (delays or terms):
         raise typer.BadParameter("it needs --delays or --terms", param_hint="--output")
-    allowed = seaid.log.WRITTEN if delays else (".toml",)
-    if not is_stdout(output) and output.suffix.lower() not in allowed:
-        message = f"'{output}' must end in {' or '.join(allowed)}"
-        raise typer.BadParameter(message, param_hint="--output")
+    check_suffix(output, seaid.log.WRITTEN if delays else (".toml",), "--output")
 
 
 def _delays(

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, cast
 
-import typer
-
 import seaid
-from seaid.cli.kinds import JsonFile, Kind, choice
+from seaid.cli.kinds import JsonFile, Kind, check_suffix, choice
 from seaid.cli.messages import is_stdout, note, option_of, written
 from seaid.cli.options import IdentifiedOptions, ResultOptions, judgement_of, refuse
 from seaid.cli.project import is_typed
@@ -94,6 +92,7 @@ def export(
     if kind in CODE:
         result.show(*_write_code(robot, output, suffix), output, robot=robot.name)
         return
+    form = cast("seaid.export.FormatName", kind)
     facts: dict[str, Any] = {"robot": robot.name} if fit is None else judgement_of(fit)
     ranges = None
     if fit is not None and randomization is not None:
@@ -104,7 +103,7 @@ def export(
         lambda file: seaid.write_model(
             robot,
             file,
-            cast("seaid.export.FormatName", kind),
+            form,
             time_step_s=time_step,
             force=allow_inconsistent,
             at_temperature_degC=at_temperature,
@@ -117,10 +116,7 @@ def export(
         tables = None
         note("stdout has the URDF without its drives: --output writes both")
     facts["warnings"] = by_severity([*facts.get("warnings", ()), *model.warnings])
-    lines = [
-        *_lines(robot, cast("seaid.export.FormatName", kind), ranges),
-        *seaid.report.warning_lines(facts["warnings"]),
-    ]
+    lines = [*_lines(robot, form, ranges), *seaid.report.warning_lines(facts["warnings"])]
     content = {"bodies": robot.body_names, "drives": [*robot.drives]}
     result.show("\n".join(lines), content, output, tables, randomization, **facts)
 
@@ -132,9 +128,7 @@ def _format(name: str | None, output: Path) -> tuple[str, str]:
     by_code = {suffix: code for code, suffix in CODE.items()}
     kind = name or by_code.get(output.suffix.lower()) or seaid.export.by_suffix(output)
     allowed = [suffixes[kind]] if name else [".urdf", ".xml", ".usda", *by_code]
-    if not is_stdout(output) and output.suffix.lower() not in allowed:
-        message = f"'{output}' must end in {' or '.join(allowed)}"
-        raise typer.BadParameter(message, param_hint="--output")
+    check_suffix(output, allowed, "--output")
     return kind, suffixes[kind]
 
 

@@ -223,12 +223,18 @@ def _read(metavar: str, *suffixes: str) -> Kind:
     return Kind(metavar, completer=lambda ctx, incomplete: files(incomplete, suffixes))
 
 
+def check_suffix(path: Path | str, suffixes: Sequence[str], option: str | None = None) -> None:
+    """Raise BadParameter for a result that is not for stdout and has none of the suffixes."""
+    if str(path) != "-" and Path(path).suffix.lower() not in suffixes:
+        message = f"'{path}' must end in {' or '.join(suffixes)}"
+        raise typer.BadParameter(message, param_hint=option)
+
+
 def _write(metavar: str, *suffixes: str) -> Kind:
     """Return the kind of a file that is written, `-` for stdout, whose suffix is checked."""
 
     def parse(text: str) -> Path:
-        if text != "-" and Path(text).suffix.lower() not in suffixes:
-            raise typer.BadParameter(f"'{text}' must end in {' or '.join(suffixes)}")
+        check_suffix(text, suffixes)
         return Path(text)
 
     return Kind(metavar, parse)
