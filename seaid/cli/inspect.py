@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,8 +73,10 @@ def inspect(
     else:
         content, text = _sensor_content(robot, sensors, plans)
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *text]
-    comparison = _exact(robot) if exact else None
-    if comparison is not None:
+    comparison = None
+    if exact:
+        numeric, rational = seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
+        comparison = seaid.regressor.cross_check(numeric, rational)
         text.append(f"\n{comparison.summary()}")
         content["exact"] = asdict(comparison)
     result.show("\n".join(text), {**facts, **content}, robot=robot.name)
@@ -103,12 +104,6 @@ def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
     for option, remedy in (_OF_FLOATING if robot.base_is_held else _OF_FIXED).items():
         if options[option] is not None:
             raise typer.BadParameter(remedy, param_hint=option)
-
-
-def _exact(robot: seaid.Robot) -> seaid.regressor.CrossCheck:
-    """Return the comparison of numeric base parameters with exact ones."""
-    numeric, exact = seaid.base_parameters(robot), seaid.symbolic.base_parameters(robot)
-    return seaid.regressor.cross_check(numeric, exact)
 
 
 def _sensor_content(
@@ -169,8 +164,8 @@ def _stances(asked: Sequence[Sequence[str]]) -> dict[str, Sequence[str]]:
 
 def _measured(robot: seaid.Robot, plans: list[Path]) -> tuple[dict[str, Any], list[str]]:
     """Return the measures of planned motions as JSON content and as lines."""
-    measures_of = partial(seaid.excitation.excitation_measures, robot)
-    every = [measures_of(seaid.load_trajectory(path)) for path in plans]
+    measures_of = seaid.excitation.excitation_measures
+    every = [measures_of(robot, seaid.load_trajectory(path)) for path in plans]
     content = {
         str(path): {**asdict(measures), "d_efficiency": every[0].d_efficiency(measures)}
         for path, measures in zip(plans, every, strict=True)
