@@ -101,16 +101,20 @@ def identify(
         fail.check(_identify_conditions(options, condition, specific, loads, file, result))
         return
     refuse("it needs --condition", "specific", "condition_payload")
-    files = (*options.files, *logs)
-    result.check(output, read=files)
+    result.check(output, read=(*options.files, *logs))
     if refine:
         robot, fit, recorded = _refined(options, logs, iterations, run)
     else:
         robot = options.robot()
         read = logs if in_pieces else options.logs(logs, robot)
-        fit = options.identify(robot, read, feasible=feasible)
+        fit = seaid.identify(robot, read, feasible=feasible, **options.keywords())
         recorded = options.recorded(logs, in_pieces=in_pieces, feasible=feasible)
-    _write(fit, output, files, recorded)
+    if output.suffix == ".npz":
+        files = (*options.files, *logs)
+        origin = seaid.project.provenance_of(files, recorded, command_line())
+        seaid.save_run(fit, output, provenance=origin)
+    else:
+        written(output, ".json", lambda file: seaid.write_parameters(fit, file))
     text = seaid.report.short_text(fit, robot, verbose)
     result.show(text, seaid.export.content_of(fit), output, **judgement_of(fit))
     fail.check(fit.warnings)
@@ -124,12 +128,14 @@ def _refined(
     robot = options.robot() if start is None else start.identification.known
     read = options.logs(logs, robot)
     recorded = options.recorded(logs, refine=True, iterations=iterations, run=run)
-    if start is not None:
+    if start is None:
+        fit = seaid.identify(robot, read, **options.keywords())
+    else:
+        fit = start.identification
         # How the start was identified is in its run; the refinement has only these options.
         of_refinement = ("logs", "run", "encoder_offset_std", "refine", "iterations")
         kept = {name: recorded[name] for name in of_refinement}
         recorded |= {**start.provenance.get("options", {}), **kept}
-    fit = options.identify(robot, read) if start is None else start.identification
     std, progress = options.encoder_offset_std, is_terminal()
     fit = seaid.refine(fit, read, encoder_offset_std=std, iterations=iterations, progress=progress)
     return robot, fit, recorded
@@ -157,17 +163,6 @@ def _refuse_in_conditions(logs: Sequence[Path], output: Path) -> None:
         raise typer.BadParameter("the logs are those of --condition", param_hint="LOG")
     if output.suffix == ".npz":
         raise typer.BadParameter("conditions are written as JSON", param_hint="--output")
-
-
-def _write(
-    fit: seaid.Identification, output: Path, read: Sequence[Path | None], options: dict[str, Any]
-) -> None:
-    """Write an identification from the files `read`, whole or its parameters."""
-    if output.suffix != ".npz":
-        written(output, ".json", lambda file: seaid.write_parameters(fit, file))
-        return
-    origin = seaid.project.provenance_of(filter(None, read), options, command_line())
-    seaid.save_run(fit, output, provenance=origin)
 
 
 def _identify_conditions(

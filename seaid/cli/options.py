@@ -189,18 +189,6 @@ class IdentifyOptions(LogOptions):
         warn_of_changes(run, saved_run.provenance)
         return saved_run
 
-    def identify(
-        self,
-        robot: seaid.Robot,
-        logs: Sequence[seaid.identification.Source],
-        *,
-        feasible: bool = False,
-    ) -> seaid.Identification:
-        """Identify a robot from logs."""
-        return seaid.identify(
-            robot, logs, feasible=feasible, progress=is_terminal(), **self.keywords()
-        )
-
     def recorded(self, logs: Sequence[Path], **more: Any) -> dict[str, Any]:
         """Return all options that are given or have a default, as the command line has them.
 
@@ -215,11 +203,12 @@ class IdentifyOptions(LogOptions):
         return {name: text for name, text in texts.items() if text is not None}
 
     def keywords(self) -> dict[str, Any]:
-        """Return the keyword arguments of `seaid.identify`."""
+        """Return the keyword arguments that `seaid.identify` and `cross_validate` share."""
         names = ("torque_joints", "method", "estimator", "cutoff_hz", "encoder_offset_std")
         std = self.known_std or {}
         known_std = std if isinstance(std, Mapping) else {"torque": std}
-        return {**{name: getattr(self, name) for name in names}, "known_std": known_std}
+        choices = {name: getattr(self, name) for name in names}
+        return {**choices, "known_std": known_std, "progress": is_terminal()}
 
 
 _REPEATED: dict[str, Callable[[Any], str]] = {
@@ -266,7 +255,8 @@ class IdentifiedOptions(IdentifyOptions):
         if both or not self.from_logs:
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
         robot = self.robot()
-        identification = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
+        logs = self.logs(self.from_logs, robot)
+        identification = seaid.identify(robot, logs, feasible=feasible, **self.keywords())
         options = self.recorded(self.from_logs, feasible=feasible)
         origin = seaid.project.provenance_of(self.files, options, command_line())
         return seaid.project.Run(identification, {}, origin)

@@ -9,7 +9,7 @@ import typer
 
 import seaid
 from seaid.cli.kinds import Kind, LogFile
-from seaid.cli.messages import is_terminal, written
+from seaid.cli.messages import written
 from seaid.cli.options import (
     IdentifiedOptions,
     ResultOptions,
@@ -77,8 +77,7 @@ def _cross_validate(
     """Print the prediction of each log, or part, by the model identified from all the others."""
     robot = options.robot()
     read = options.logs(logs, robot)
-    keywords = {**options.keywords(), "parts": parts, "progress": is_terminal()}
-    folds = seaid.cross_validate(robot, read, **keywords)
+    folds = seaid.cross_validate(robot, read, parts=parts, **options.keywords())
     parts_of_log = [f"part {number + 1} of {logs[0]}" for number in range(len(folds))]
     names = [*map(str, logs)] if len(logs) > 1 else parts_of_log
     text = [f"{name}\n{fold.summary()}" for name, fold in zip(names, folds, strict=True)]
