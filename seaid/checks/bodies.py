@@ -11,9 +11,8 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array
-from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import only_joint, zeros_in_description
+from seaid.checks.codes import CODES, only_joint, zeros_in_description
 from seaid.checks.experiment import Experiment, Transform, moved, near
 from seaid.errors import Finding
 from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
@@ -44,7 +43,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
             continue
         text = ",".join(f"{x:.4g}" for x in size * direction + 0.0)
         yield Transform(
-            codes.GRAVITY,
+            CODES["gravity"],
             f"gravity has the direction ({text}) m/s^2 in the base frame, "
             f"{math.degrees(tilt):.0f} degrees from the one given: a tilted base",
             _with_gravity(experiment, size * direction),
@@ -89,7 +88,7 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
         factor = 1 + _first_order(experiment, _with_length(experiment, joint, 1 + tol.FEW), tol.FEW)
         if abs(factor - 1) >= tol.SLIGHT and tol.SEVERE < factor < 1 / tol.SEVERE:
             yield Transform(
-                codes.GEOMETRY,
+                CODES["geometry"],
                 f"the distance of {joint} from the joint before it is {factor:.3g} times that of "
                 "the robot file",
                 _with_length(experiment, joint, factor),
@@ -132,7 +131,7 @@ def _off(experiment: Experiment, angles: dict[int, float], penalty: float) -> Tr
     named = {experiment.robot.joint_names[j]: angle for j, angle in angles.items()}
     words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in named.items())
     return Transform(
-        codes.ENCODER_OFFSET,
+        CODES["encoder-offset"],
         f"the zeros of joints are not those of the robot file, by {words}",
         _with_zeros(experiment, angles),
         only_joint([*named]),
@@ -179,7 +178,7 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
             message = f"{text} has {times * mass:.3g} kg" if times else f"{text} is not there"
             option = f"--payload {name}:{times * mass:.3g}:{com}"
             yield Transform(
-                codes.PAYLOAD,
+                CODES["payload"],
                 message,
                 experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload),
                 robot.joint_of(body),
@@ -211,7 +210,7 @@ def _placed(
         changed[10 * body : 10 * body + 10] += point
         is_beyond = point[0] > tol.SURE * experiment.widths[10 * body, 5 * body]
         yield Transform(
-            codes.PAYLOAD,
+            CODES["payload"],
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
             experiment.with_changes(bodies=changed),
             robot.joint_of(body),
@@ -340,7 +339,7 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
     word = "heavier" if of_mass[0] > 0 else "lighter"
     rival, measurement = _other_explanation(experiment, link if is_mostly else "", total)
-    yield codes.NOMINAL_VALUES.finding(
+    yield CODES["nominal-values"].finding(
         f"the torques need {what} {times:.3g} +- {its_error:.2g} times as heavy as in the robot "
         f"file{mostly}, if centres and shapes are those of the file; by the torques alone the "
         f"robot is {abs(of_mass[0]):.0%} +- {of_mass[1]:.0%} {word}; or {rival}",

@@ -13,9 +13,8 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
-from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import Channel, Observation, channels_of, in_description, in_drives
+from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
@@ -65,7 +64,7 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             remedy = (
                 f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
             )
-        yield codes.TIME_UNIT.wrong(
+        yield CODES["time-unit"].wrong(
             f"the log has {rate:.3g} samples per second: {text}",
             evidence={"rate [Hz]": rate},
             remedy=remedy,
@@ -105,7 +104,7 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
         lines = _changed(changes)
         if lines:
             first = next(iter(changes.values()))["wraps"]
-            yield codes.WRAPS.wrong(
+            yield CODES["wraps"].wrong(
                 f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
                 "of their range to the other, and move on as before: an encoder that wraps "
                 "around, or a signed integer that was read as one without sign",
@@ -160,7 +159,7 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         lines = _changed({x: {"factor": known.get(x, 1.0) / full} for x in ratings})
         is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
         if lines:
-            yield codes.UNIT.finding(
+            yield CODES["unit"].finding(
                 f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
                 f"{unit} of a rating of each motor, or counts of its driver, and not N m",
                 severity="wrong" if is_far else "doubtful",
@@ -196,7 +195,7 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
                 text = f"in {len(lost)} single steps{where} all positions move twice as far as "
                 text += "before and after, or a larger whole number of times"
                 count = f"{int(np.sum(lost))} samples"
-            yield codes.HOLES.finding(
+            yield CODES["holes"].finding(
                 f"{text}, while the time has equal steps: {count} were lost, and the time counts "
                 "those that are left",
                 severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
@@ -261,7 +260,7 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
                 (joint,): _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
                 for joint, gear in missing.items()
             }
-            yield codes.MISSING_DRIVES.wrong(
+            yield CODES["missing-drives"].wrong(
                 f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} "
                 "times as far as the joint, and the robot has no drive there: friction, gear and "
                 "spring are not in the model (--drives, drives=)",
@@ -316,7 +315,7 @@ def _references(logged: Logged) -> Iterator[Finding]:
         low, high = (float(end(np.concatenate(positions))) for end in (np.nanmin, np.nanmax))
         reference, unit = drive.reference_position_rad, drive.joint_units[1]
         if not low <= reference <= high:
-            yield codes.REFERENCE_POSITION.finding(
+            yield CODES["reference-position"].finding(
                 f"Coulomb friction of {joint} is stated at {reference:g} {unit}, outside its "
                 f"motion from {low:.3g} to {high:.3g} {unit}: it is extrapolated to there and may "
                 "come out negative, which no simulation has",
@@ -348,7 +347,7 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
         for count, channels in held.items():
             late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
             lines = {x.joint: {"motor_torque": x.changed(delay_s=late)} for x in channels}
-            yield codes.DELAY.note(
+            yield CODES["delay"].note(
                 f"the motor torques of {', '.join(lines)} are held over {count} samples{where}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
@@ -368,7 +367,7 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
             if share > longest.get(name, (tol.FEW,))[0]:
                 longest[name] = share, where.replace(" of ", " in "), channel.largest
     for (quantity, joint), (share, where, limit) in longest.items():
-        yield codes.SATURATION.finding(
+        yield CODES["saturation"].finding(
             f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
             f"{share:.1%} of the time{where}: a command there is not what the motor gave",
             joint,
@@ -391,7 +390,7 @@ def _share_at_limit(values: Array) -> float:
 def _locked(logged: Logged) -> Iterator[Finding]:
     """Yield a note for each joint with a locked output."""
     for joint in locked_outputs(logged.robot, logged.logs):
-        yield codes.LOCKED_OUTPUT.note(
+        yield CODES["locked-output"].note(
             f"the output of {joint} does not move while its motor deflects the spring: it counts "
             "as locked, so that its motor, friction and spring are identified and the torque on "
             "its load is not used. If it did move, its encoder is dead: exclude its column",
@@ -436,7 +435,7 @@ def _standing(logged: Logged) -> Iterator[Finding]:
     swings = [float(np.ptp(side)) for side in sides if np.all(np.isfinite(side))]
     if not swings or max(swings) >= tol.LEAST_SWING or locked_outputs(logged.robot, logged.logs):
         return
-    yield codes.STANDSTILL.finding(
+    yield CODES["standstill"].finding(
         f"the robot hardly moves: its widest motion is {max(swings):.2g} rad or m",
         evidence={"widest motion": max(swings)},
         remedy="record a wider motion: seaid excite plans one",
@@ -446,29 +445,29 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
     """Return the joints whose torques are in another unit, wrap around, or are those of a stop."""
-    names = (codes.UNIT.name, codes.WRAPS.name, codes.CONTACT.name)
+    names = ("unit", "wraps", "contact")
     wrong = (finding for finding in findings if finding.code in names)
     return {joint for finding in wrong for joint in finding.joints}
 
 
 OF_LOGS = (
-    Observation(codes.TIME_UNIT, _time_units),
-    Observation(codes.WRAPS, _wraps),
-    Observation(codes.UNIT, _whole_numbers),
-    Observation(codes.HOLES, _lost_samples),
-    Observation(codes.MISSING_DRIVES, _missing_drives),
-    Observation(codes.REFERENCE_POSITION, _references),
-    Observation(codes.DELAY, _held_torques),
-    Observation(codes.SATURATION, _saturated),
-    Observation(codes.LOCKED_OUTPUT, _locked),
-    Observation(codes.STANDSTILL, _standing),
+    Observation(CODES["time-unit"], _time_units),
+    Observation(CODES["wraps"], _wraps),
+    Observation(CODES["unit"], _whole_numbers),
+    Observation(CODES["holes"], _lost_samples),
+    Observation(CODES["missing-drives"], _missing_drives),
+    Observation(CODES["reference-position"], _references),
+    Observation(CODES["delay"], _held_torques),
+    Observation(CODES["saturation"], _saturated),
+    Observation(CODES["locked-output"], _locked),
+    Observation(CODES["standstill"], _standing),
 )
 
 
 def excluded_findings(processing: Iterable[Processing]) -> Iterator[Finding]:
     """Yield notes of the samples that were excluded: rest at the ends, frozen channels, holes."""
     for repair in (repair for each in processing for repair in each.excluded):
-        code = codes.STANDSTILL if repair.kind == REST else codes.HOLES
+        code = CODES["standstill"] if repair.kind == REST else CODES["holes"]
         yield code.note(str(repair), certainty="certain")
 
 
@@ -476,7 +475,7 @@ def excluded_instants(place: str, share: float, has_contacts: bool) -> Iterator[
     """Yield the note on a regression that lacks most of its instants, a `share` of them."""
     if share > tol.MOST:
         contacts = ", or next to a change of contact" * has_contacts
-        yield codes.STANDSTILL.note(
+        yield CODES["standstill"].note(
             f"the {place} is identified from {1 - share:.0%} of its instants: the others are near "
             f"standstill, where the direction of dry friction is unknown{contacts}"
         )
@@ -498,7 +497,7 @@ def standstill_findings(
                 f"locked = {{ {toml_key(joint)} = {at} }}"
             )
             evidence = {"position": positions[joint]}
-        yield codes.STANDSTILL.finding(
+        yield CODES["standstill"].finding(
             f"{text}: its {what} and rotor inertia are not estimated, and its torque is not used",
             joint,
             evidence=evidence,
@@ -540,7 +539,7 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     offset = -change * experiment.lever[j] if size else change
     times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     source = changed_source(experiment.source(j, quantity, number - 1), offset=offset)
-    return codes.ENCODER_OFFSETS_DIFFER.finding(
+    return CODES["encoder-offsets-differ"].finding(
         f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between log 1 "
         f"and log {number}{times}: the robot was switched on anew",
         joint,
@@ -573,7 +572,7 @@ def rating_findings(experiment: Experiment) -> Iterator[Finding]:
         robot.joint_names[j]: experiment.entries(j, "t", factor=float(f"{factor:.4g}"))
         for j, factor in parts.items()
     }
-    yield codes.UNIT.wrong(
+    yield CODES["unit"].wrong(
         f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
         "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
         evidence={"least factor": least, "largest factor": largest},
@@ -631,7 +630,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     joints = [robot.joint_names[j] for j in used if times[j] > tol.FAR]
     if joints and of_known[heaviest] > tol.MOST * sizes[heaviest]:
         largest = float(np.nanmax(times[used]))
-        yield codes.UNIT.wrong(
+        yield CODES["unit"].wrong(
             f"the torques of {', '.join(joints)} are up to {largest:.3g} times those which move "
             f"and hold the known bodies and the payload ({sizes[heaviest]:.3g} N m, rms): they are "
             "a percentage, a current or counts, or in another unit",
@@ -665,7 +664,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         outwards = residual[at_limit] * np.sign(place[at_limit])
         push = float(np.median(outwards)) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:
-            yield codes.CONTACT.wrong(
+            yield CODES["contact"].wrong(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "
                 f"samples, where its motor pushes outwards by {push:.3g} times the error of what "
                 "the other samples predict: the torque there is that of a stop",
@@ -705,7 +704,7 @@ def limit_findings(experiment: Experiment) -> Iterator[Finding]:
         for j, joint in enumerate(robot.joint_names):
             largest, limit = float(np.max(np.abs(values[:, j]))), float(limits[j])
             if 0 < tol.MANY_TIMES * limit < largest:
-                yield codes.UNIT.finding(
+                yield CODES["unit"].finding(
                     f"the {name} of {joint} reaches {largest / limit:.3g} times the limit of the "
                     "robot file: check the unit of its channels and of the time",
                     joint,

@@ -243,41 +243,6 @@ def channels_of(log: Log, joints: Collection[str], *quantities: str) -> Iterator
                 yield Channel(joint, quantity, values, sources[joint].get(quantity))
 
 
-UNIT = CODES["unit"]
-TIME_UNIT = CODES["time-unit"]
-WRAPS = CODES["wraps"]
-SIGN = CODES["sign"]
-ENCODER_OFFSET = CODES["encoder-offset"]
-SWAPPED_JOINTS = CODES["swapped-joints"]
-GEAR_RATIO = CODES["gear-ratio"]
-VARYING_RATIO = CODES["varying-ratio"]
-COUPLED_JOINTS = CODES["coupled-joints"]
-MISSING_DRIVES = CODES["missing-drives"]
-PAYLOAD = CODES["payload"]
-GRAVITY = CODES["gravity"]
-NOMINAL_VALUES = CODES["nominal-values"]
-GEOMETRY = CODES["geometry"]
-DELAY = CODES["delay"]
-COMMAND_DELAY = CODES["command-delay"]
-ROTOR_INERTIA = CODES["rotor-inertia"]
-TORQUE_SCALE = CODES["torque-scale"]
-GAIN_SCALE = CODES["gain-scale"]
-UNUSED_COMMAND = CODES["unused-command"]
-NO_MEASUREMENT = CODES["no-measurement"]
-ENCODER_OFFSETS_DIFFER = CODES["encoder-offsets-differ"]
-BACKLASH = CODES["backlash"]
-LOOSE_ENCODER = CODES["loose-encoder"]
-NONLINEAR_SPRING = CODES["nonlinear-spring"]
-TRANSMISSION_ERROR = CODES["transmission-error"]
-REFERENCE_POSITION = CODES["reference-position"]
-MISSING_TERM = CODES["missing-term"]
-UNIDENTIFIABLE = CODES["unidentifiable"]
-CONTACT = CODES["contact"]
-LOCKED_OUTPUT = CODES["locked-output"]
-STANDSTILL = CODES["standstill"]
-SATURATION = CODES["saturation"]
-HOLES = CODES["holes"]
-
 EXPLAINED, OF_MOTOR = "explained", "explained of the motor equation"
 """The evidence of a column: the part of the squared residual of its equation that it explains."""
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray, white_noise
-from seaid.checks.codes import BACKLASH, GAIN_SCALE, MISSING_TERM, NONLINEAR_SPRING, in_drives
+from seaid.checks.codes import CODES, in_drives
 from seaid.checks.engine import (
     Accepted,
     Alternative,
@@ -322,7 +322,7 @@ def _missing_terms(
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
-    return (NONLINEAR_SPRING if is_spring else MISSING_TERM).finding(
+    return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
         f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would explain "
         # Next to other weights the residual may be larger than before.
         f"{max(share, 0.0):.0%} of the squared residual of its "
@@ -401,7 +401,7 @@ def _gain_is_scaled(
     if others:
         cause = f"{listed(others)} with the same gains have other factors, so that those bodies "
         cause += "are not the ones of the robot file, or another torque acts there"
-    finding = GAIN_SCALE.finding(
+    finding = CODES["gain-scale"].finding(
         f"the torque of the controller of {joint} is {times:.3g} +- {error:.2g} times that of the "
         f"known bodies, which explains {share:.0%} of the squared residual of its torque equation: "
         f"{cause}",
@@ -437,16 +437,16 @@ _AT_ANGLES = "torques that hold the joint at several angles show springs and mas
 _AT_LOADS = "deflections of the locked joint under slow loads show the law of its spring"
 
 DRIVE_CHECKS = (
-    ColumnCheck(MISSING_TERM, _friction, _missing_terms, _AT_SPEEDS),
-    ColumnCheck(MISSING_TERM, _parallel_springs, _missing_terms, _AT_ANGLES),
+    ColumnCheck(CODES["missing-term"], _friction, _missing_terms, _AT_SPEEDS),
+    ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms, _AT_ANGLES),
     ColumnCheck(
-        GAIN_SCALE,
+        CODES["gain-scale"],
         _gain_scales,
         _gain_is_scaled,
         "a link on a scale shows whether gains or masses are wrong",
         "gains of the controller in another unit",
     ),
-    ColumnCheck(NONLINEAR_SPRING, _spring_laws, _missing_terms, _AT_LOADS),
+    ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms, _AT_LOADS),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 
@@ -455,7 +455,7 @@ def included_term(trial: Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
     candidate, comparison, values = trial.candidate, trial.comparison, trial.alternative.values
     width = "".join(f" over {value:.2g} rad/s" for value in values.values())
-    return MISSING_TERM.finding(
+    return CODES["missing-term"].finding(
         f"friction of {candidate.joint}, of which the drive names no terms: "
         f"'{candidate.term}'{width} is included and explains {comparison.explained:.0%} of the "
         "squared residual; name the terms in friction = [...] to decide it",
@@ -471,7 +471,7 @@ def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
     comparison, values = law.comparison, law.values
     assert comparison is not None
     unit = unit_of(with_term(drive, law.field, law.term), "dead_zone")
-    return BACKLASH.finding(
+    return CODES["backlash"].finding(
         f"the gear or the spring of {joint} has backlash, with a half width of about "
         f"{values['dead_zone']:.2g} {unit}: 'dead_zone' in its spring would explain "
         f"{comparison.explained:.0%} of the squared residual of its motor equation, and its "

@@ -20,10 +20,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from seaid._arrays import Array, is_constant, resolution
-from seaid.checks import codes
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import (
     AS_GIVEN,
+    CODES,
     Channel,
     channels_of,
     excluding_torque,
@@ -116,7 +116,7 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
         return
     sources = {x.joint: first.log.sources()[y.joint]["position_command"] for x, y in pairs[:2]}
     lines = {joint: {"position_command": changed_source(x)} for joint, x in sources.items()}
-    yield codes.SWAPPED_JOINTS.finding(
+    yield CODES["swapped-joints"].finding(
         f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
         f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
         first.joint,
@@ -154,10 +154,10 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
         return
     times = float(np.std(command) / np.std(position))
     if r < 0:
-        code, factor = codes.SIGN, -1.0
+        code, factor = CODES["sign"], -1.0
         words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
     elif abs(math.log(times)) >= math.log(tol.FAR):
-        code, per_degree = codes.UNIT, math.pi / 180
+        code, per_degree = CODES["unit"], math.pi / 180
         is_degrees = abs(math.log(times * per_degree)) < tol.MOST
         factor = float(f"{per_degree if is_degrees else 1 / times:.4g}")
         unit = "degrees" if is_degrees else "another unit"
@@ -194,7 +194,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     if share < tol.FEW:
         return
     longest_ms = 1e3 * period_s * float(np.percentile(runs - 1, 99))
-    yield codes.DELAY.finding(
+    yield CODES["delay"].finding(
         f"{share:.1%} of the position commands of {joint} repeat the one before while others "
         f"change: they are logged twice or late, by {longest_ms:.3g} ms and more at times",
         joint,
@@ -215,7 +215,7 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     if share < tol.FEW or np.sum(position_beyond) > tol.MOST * np.sum(command_beyond):
         return
     others = [name for name in robot.joint_names if name != joint]
-    yield codes.CONTACT.finding(
+    yield CODES["contact"].finding(
         f"{joint} is commanded beyond its limits in the robot file, from {lower:.4g} to "
         f"{upper:.4g} {unit}, in {share:.0%} of the samples, by up to {farthest:.3g} {unit}, and "
         "does not follow there: at its stop its controller pushes against a force that is not in "
@@ -246,7 +246,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     )
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
-        yield codes.GAIN_SCALE.finding(
+        yield CODES["gain-scale"].finding(
             f"{asks}, and for {times:.3g} times as much on average: its gains are in another unit "
             "than the limit, such as units of the drive (counts, 1/256, per degree)",
             joint,
@@ -255,9 +255,9 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         )
     elif has_limit:
         message = f"{asks}: the limit counts as its torque there"
-        yield codes.SATURATION.note(message, joint, evidence=evidence)
+        yield CODES["saturation"].note(message, joint, evidence=evidence)
     else:
-        yield codes.SATURATION.finding(
+        yield CODES["saturation"].finding(
             f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} "
             f"{commanded.torque_unit}, in {share:.1%} of the samples more than the effort limit of "
             f"the robot file ({limit:.4g} {commanded.torque_unit}), and has no torque limit",
@@ -283,7 +283,7 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
     largest = float(np.max(np.abs(rates[:, commanded.place])))
     if largest > 0:  # False for a joint without them, too, whose samples are NaN
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
-        yield codes.UNUSED_COMMAND.finding(
+        yield CODES["unused-command"].finding(
             f"the log has velocity commands of {joint}, of up to {largest:.3g} {commanded.unit}/s, "
             "and its controller has no gain for them: they are not used",
             joint,
@@ -311,7 +311,7 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
     noise = _encoder_noise(commanded.position)
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
-    yield codes.UNIDENTIFIABLE.finding(
+    yield CODES["unidentifiable"].finding(
         f"the position of {joint} follows its command within {1e3 * size:.3g} "
         f"m{commanded.unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and "
         f"resolution of its encoder ({1e3 * noise:.2g} m{commanded.unit}): what its controller "
@@ -364,7 +364,7 @@ def _no_measurement(log: Log, channel: Channel, drive: Drive, returns: int) -> I
         what = f"is {times:.4g} times the tracking error (correlation {r:.4f})"
     table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
-    yield codes.NO_MEASUREMENT.finding(
+    yield CODES["no-measurement"].finding(
         f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
         "no torque",
         channel.joint,
@@ -391,7 +391,7 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
         residual = torque - friction @ scaled_svd(friction).solve(np.nan_to_num(torque))
         is_friction = float(np.std(residual)) < tol.SEVERE * float(np.std(torque))
         if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
-            yield codes.NO_MEASUREMENT.finding(
+            yield CODES["no-measurement"].finding(
                 f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
                 "of the bodies of the robot file, and follows the direction of its motion: it "
                 "measures friction, or nothing",
@@ -536,7 +536,7 @@ def _separation(
         verdict, remedy = "does not separate", _OTHER_GAINS
         but = "; it determines sums, and each alone only as well as T is known: "
         but += listed(sums)
-    return codes.COMMAND_DELAY.note(
+    return CODES["command-delay"].note(
         f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
         f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
         "the residual beyond what these and the other parameters explain",
@@ -565,7 +565,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
                 evidence[f"armature and {slope:.3g} delay of {joint}"] = value
                 stated_s = max(stated_s, std)
     if sums:
-        yield codes.COMMAND_DELAY.note(
+        yield CODES["command-delay"].note(
             "the log does not separate the delay of the commands from rotor inertia and friction: "
             f"it counts as known to +-{NORMAL_95 * stated_s * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
@@ -595,7 +595,7 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
     if is_late:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
-    return codes.DELAY.finding(
+    return CODES["delay"].finding(
         f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
         f"log: {cause}",
         only_joint(joints),
@@ -633,7 +633,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             continue
         share = float(np.mean(np.abs(asked) > limit))
         line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
-        yield codes.SATURATION.finding(
+        yield CODES["saturation"].finding(
             f"the controller of {joint} has no torque limit and asks for up to "
             f"{float(np.max(np.abs(asked))):.3g} N m, but the joint moves as if its torque "
             f"ended at about {limit:.3g} N m ({share:.0%} of the samples): that leaves "
@@ -675,7 +675,7 @@ def _gain_finding(
     more = f"; {listed(others)} as the others" if others else ""
     error = float(np.median([scale.error / scale.factor for scale in shown.values()]))
     concerned = tuple(names[j] for j in joints)
-    return codes.GAIN_SCALE.finding(
+    return CODES["gain-scale"].finding(
         "the controllers give many times or a fraction of the torque that moves and holds the "
         f"{'known bodies' if is_known else 'bodies of the robot file'} "
         f"({listed(texts)}, +- {error:.1%}{more}): their gains are in units of "
@@ -805,9 +805,9 @@ def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Find
     zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
     texts = {"the opposite sign": sign < 0, zero: offset != 0}
     parts = [text for text, is_so in texts.items() if is_so]
-    code, same = codes.ENCODER_OFFSET, ""
+    code, same = CODES["encoder-offset"], ""
     if sign < 0:
-        code = codes.SIGN
+        code = CODES["sign"]
         same = "\n# the same sign for velocity_command and torque_command, if the log has them"
     yield code.finding(
         f"the position of {names[j]} has {' and '.join(parts)}: the part of the torque of "

@@ -19,9 +19,15 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
-from seaid.checks import codes
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import OF_MOTOR, in_description, in_drives, only_joint, zeros_in_description
+from seaid.checks.codes import (
+    CODES,
+    OF_MOTOR,
+    in_description,
+    in_drives,
+    only_joint,
+    zeros_in_description,
+)
 from seaid.checks.engine import (
     Accepted,
     Alternative,
@@ -104,7 +110,7 @@ def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
-    return codes.TRANSMISSION_ERROR.finding(
+    return CODES["transmission-error"].finding(
         f"{share:.0%} of the residual of the motor equation of {joint} is periodic ({text}): an "
         "error of the gear or its encoders, or ripple of the motor",
         joint,
@@ -184,7 +190,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             # the side without an encoder was computed from the motor's
             output = experiment.joint / (1.0 if experiment.both[j] else factor_of)
             yield Transform(
-                codes.GEAR_RATIO,
+                CODES["gear-ratio"],
                 f"the gear ratio of {joint} is {ratio * factor:.4g}{by} not {ratio:.4g}",
                 experiment.with_changes(ratio=experiment.ratio * factor_of, joint=output),
                 joint,
@@ -207,7 +213,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     names = {j: experiment.robot.joint_names[j] for j in factors}
     joints, sources = listed([*names.values()]), dict[str, dict[str, str]]()
     yield multiplied(
-        codes.UNIT,
+        CODES["unit"],
         experiment,
         factors,
         "q",
@@ -220,7 +226,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         sources[joint] = {"motor_position": changed_source({**table, "side": "joint"})}
     message = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
     levers = {j: 1 / factor for j, factor in factors.items()}
-    of_joints = multiplied(codes.UNIT, experiment, levers, "m", message)
+    of_joints = multiplied(CODES["unit"], experiment, levers, "m", message)
     yield replace(of_joints, remedy=in_description(sources))
 
 
@@ -253,7 +259,7 @@ def slips(experiment: Experiment) -> Iterator[Finding]:
         is_step = before - projected[i] ** 2 / squares[i] < tol.SEVERE * before
         if is_step and abs(step) > tol.LEAST_OFFSET:
             start, end = experiment.time[[i - 1, i], 0].tolist()
-            yield codes.LOOSE_ENCODER.wrong(
+            yield CODES["loose-encoder"].wrong(
                 f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
                 f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
                 experiment.robot.joint_names[j],
@@ -286,7 +292,7 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
         lines[names[j],] = f"transmission = {{ {table} }}"
     j, *others = turns
     return Transform(
-        codes.COUPLED_JOINTS,
+        CODES["coupled-joints"],
         f"the motors of {listed(names[x] for x in turns)} turn with both joints, as those of a "
         "differential do",
         experiment.with_changes(robot=experiment.robot.with_drives(drives)),
@@ -379,7 +385,7 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         lines = f"gear_ratio = {ratio * mean:.6g}\n"
         lines += f"angle_ratio = {{ cos = [{cosine!r}], sin = [{sine!r}] }}"
         yield Transform(
-            codes.VARYING_RATIO,
+            CODES["varying-ratio"],
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
             f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
             "linkage, a lever or a spindle",
@@ -494,7 +500,7 @@ def _late_torques(
     for joint in joints:
         source = side.sources.get(joint, {}).get("motor_torque", "")
         entries[joint] = {"motor_torque": changed_source(source, delay_s=round(delay, 5))}
-    return codes.DELAY.finding(
+    return CODES["delay"].finding(
         f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
         only_joint(joints),
@@ -524,7 +530,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     if abs(common) < max(tol.SURE_TOGETHER * error, tol.LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
-    shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.DELAY]
+    shares = [x.share for x in accepted if x.trial.candidate.about.code is CODES["delay"]]
     explained = max(shares, default=0.0)
     return _late_torques(selected[0][0], list(delays), common, error, explained, abs(common))
 
@@ -541,7 +547,7 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     equation = side.equation.with_alternatives(
         x.trial.alternative
         for x in selection.accepted
-        if x.trial.candidate.about.code is not codes.DELAY
+        if x.trial.candidate.about.code is not CODES["delay"]
     )
     columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
@@ -622,7 +628,7 @@ def _zero_is_off(
         return None
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * is_known)
-    return codes.ENCODER_OFFSET.finding(
+    return CODES["encoder-offset"].finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file{rival * is_known}: that explains {share:.0%} of the squared "
         "residual of its torque",
@@ -635,21 +641,21 @@ def _zero_is_off(
 
 GEAR_CHECKS = (
     ColumnCheck(
-        codes.TRANSMISSION_ERROR,
+        CODES["transmission-error"],
         _orders,
         _periodic,
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
         "an error of the gear (order {term} of the {field})",
     ),
     ColumnCheck(
-        codes.DELAY,
+        CODES["delay"],
         _late_torque,
         _late,
         "torque and position that are stamped by one clock have no delay",
         "a motor torque that is late or early",
     ),
     ColumnCheck(
-        codes.ENCODER_OFFSET,
+        CODES["encoder-offset"],
         _zeros,
         _zero_is_off,
         "a spirit level or a stop shows the zero of a joint",

@@ -23,10 +23,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import bodies, channels, codes, commands, gears
+from seaid.checks import bodies, channels, commands, gears
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import (
     AS_GIVEN,
+    CODES,
     Code,
     Observation,
     guarded,
@@ -167,7 +168,7 @@ def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         findings.append(_finding(trials))
         experiment = _described(trials[0].transform.changed, findings[-1].remedy)
         # The file is contradicted as a whole: nothing else is compared with its bodies.
-        if trials[0].transform.code == codes.NOMINAL_VALUES:
+        if trials[0].transform.code == CODES["nominal-values"]:
             experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
     return [*findings, *dict.fromkeys(notes)], experiment
 
@@ -289,8 +290,8 @@ def _median(values: Array) -> float:
 
 
 _OF_VALUES = (
-    *(codes.ENCODER_OFFSET, codes.GEAR_RATIO, codes.GEOMETRY, codes.GRAVITY),
-    *(codes.NOMINAL_VALUES, codes.PAYLOAD, codes.ROTOR_INERTIA, codes.TORQUE_SCALE),
+    *(CODES["encoder-offset"], CODES["gear-ratio"], CODES["geometry"], CODES["gravity"]),
+    *(CODES["nominal-values"], CODES["payload"], CODES["rotor-inertia"], CODES["torque-scale"]),
 )
 """Mistakes that may be small."""
 
@@ -326,12 +327,12 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
         choices = _SIGNS[product > 0] | (_SIGNS[False] if is_coupled else {})
         choices |= {"s": 0.0} if experiment.has_both_torques[j] else {}
         for sides, penalty in choices.items():
-            words, code, evidence = _words(experiment, j, sides), codes.SIGN, {}
+            words, code, evidence = _words(experiment, j, sides), CODES["sign"], {}
             message = f"the {words} of {joint} has the opposite sign"
             if sides == "qmts":
                 message = f"the whole joint {joint} has the opposite sign, {words}"
             elif sides == "mt":
-                code, evidence = codes.GEAR_RATIO, {"given ratio": ratio}
+                code, evidence = CODES["gear-ratio"], {"given ratio": ratio}
                 message = (
                     f"the gear of {joint} reverses: its ratio is negative, so that motor encoder "
                     "and torque have the opposite sign"
@@ -375,7 +376,7 @@ def _in_units(
             continue
         evidence = {"slope between the encoders over the gear ratio": slope} if slope else {}
         message, factors = f"the {words} in {unit}", dict.fromkeys(joints, factor)
-        yield multiplied(codes.UNIT, experiment, factors, channels, message, evidence=evidence)
+        yield multiplied(CODES["unit"], experiment, factors, channels, message, evidence=evidence)
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
@@ -395,7 +396,7 @@ def _all_channels(experiment: Experiment) -> Iterator[Transform]:
     if len(used) < 2:
         return
     message, factors = "the torques of all joints have the opposite sign", dict.fromkeys(used, -1.0)
-    yield multiplied(codes.SIGN, experiment, factors, _torques(experiment), message)
+    yield multiplied(CODES["sign"], experiment, factors, _torques(experiment), message)
     turns = ~np.array(experiment.robot.is_prismatic)
     turning, both = (np.flatnonzero(x).tolist() for x in (turns, turns & experiment.both))
     if len(turning) > 1:
@@ -456,7 +457,7 @@ def _scale(
     off = f"{times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
     return multiplied(
-        codes.UNIT if is_unit else codes.TORQUE_SCALE,
+        CODES["unit"] if is_unit else CODES["torque-scale"],
         experiment,
         dict.fromkeys(joints, factor),
         channels,
@@ -508,7 +509,9 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
             f"{listed([experiment.robot.joint_names[j] for j in factors])}"
         )
         options = {"penalty": float(len(factors))}
-        yield multiplied(codes.TORQUE_SCALE, experiment, others | factors, "t", message, **options)
+        yield multiplied(
+            CODES["torque-scale"], experiment, others | factors, "t", message, **options
+        )
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -529,7 +532,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
-        codes.NOMINAL_VALUES,
+        CODES["nominal-values"],
         f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
         "nominal values, or a payload that was not given",
         experiment.with_changes(bodies=heavier),
@@ -553,7 +556,7 @@ def _behind_gears(experiment: Experiment, factor: float) -> Transform:
     }
     note = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
     return Transform(
-        codes.UNIT,
+        CODES["unit"],
         "the torques of all joints are those behind the gears, not those of the motors",
         experiment.with_changes(torque=torque, sensed=sensed),
         remedy=f"{in_description(sources)}\n{note}",
@@ -573,7 +576,7 @@ def _rotor_inertias(experiment: Experiment) -> Iterator[Transform]:
         for factor in near(rotor, experiment.lever[j] ** 2):
             inertia = np.where(np.arange(len(inertias)) == j, inertias * factor, inertias)
             yield Transform(
-                codes.ROTOR_INERTIA,
+                CODES["rotor-inertia"],
                 f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {inertias[j]:.3g}",
                 experiment.with_changes(inertia=inertia),
                 joint,
@@ -592,7 +595,7 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
         if stiffness > 0 and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             yield Transform(
-                codes.MISSING_TERM,
+                CODES["missing-term"],
                 f"a spring of about {stiffness:.3g} {unit} is parallel to {joint}",
                 experiment.with_changes(sprung=experiment.sprung | is_own),
                 joint,
@@ -610,7 +613,7 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
         powers = np.array([1.0, factor, factor**2])[:, None, None]
         rate_hz = experiment.rate_hz * factor
         yield Transform(
-            codes.TIME_UNIT,
+            CODES["time-unit"],
             f"the time of the log is {max(factor, 1 / factor):.0f} times too {times}, so that "
             f"speeds are too {speeds}",
             experiment.with_changes(
@@ -637,7 +640,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
             sources = {first: experiment.entries(j, sides), second: experiment.entries(i, sides)}
             yield Transform(
-                codes.SWAPPED_JOINTS,
+                CODES["swapped-joints"],
                 f"the {words} of {first} and {second} are exchanged",
                 _exchanged(experiment, i, j, sides),
                 first,
@@ -699,29 +702,29 @@ Generator = Callable[[Experiment], Iterator[Transform]]
 
 MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
     _has_bodies: {
-        _torque_scales: codes.TORQUE_SCALE,
-        _rotor_inertias: codes.ROTOR_INERTIA,
-        _all_torque_scales: codes.TORQUE_SCALE,
-        bodies.gravities: codes.GRAVITY,
-        bodies.lengths: codes.GEOMETRY,
-        bodies.zeros: codes.ENCODER_OFFSET,
-        _parallel_springs: codes.MISSING_TERM,
-        bodies.payloads: codes.PAYLOAD,
+        _torque_scales: CODES["torque-scale"],
+        _rotor_inertias: CODES["rotor-inertia"],
+        _all_torque_scales: CODES["torque-scale"],
+        bodies.gravities: CODES["gravity"],
+        bodies.lengths: CODES["geometry"],
+        bodies.zeros: CODES["encoder-offset"],
+        _parallel_springs: CODES["missing-term"],
+        bodies.payloads: CODES["payload"],
     },
     _is_severe: {
-        bodies.quarter_turns: codes.ENCODER_OFFSET,
-        _all_channels: codes.UNIT,
-        _times: codes.TIME_UNIT,
-        gears.geared_encoders: codes.UNIT,
-        _signs: codes.SIGN,
+        bodies.quarter_turns: CODES["encoder-offset"],
+        _all_channels: CODES["unit"],
+        _times: CODES["time-unit"],
+        gears.geared_encoders: CODES["unit"],
+        _signs: CODES["sign"],
     },
-    _is_severe_by_joint: {_positions: codes.UNIT, _exchanges: codes.SWAPPED_JOINTS},
-    _has_sensors_apart: {_sensor_scales: codes.TORQUE_SCALE},
-    _has_other_ratios: {gears.gear_ratios: codes.GEAR_RATIO},
+    _is_severe_by_joint: {_positions: CODES["unit"], _exchanges: CODES["swapped-joints"]},
+    _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
+    _has_other_ratios: {gears.gear_ratios: CODES["gear-ratio"]},
     _has_encoders_apart: {
-        gears.coupled_motors: codes.COUPLED_JOINTS,
-        gears.differentials: codes.COUPLED_JOINTS,
-        gears.linkages: codes.VARYING_RATIO,
+        gears.coupled_motors: CODES["coupled-joints"],
+        gears.differentials: CODES["coupled-joints"],
+        gears.linkages: CODES["varying-ratio"],
     },
 }
 """{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
@@ -735,7 +738,10 @@ def log_findings(
     Those of torques and commands are of the `torque_joints`, by default of all.
     """
     used = robot.joint_names if torque_joints is None else torque_joints
-    others = Observation(codes.NO_MEASUREMENT, _unmeasured), Observation(codes.GEOMETRY, _sizes)
+    others = (
+        Observation(CODES["no-measurement"], _unmeasured),
+        Observation(CODES["geometry"], _sizes),
+    )
     return observed((*channels.OF_LOGS, *others), channels.Logged(robot, logs, used))
 
 
@@ -751,7 +757,7 @@ def _sizes(logged: channels.Logged) -> Iterator[Finding]:
     model = logged.robot.model
     longest = max(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
     if longest > tol.LONGEST_M:
-        yield codes.GEOMETRY.finding(
+        yield CODES["geometry"].finding(
             f"two joints of the robot file are {longest:.3g} m apart: its lengths are in mm, not m",
             severity="wrong",
             evidence={"longest distance [m]": longest},
@@ -768,34 +774,34 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
     """
     delays = partial(channels.decided_delays, known=known)
     known = [finding for finding in known if channels.HELD not in finding.evidence]
-    known += observed([Observation(codes.DELAY, delays)], experiment)
+    known += observed([Observation(CODES["delay"], delays)], experiment)
     findings = [*known, *_of_motion(experiment, known)]
     joints = {joint for finding in findings for joint in finding.joints}
     return [
         finding
         for finding in findings
-        if finding.code != codes.SATURATION.name or finding.joints or finding.joint not in joints
+        if finding.code != "saturation" or finding.joints or finding.joint not in joints
     ]
 
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    hiding = codes.TIME_UNIT, codes.MISSING_DRIVES, codes.WRAPS, codes.GEOMETRY, codes.HOLES
+    hiding = {"time-unit", "missing-drives", "wraps", "geometry", "holes"}
     of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if of_logs & {code.name for code in hiding} or codes.NO_MEASUREMENT.name in wrong:
+    if of_logs & hiding or "no-measurement" in wrong:
         return []  # the torques show no other mistake
     checks = [
-        Observation(codes.ENCODER_OFFSETS_DIFFER, channels.offset_findings),
-        Observation(codes.LOOSE_ENCODER, gears.slips),
+        Observation(CODES["encoder-offsets-differ"], channels.offset_findings),
+        Observation(CODES["loose-encoder"], gears.slips),
     ]
     if not experiment.robot.has_controllers:
         checks += [
-            Observation(codes.NO_MEASUREMENT, commands.of_friction_alone),
-            Observation(codes.NOMINAL_VALUES, partial(_of_torques, known=known)),
+            Observation(CODES["no-measurement"], commands.of_friction_alone),
+            Observation(CODES["nominal-values"], partial(_of_torques, known=known)),
         ]
     elif not wrong:
-        checks.append(Observation(codes.GAIN_SCALE, partial(_of_commands, known=known)))
+        checks.append(Observation(CODES["gain-scale"], partial(_of_commands, known=known)))
     findings, notes = list[Finding](), list[Finding]()
     for check in checks:  # the first one that finds something hides the others
         with guarded(check.code, notes):
@@ -808,16 +814,16 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
 def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that torques show, and what contradicts the robot file."""
     # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
-    hidden = {codes.SATURATION.name, codes.LOCKED_OUTPUT.name}
+    hidden = {"saturation", "locked-output"}
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
     findings, without = mistakes(with_torques_of(experiment, kept))
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
-    of_file = Observation(codes.NOMINAL_VALUES, bodies.file_findings)
+    of_file = Observation(CODES["nominal-values"], bodies.file_findings)
     return [*findings, *beyond, *observed([of_file], without)]
 
 
-_BEYOND_LIMITS = Observation(codes.UNIT, channels.limit_findings)
+_BEYOND_LIMITS = Observation(CODES["unit"], channels.limit_findings)
 
 
 def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
@@ -826,15 +832,15 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     The channels of a torque are not there, and an unknown armature looks like another mistake.
     """
     limited, notes = list[Finding](), list[Finding]()
-    with guarded(codes.SATURATION, notes):
+    with guarded(CODES["saturation"], notes):
         limited += commands.hidden_limits(experiment)
     if limited:  # which looks like gains in another unit, or another zero
         return limited
-    stopped = {finding.joint for finding in known if finding.code == codes.CONTACT.name}
+    stopped = {finding.joint for finding in known if finding.code == "contact"}
     gains, without = list[Finding](), experiment
-    with guarded(codes.GAIN_SCALE, notes):
+    with guarded(CODES["gain-scale"], notes):
         gains, without = commands.gain_findings(experiment)
-    poses = Observation(codes.ENCODER_OFFSET, commands.pose_findings)
+    poses = Observation(CODES["encoder-offset"], commands.pose_findings)
     findings = [*gains, *observed([_BEYOND_LIMITS, poses], without)]
     return [*(finding for finding in findings if finding.joint not in stopped), *notes]
 
@@ -846,7 +852,7 @@ def joint_checks(
     swings = np.max([np.ptp(motion.joint_position, axis=0) for motion in motions], axis=0).tolist()
     names = experiment.robot.joint_names
     checks = dict(zip(names, map(JointCheck, swings), strict=True))
-    with guarded(codes.GEAR_RATIO, findings):
+    with guarded(CODES["gear-ratio"], findings):
         moving = experiment.in_motion
         for j, joint in enumerate(names):
             slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan

@@ -18,7 +18,7 @@ import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import drive_findings
-from seaid.checks.codes import MISSING_TERM
+from seaid.checks.codes import CODES
 from seaid.checks.columns import DRIVE_CHECKS, Side, _is_impossible, resolved_widths
 from seaid.checks.engine import (
     Accepted,
@@ -54,7 +54,7 @@ from tests.mistakes import described
 from tests.one_joint import one_joint
 from tests.representatives import quick_first, quick_only
 
-CODES = ("missing-term", "nonlinear-spring")
+OF_TERMS = ("missing-term", "nonlinear-spring")
 NAMED: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
 
 
@@ -80,7 +80,7 @@ def with_torque(joint: str, more: Array) -> Log:
 
 
 def findings(found: Identification) -> list[Finding]:
-    return [one for one in found.warnings if one.code in CODES]
+    return [one for one in found.warnings if one.code in OF_TERMS]
 
 
 def speed(joint: str) -> Array:
@@ -296,7 +296,7 @@ def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
     smooth = Alternative(np.ones((1, 1)), 1, (), values, ("coulomb_friction",))
     width = Trial(candidate, support, smooth)
     accepted = [Accepted(width, np.ones(1), np.ones(1))]
-    check = next(check for check in DRIVE_CHECKS if check.code is MISSING_TERM)
+    check = next(check for check in DRIVE_CHECKS if check.code is CODES["missing-term"])
     nothing: Any = None
     for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
         side = Side(leg(), [], nothing, ("hip_roll",), False, {"hip_roll": resolved})
@@ -328,7 +328,7 @@ def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) ->
     """The friction of the arm is not named: a term of 0.1 % of the torque is not added either."""
     truth, motion = PERFECT[name]()
     found = identify(truth.without_nominal(), perfect_log(truth, motion))
-    assert {one.code for one in found.warnings}.isdisjoint({*CODES, "transmission-error"})
+    assert {one.code for one in found.warnings}.isdisjoint({*OF_TERMS, "transmission-error"})
     assert found.known.drives == truth.without_nominal().drives
 
 
@@ -594,5 +594,5 @@ def test_plain_friction_that_is_not_named_is_found_and_repaired(
     drive = replace(right.drives[joint], friction=(named,))
     found = identify(right.with_drives({joint: drive}), leg_log())
     (finding,) = [x for x in found.warnings if x.severity != "note"]
-    assert (finding.code, finding.joint) == (MISSING_TERM.name, joint)
+    assert (finding.code, finding.joint) == (CODES["missing-term"].name, joint)
     assert tomllib.loads(finding.remedy.split("\n", 1)[1]) == {joint: {"friction": [named, lacks]}}

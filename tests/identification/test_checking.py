@@ -16,7 +16,6 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.checks import CODES
-from seaid.checks.codes import GRAVITY
 from seaid.checks.experiment import _slope, experiment_of, fitted
 from seaid.checks.setup import transforms
 from seaid.errors import Finding, SeaidError, by_severity
@@ -201,7 +200,9 @@ def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
     """A vertical slide has the weight as a constant torque, like a friction offset."""
     robot, log = arm(), arm_log()
     given = experiment_of(with_gravity(robot, 9.81, 0, 0), [[seaid.reconstruct_motion(robot, log)]])
-    penalties = {one.remedy: one.penalty for one in transforms(given, []) if one.code == GRAVITY}
+    penalties = {
+        one.remedy: one.penalty for one in transforms(given, []) if one.code == CODES["gravity"]
+    }
     down = "option: --gravity 0,0,-9.81"
     assert all(penalties[down] < one for remedy, one in penalties.items() if remedy != down)
 
