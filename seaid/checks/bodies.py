@@ -15,7 +15,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, only_joint, zeros_in_description
 from seaid.checks.experiment import Experiment, Transform, moved, near
 from seaid.errors import Finding
-from seaid.estimation import RANK_TOLERANCE, scaled_svd, triangle
+from seaid.estimation import RANK_TOLERANCE, posterior, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
 
 
@@ -268,19 +268,6 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
 
-def _posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:
-    """Return the mean (k,) of W u and a root (k, p) of its covariance, W (k, p) being `widths`.
-
-    The errors u have the variance 1, `effects` (R, p) are their torques over the noise, y (R,) is
-    the torque.
-    """
-    count = widths.shape[1]
-    svd = scaled_svd(np.vstack([effects, np.eye(count)]))
-    # The posterior mean of u minimises |E u - y|^2 + |u|^2.
-    mean = widths @ svd.solve(np.concatenate([y, np.zeros(count)]))
-    return mean, widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
-
-
 def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, float]] | None:
     """Return how the bodies differ from the robot file, None where no torque shows it.
 
@@ -302,7 +289,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
     # The rows of the masses, one of ten, over the masses: (N, 5N + 1).
     errors = np.hstack([experiment.widths, experiment.common[:, :1]])
     widths = errors[::10] / mass[:, None]
-    change, roots = _posterior(effects @ widths / noise, y / noise, widths)
+    change, roots = posterior(effects @ widths / noise, y / noise, widths)
     # A torque shows a mass whose standard deviation it halves.
     is_shown = np.linalg.norm(roots, axis=1) < tol.MOST * np.linalg.norm(widths, axis=1)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
@@ -311,7 +298,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
         return None
     share = np.where(is_shown, mass, 0.0) / np.sum(mass[is_shown])
     torques = experiment.over_noise(experiment.regressor @ errors)
-    of_mass, root = _posterior(torques, y, share[None] @ widths)
+    of_mass, root = posterior(torques, y, share[None] @ widths)
     return change, roots, share, (float(of_mass[0]), float(np.linalg.norm(root)))
 
 

@@ -27,7 +27,7 @@ from scipy.special import stdtrit
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
-from seaid.estimation import ROUNDING, long_run_of, scaled_svd, triangle
+from seaid.estimation import ROUNDING, explained_squares, long_run_of, scaled_svd, triangle
 from seaid.log import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
@@ -495,15 +495,6 @@ def equation_of(fitted: FittedRows) -> Equation:
 
 _LOST = 1e-6
 """Part of a column below which nothing is left of it next to the others but rounding."""
-
-
-def explained_squares(columns: Array, y: Array) -> float:
-    """Return the sum of squares of y (R,) that columns (R, c) explain."""
-    norms = np.linalg.norm(columns, axis=0)
-    if len(norms) == 1:
-        return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
-    span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
-    return float(np.sum((span.T @ y) ** 2))
 
 
 def compared_candidates(

@@ -9,7 +9,7 @@ joint counts as misfit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -28,7 +28,9 @@ from seaid.estimation import (
     correlated_rows,
     fitted_columns,
     scaled_svd,
+    shrunk,
     triangle,
+    whitened,
 )
 from seaid.log import Motion, changed_source, in_band_at, moving, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
@@ -713,10 +715,10 @@ class Experiment:
         """
         R, effects = self._seen[:, :-1], list[tuple[Array, Array]]()
         for errors in (self.common, self.widths):
-            # (1 - R T S T^T R^T) R W = R (W - T S T^T R^T R W), see `_whitened`
+            # (1 - R T S T^T R^T) R W = R (W - T S T^T R^T R W), see `whitened`
             W = self.base.project(errors)
             for theta, sizes in effects:
-                W = W - _shrunk(theta, sizes) @ (R.T @ (R @ W))
+                W = W - shrunk(theta, sizes) @ (R.T @ (R @ W))
             squares, V = safely(np.linalg.eigh, W.T @ R.T @ R @ W, what="nominal bodies")
             # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
             kept = squares > RANK_TOLERANCE * squares[-1]
@@ -735,7 +737,7 @@ class Experiment:
         That is generalised least squares. A joint whose torque is mostly that of a payload says
         more about it than one that carries the whole robot.
         """
-        return _whitened(self.over_noise(torques), self._rows, self._effects)
+        return whitened(self.over_noise(torques), self._rows, self._effects)
 
     @cached_property
     def unexplained(self) -> Array:
@@ -764,7 +766,7 @@ class Experiment:
             return 0.0
         R, torque, (common, (errors, sizes)) = self._seen[:, :-1], self._seen[:, -1], self._effects
         y = torque - R @ self.base.project(self.bodies)
-        along = errors.T @ R.T @ _whitened(y, R, [common])
+        along = errors.T @ R.T @ whitened(y, R, [common])
         # An effect y is most likely at a scale s < |y| / z: beyond the largest of these all effects
         # become less likely.
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
@@ -817,22 +819,6 @@ class Experiment:
         # n / 2 log(rms^2): the likelihood of Gaussian residuals at their most likely size.
         squares = np.minimum(self.misfit(kind), tol.TWICE) ** 2 + _KINDS[kind][1] ** 2
         return float(np.nansum(rows * np.log(squares))) / 2
-
-
-def _shrunk(theta: Array, sizes: Array) -> Array:
-    """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
-    return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
-
-
-def _whitened(y: Array, X: Array, effects: Iterable[tuple[Array, Array]]) -> Array:
-    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = X T diag(sizes), of each effect.
-
-    The columns of U = X T are orthonormal.
-    """
-    for theta, sizes in effects:
-        # (1 + U Z^2 U^T)^(-1/2) = 1 - U S U^T, with S = 1 - (1 + Z^2)^(-1/2)
-        y = y - X @ (_shrunk(theta, sizes) @ (X.T @ y))
-    return y
 
 
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:

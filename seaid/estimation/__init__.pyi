@@ -76,11 +76,15 @@ from .qr_factor import ROUNDING as ROUNDING
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import deleted_residual as deleted_residual
 from .qr_factor import directions as directions
+from .qr_factor import explained_squares as explained_squares
 from .qr_factor import first_term as first_term
 from .qr_factor import fitted_columns as fitted_columns
+from .qr_factor import posterior as posterior
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import scaled_svd as scaled_svd
+from .qr_factor import shrunk as shrunk
 from .qr_factor import triangle as triangle
+from .qr_factor import whitened as whitened
 from .sdp import Program as Program
 from .sdp import covariance_root as covariance_root
 from .sdp import floored_covariance as floored_covariance

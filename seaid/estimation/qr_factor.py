@@ -413,3 +413,41 @@ def fitted_columns(columns: Array, y: Array, inflation: float, count: int) -> tu
     size[:count] = sizes
     scaled = inflation * inverse * size
     return x, np.asarray(scaled.T @ scaled)
+
+
+def explained_squares(columns: Array, y: Array) -> float:
+    """Return the sum of squares of y (R,) that columns (R, c) explain."""
+    norms = np.linalg.norm(columns, axis=0)
+    if len(norms) == 1:
+        return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
+    span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
+    return float(np.sum((span.T @ y) ** 2))
+
+
+def posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:
+    """Return the mean (k,) of W u and a root (k, p) of its covariance, W (k, p) being `widths`.
+
+    The errors u have the variance 1, `effects` (R, p) are their torques over the noise, y (R,) is
+    the torque.
+    """
+    count = widths.shape[1]
+    svd = scaled_svd(np.vstack([effects, np.eye(count)]))
+    # The posterior mean of u minimises |E u - y|^2 + |u|^2.
+    mean = widths @ svd.solve(np.concatenate([y, np.zeros(count)]))
+    return mean, widths @ (svd.vectors / svd.sizes[:, None] / svd.norms).T
+
+
+def shrunk(theta: Array, sizes: Array) -> Array:
+    """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
+    return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
+
+
+def whitened(y: Array, X: Array, effects: Iterable[tuple[Array, Array]]) -> Array:
+    """Return rows (rows, ...) times (1 + B B^T)^(-1/2), with B = X T diag(sizes), of each effect.
+
+    The columns of U = X T are orthonormal.
+    """
+    for theta, sizes in effects:
+        # (1 + U Z^2 U^T)^(-1/2) = 1 - U S U^T, with S = 1 - (1 + Z^2)^(-1/2)
+        y = y - X @ (shrunk(theta, sizes) @ (X.T @ y))
+    return y
