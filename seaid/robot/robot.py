@@ -166,8 +166,8 @@ class Robot(Display):
         Motions and equations have the angle phi behind the gear as the position of such a joint,
         and the torque there; robot files, logs and plans have the angle and torque of the joint.
         """
-        ratios = ((j, self.drives[joint].angle_ratio) for j, joint in enumerate(self.joint_names))
-        return Ratios({j: ratio for j, ratio in ratios if ratio is not None})
+        ratios = {self.index(joint): drive.angle_ratio for joint, drive in self.drives.items()}
+        return Ratios({j: ratio for j, ratio in ratios.items() if ratio is not None})
 
     def joint_states(self, *states: Array) -> tuple[Array, ...]:
         """Return q, q', q'' (..., n), or the first of them, at those behind the gears."""
