@@ -50,10 +50,11 @@ IMPORT_MODULE = {
     "log/readers/table.py",
     "log/readers/child_process.py",
     "robot/robot_file.py",
+    "project/running.py",
     "cli/commands.py",
 }
 """Names of seaid's own modules (commands: of a fixed list), of readers listed in `log/readers`, of
-two optional packages, and of robots in the list of robot_descriptions; none is of a file."""
+three optional packages, and of robots in the list of robot_descriptions; none is of a file."""
 
 LOAD = {"log/readers/child_process.py", "estimation/fitting.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""

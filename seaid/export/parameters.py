@@ -103,6 +103,7 @@ def write_parameters(
 
     Examples
     --------
+    >>> found = seaid.identify(robot, log)
     >>> seaid.write_parameters(found, "parameters.json")
     """
     write_json(path, content_of(found, validation))
