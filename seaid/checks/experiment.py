@@ -42,15 +42,14 @@ INSTANTS = 200
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
-_KINDS = {
-    "nominal": ("nominal", tol.SLIGHT),
-    "free": ("free", tol.FEW),
-    "motor": ("of_motors", tol.FEW),
-    "encoders": ("of_encoders", tol.FEW),
-    "sensors": ("of_sensors", tol.FEW),
+KINDS = {
+    "nominal": ("nominal", tol.SLIGHT, "torque (by the bodies of the robot file)"),
+    "free": ("free", tol.FEW, "torque (by any bodies)"),
+    "motor": ("of_motors", tol.FEW, "motor torque"),
+    "encoders": ("of_encoders", tol.FEW, "motion between the encoders"),
+    "sensors": ("of_sensors", tol.FEW, "torque between motor and sensor"),
 }
-"""{kind of misfit: its property, and what counts as none}: by bodies of the robot file, by any
-bodies, of the motor equation, of one encoder by the other, of the torque sensor by the motor."""
+"""{kind of misfit: its property, what counts as none, and what it leaves unexplained}."""
 
 _ARRAYS = {
     "q": ("joint",),
@@ -624,13 +623,13 @@ class Experiment:
         return np.column_stack([self.friction[j], gradual, *rotor])
 
     def misfit(self, kind: str) -> Array:
-        """Return the misfit (n,) of a kind, see `_KINDS`."""
-        return np.asarray(getattr(self, _KINDS[kind][0]))
+        """Return the misfit (n,) of a kind, see `KINDS`."""
+        return np.asarray(getattr(self, KINDS[kind][0]))
 
     @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
-        return {kind: self.misfit(kind) for kind in _KINDS}
+        return {kind: self.misfit(kind) for kind in KINDS}
 
     @derived("robot")
     def widths(self) -> Array:
@@ -817,7 +816,7 @@ class Experiment:
         """
         # not by `misfits`, which computes all kinds: of most transforms only cheap ones are needed
         # n / 2 log(rms^2): the likelihood of Gaussian residuals at their most likely size.
-        squares = np.minimum(self.misfit(kind), tol.TWICE) ** 2 + _KINDS[kind][1] ** 2
+        squares = np.minimum(self.misfit(kind), tol.TWICE) ** 2 + KINDS[kind][1] ** 2
         return float(np.nansum(rows * np.log(squares))) / 2
 
 

@@ -36,6 +36,7 @@ from seaid.checks.codes import (
     observed,
 )
 from seaid.checks.experiment import (
+    KINDS,
     Experiment,
     Transform,
     multiplied,
@@ -53,14 +54,6 @@ _MOST_MISTAKES = 5
 
 _SHORTLIST = 12
 """Transforms, best by what is quickly computed, whose other misfits are computed too."""
-
-_EXPLAINED_BY = {
-    "nominal": "torque (by the bodies of the robot file)",
-    "free": "torque (by any bodies)",
-    "motor": "motor torque",
-    "encoders": "motion between the encoders",
-    "sensors": "torque between motor and sensor",
-}
 
 _DIRECT = ("free", "motor", "encoders", "sensors")
 """Misfits that do not rest on the bodies of the robot file."""
@@ -234,7 +227,7 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
         before, after = (float(x.misfits[kind][j]) for x in (best.before, transform.changed))
         evidence |= {AS_GIVEN: before, "misfit without it": after}
         message += (
-            f": the part of the {_EXPLAINED_BY[kind]} of {best.before.robot.joint_names[j]} that "
+            f": the part of the {KINDS[kind][2]} of {best.before.robot.joint_names[j]} that "
             f"is left unexplained falls from {before:.0%} to {after:.0%}"
         )
     else:
@@ -410,7 +403,7 @@ def _all_channels(experiment: Experiment) -> Iterator[Transform]:
 
 def _torques(experiment: Experiment) -> str:
     """Return the channels of the torques of all joints: with the sensors that agree with motors."""
-    return "t" if np.nanmax(experiment.of_sensors, initial=0.0) > tol.POOR else "ts"
+    return "t" if _is_off(experiment, "sensors", tol.POOR) else "ts"
 
 
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
@@ -681,11 +674,6 @@ def _is_severe_by_joint(experiment: Experiment) -> bool:
     return np.array_equal(robot.transmission, np.eye(robot.n)) and _is_severe(experiment)
 
 
-def _has_encoders_apart(experiment: Experiment) -> bool:
-    """Whether the encoders of a joint contradict each other."""
-    return bool(np.nanmax(experiment.of_encoders, initial=0.0) > tol.FEW)
-
-
 def _has_other_ratios(experiment: Experiment) -> bool:
     """Whether the slope between the encoders of a joint is not that of its gear."""
     both = np.flatnonzero(experiment.both).tolist()
@@ -693,10 +681,13 @@ def _has_other_ratios(experiment: Experiment) -> bool:
     return is_other or _is_severe_by_joint(experiment)
 
 
-def _has_sensors_apart(experiment: Experiment) -> bool:
-    """Whether the torques of a motor and of a sensor behind it contradict each other."""
-    return bool(np.nanmax(experiment.of_sensors, initial=0.0) > tol.SLIGHT)
+def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
+    """Whether the misfit of a kind is larger than `least` at some joint."""
+    return bool(np.nanmax(experiment.misfit(kind), initial=0.0) > least)
 
+
+_has_encoders_apart = partial(_is_off, kind="encoders", least=tol.FEW)
+_has_sensors_apart = partial(_is_off, kind="sensors", least=tol.SLIGHT)
 
 Generator = Callable[[Experiment], Iterator[Transform]]
 

@@ -273,9 +273,8 @@ def force_instants(
     # Six rows of the base, of which a guide leaves some, and those of joints.
     count = np.sum(robot.free_axes) + np.sum(~unknown, axis=1)
     residual = in_band(motion, residual * base.used[:, None])
-    split = forces[:, places]
     return _Instants(
-        forces=smoothed_where(motion, split, counts),
+        forces=smoothed_where(motion, forces[:, places], counts),
         measured=smoothed_where(motion, _measured_forces(base, contacts, R), counts),
         up=up,
         counts=counts,
