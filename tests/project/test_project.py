@@ -98,7 +98,7 @@ def test_a_run_has_a_folder_with_everything(folder: Path) -> None:
         *("seaid.toml", "arm.urdf", "arm.toml")
     }
     (note,) = done.notes
-    assert note.startswith("hebi_arm_2.xml was not written: joint 'joint_0': 'motor_inertia_kg_m2'")
+    assert note.startswith("hebi_arm_2.xml was not written: joint 'joint_0': 'coulomb_friction_Nm'")
     found = done.runs[""].identification
     direct = seaid.identify(
         project.robot(),
