@@ -512,7 +512,7 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     used, lever = experiment.used, experiment.lever[experiment.used]
     slopes, rotors = np.array([(x.shown, x.rotor) for x in experiment.scales.values()]).T
     middle, rotor = float(np.median(slopes)), _median(rotors)
-    if middle <= 0 or len(used) < 2:
+    if middle <= 0 or len(used) < 2 or abs(middle - 1) < tol.SLIGHT:
         return
     # torques in another unit change the apparent rotor inertias too, masses do not
     of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
