@@ -272,22 +272,20 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    @derived(*_OF_LOADS, "torque")
+    @derived(*_OF_LOADS)
     def loads(self) -> Array:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs. The last column is that of a rotor of unknown inertia. Columns
-        of what does not act on a joint are zero.
+        of friction is one of theirs. Columns of springs that do not act on a joint are zero.
         """
         robot = self.robot
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
-        springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
-        rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
-        return np.concatenate([self.friction, springs, rotors], axis=2)
+        columns = at_drives.T[:, None] * self.joint[0][:, self.sprung]
+        return np.concatenate([self.friction, columns], axis=2)
 
-    @derived(*_OF_LOADS, "torque", "counted")
+    @derived(*_OF_LOADS, "counted")
     def _of_loads(self) -> tuple[Array, Array]:
         """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
         svd = scaled_svd(self.loads * self.counted.T[..., None], "friction")
@@ -312,8 +310,7 @@ class Experiment:
         """
         y = np.clip(self.lever[j] * self.torque[:, j], -limit, limit)
         columns = [self.of_file[:, j], self.loads[j]]
-        is_unknown = self._is_open[j] and not self._has_open_rotor[j]
-        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or is_unknown))
+        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
         if has_rotor:  # N r_L / r_M I_M theta_M''
             columns.append(self.lever[j] * self.motor[2][:, j])
         y = self.sensed[:, j] if np.all(np.isnan(y)) else y
@@ -339,28 +336,33 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived("torque_rate")
-    def _lateness(self) -> Array:
-        """Columns (n, R, 1) of a late motor torque, zero without one: no mistake of a value."""
-        is_known = np.all(np.isfinite(self.torque_rate), axis=0)
-        return np.where(is_known, self.torque_rate, 0.0).T[..., None]
+    @derived(*_OF_TORQUES)
+    def _further(self) -> Array:
+        """Columns (n, R, 2) of what a torque may have besides bodies and `loads`, zero if not.
+
+        A motor torque may be late, which is no mistake of a value, and the rotor inertia of a stiff
+        drive may be unknown.
+        """
+        rates = np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0)
+        return np.stack([rates, self._rotors], axis=-1).swapaxes(0, 1)
+
+    @derived("robot", "torque", "motor")
+    def _rotors(self) -> Array:
+        """Accelerations (R, n) of motors that turn rotors of any inertia, zero of the others."""
+        return np.asarray(self._has_open_rotor * self.motor[2])
 
     @derived(*_SIGNALS)
     def _factors(self) -> Array:
-        """Triangular factors (u, m, p + 2) of the used joints, without their `loads`.
+        """Triangular factors (u, m, p + 3) of the used joints, without their `loads`.
 
-        Their columns are the base columns of bodies, the torque, and its `_lateness`.
+        Their columns are the base columns of bodies, the torque, and what `_further` may be in it.
         All sums of squares of misfits are in them (Frisch and Waugh 1933).
         """
         used, U = self.used, self._of_loads[0][self.used]
         torques = self.target.T[used, :, None]
-        Z = np.concatenate([self.columns[used], torques, self._lateness[used]], axis=2)
+        Z = np.concatenate([self.columns[used], torques, self._further[used]], axis=2)
         Z *= self.counted.T[used, :, None]
-        rest = Z - U @ (U.swapaxes(1, 2) @ Z)
-        # A body that only adds to the inertia of a rotor has a column of rounding.
-        norms, before = np.linalg.norm(rest, axis=1), np.linalg.norm(Z, axis=1)
-        rest *= (norms > _TINY * before)[:, None]
-        return np.asarray(np.linalg.qr(rest, mode="r"))
+        return np.asarray(np.linalg.qr(Z - U @ (U.swapaxes(1, 2) @ Z), mode="r"))
 
     @cached_property
     def nominal(self) -> Array:
@@ -372,11 +374,13 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            left, rotors = self._left((self.regressor @ bodies).T[self.used])[1:]
-            # A rotor of negative inertia is none: it would explain a torque of the wrong sign.
-            driving = np.minimum(rotors, 0.0) * np.std(self.motor[2][:, self.used], axis=0)
-            sizes = np.maximum(self._torque_sizes[self.used], _LEAST)
-            misfit[self.used] = np.hypot(left, driving / sizes)
+            torques, rotors = (self.regressor @ bodies).T[self.used], self._rotors.T[self.used]
+            left, counted = self._left(torques)[0], self.counted.T[self.used]
+            # What friction leaves of the rotors: the fit is linear. None has a negative inertia.
+            apart = left - self._left(torques + rotors)[0]
+            squares = np.maximum(np.sum(counted * apart**2, axis=1), _LEAST)
+            inertia = np.maximum(np.sum(counted * apart * left, axis=1) / squares, 0.0)
+            misfit[self.used] = self._left(torques + inertia[:, None] * rotors)[1]
         return misfit
 
     @property
@@ -392,20 +396,18 @@ class Experiment:
         if not used:
             return misfit, per_row
         # Each joint counts alike: its equations are over the size of its torque.
-        R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
+        R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
         factor = triangle(R.reshape(-1, R.shape[2]))
         theta = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
-        # The inertia of a rotor is in those of bodies just as well.
-        residual, misfit[used], _ = self._left(self.columns[used] @ theta)
+        residual, misfit[used] = self._left(self.columns[used] @ theta)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
 
-    def _left(self, torques: Array) -> tuple[Array, Array, Array]:
+    def _left(self, torques: Array) -> tuple[Array, Array]:
         """Return what torques (u, R) of bodies leave of those of used joints, and misfits.
 
-        The misfits (u,) are those with the friction that explains most, and with the inertias (u,)
-        of unknown rotors, times N r_L / r_M, which come last.
+        The misfits (u,) are those with the friction that explains most.
         """
         used, counted = self.used, self.counted.T[self.used]
         y = self.target.T[used] - torques
@@ -414,7 +416,7 @@ class Experiment:
         # The mean is zero, because a constant is among the loads.
         rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
         sizes = np.maximum(self._torque_sizes[used], _LEAST)
-        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes, x[:, -1, 0]
+        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes
 
     def _next_to_bodies(
         self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
@@ -689,7 +691,7 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        return scaled_svd(np.concatenate([self.loads, self._lateness], axis=2)[self.used]).spans
+        return scaled_svd(np.concatenate([self.loads, self._further], axis=2)[self.used]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
@@ -701,8 +703,8 @@ class Experiment:
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, late = self._factors[..., :-1], scaled_svd(self._factors[..., -1:]).spans
-        R = (bodies - late @ (late.swapaxes(1, 2) @ bodies)) / self._noise
+        bodies, further = self._factors[..., :-2], scaled_svd(self._factors[..., -2:]).spans
+        R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
         return triangle(R.reshape(-1, R.shape[2]))
 
     @derived(*_SIGNALS)
