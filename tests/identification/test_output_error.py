@@ -208,7 +208,7 @@ def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch)
         return end, False
 
     start = identify(SPRINGS.without_nominal(), noisy())
-    monkeypatch.setattr(output_error, "search", spoiled)
+    monkeypatch.setattr(output_error, "gauss_newton_search", spoiled)
     one = refine(start, noisy())
     assert_same(start, one, rel=0.0)
     (finding,) = [warning for warning in one.warnings if warning.code == "worse-than-start"]
