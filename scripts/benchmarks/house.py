@@ -392,7 +392,7 @@ def main() -> None:
     print_packages()
     print_figures()
     places = places_of_findings((ROOT / "seaid").rglob("*.py"))
-    modules = Counter(code for _, code in set(places) if code.isupper())
+    modules = Counter(code for _, code in set(places) if code.startswith("CODES["))
     print(
         f"\n{len(places)} places in {len({module for module, _ in places})} modules make a finding;"
         f" {sum(count > 1 for count in modules.values())} codes are named in several of them"
