@@ -67,8 +67,8 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            # Less than a period looks like anything else: half a one looks like the spring.
-            if (name, order) not in known and order * width >= 2 * np.pi:
+            # less than half a period looks like the spring
+            if (name, order) not in known and order * width >= np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
                 yield linear_candidate(joint, name, str(order), columns)
 
