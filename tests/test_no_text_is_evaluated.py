@@ -105,7 +105,8 @@ def calls(name: str) -> Iterator[ast.Call]:
 @pytest.mark.slow  # 0.5 s
 @pytest.mark.parametrize("name", sorted(NEVER))
 def test_what_runs_text_does_not_occur(name: str) -> None:
-    allowed = {"re.compile"} if name == "compile" else set()
+    # `copyreg.pickle` says how a robot on a floating base is copied, and loads nothing.
+    allowed = {"compile": {"re.compile"}, "pickle": {"copyreg.pickle"}}.get(name, set())
     uses = {
         f"{place}: {word}"
         for place, found in words_of_all().items()
