@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, in_description, only_joint
-from seaid.drives import IDEAL_DRIVE
+from seaid.drives import IDEAL_DRIVE, MOTOR_CONSTANTS
 from seaid.errors import Severity
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -375,7 +375,10 @@ class Experiment:
         if self.used and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
             torques, rotors = (self.regressor @ bodies).T[self.used], self._rotors.T[self.used]
-            left, counted = self._left(torques)[0], self.counted.T[self.used]
+            left, misfit[self.used] = self._left(torques)
+            if not np.any(rotors):
+                return misfit
+            counted = self.counted.T[self.used]
             # What friction leaves of the rotors: the fit is linear. None has a negative inertia.
             apart = left - self._left(torques + rotors)[0]
             squares = np.maximum(np.sum(counted * apart**2, axis=1), _LEAST)
@@ -929,10 +932,6 @@ def _windows(motion: Motion) -> list[Motion]:
     return [motion.samples(slice(start, start + size)) for start in starts]
 
 
-_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
-"""{input of a motor: its constant}; the torque that a voltage drives the current of is viscous."""
-
-
 def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     """Return the signals of an experiment, by name, at not many more than `most` instants."""
     rows = row_samples(motion)
@@ -947,7 +946,7 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
     unscaled, of_motors = np.full((2, *motion.motor_position.shape), np.nan)
     for j, drive in enumerate(robot.drives.values()):
         channel = getattr(motion, INPUT_FIELDS[drive.motor_input])
-        constant = _CONSTANTS.get(drive.motor_input, "")
+        constant = MOTOR_CONSTANTS.get(drive.motor_input, "")
         if channel is None or drive.is_up_to_scale:
             continue
         if not constant or constant in drive.known:

@@ -17,10 +17,9 @@ from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Code, consequences, in_drives, only_joint
 from seaid.drives import (
-    COMMANDS,
     DEAD_ZONES,
+    MOTOR_CONSTANTS,
     PARAMETERS,
-    PARAMETERS_OF,
     Drive,
     ParameterName,
     is_harmonic,
@@ -208,11 +207,7 @@ _ZEROS = (
 )
 """Parameters whose true value may be zero, so that a relative error is meaningless."""
 
-_CONSTANTS = tuple(
-    names[-1]
-    for kind, names in PARAMETERS_OF["motor_input"].items()
-    if kind not in COMMANDS and names
-)
+_CONSTANTS = (*MOTOR_CONSTANTS.values(),)
 """Motor constants: of one that the load or a sensor gives, (7) has the ratio to the stiffness."""
 
 _POSITIVE = {name for name, kind in PARAMETERS.items() if kind.is_positive}

@@ -66,6 +66,7 @@ from .terms import COMMANDS as COMMANDS
 from .terms import COULOMB as COULOMB
 from .terms import DEAD_ZONES as DEAD_ZONES
 from .terms import LEVEL_OF as LEVEL_OF
+from .terms import MOTOR_CONSTANTS as MOTOR_CONSTANTS
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import WARM_UP as WARM_UP

@@ -175,6 +175,9 @@ SpringTerm = Literal[
 ParallelSpringTerm = Literal["linear", "preload"]
 JointFrictionTerm = Literal["viscous", "coulomb"]
 
+MOTOR_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
+"""{input of a motor: its constant}; the torque that a voltage drives the current of is viscous."""
+
 PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     "friction": {
         "viscous": ("viscous_friction",),
@@ -210,8 +213,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "motor_input": {
         "torque": (),
-        "current": ("torque_constant",),
-        "voltage": ("voltage_constant",),
+        **{kind: (constant,) for kind, constant in MOTOR_CONSTANTS.items()},
         "position_command": ("command_delay", "gain_scale"),
         "velocity_command": ("command_delay", "gain_scale"),
     },

@@ -28,7 +28,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE, Drive, ParameterName, readable
+from seaid.drives import IDEAL_DRIVE, MOTOR_CONSTANTS, STD_OF_TORQUE, Drive, ParameterName, readable
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -428,7 +428,7 @@ def _lacks_std(drives: Sequence[Drive], name: str) -> bool:
     return any(name not in drive.std for drive in drives)
 
 
-_INPUT_CONSTANTS = {"torque_constant", "voltage_constant"}
+_INPUT_CONSTANTS = {*MOTOR_CONSTANTS.values()}
 
 
 def scaled_by_bodies(drives: Mapping[str, Estimate], exact: Mapping[str, float]) -> list[str]:

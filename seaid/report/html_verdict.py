@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
 from seaid.checks import POOR, excluded_instants, inconsistent_bodies, regression_notes
-from seaid.drives import PARAMETERS_OF
+from seaid.drives import MOTOR_CONSTANTS, PARAMETERS_OF
 from seaid.errors import SEVERITIES, Severity
 from seaid.identification import compared, verdict_with
 from seaid.legged import FloatingRobot
@@ -223,7 +223,7 @@ _ZEROS = ("spring_offset", "deflection_zero", "torque_offset")
 """What no file can have; a spring offset follows from the stiffness."""
 
 _NEEDED = {name for names in PARAMETERS_OF["spring"].values() for name in names}
-_NEEDED |= {"torque_constant", "voltage_constant"}
+_NEEDED |= {*MOTOR_CONSTANTS.values()}
 """Parameters without which a drive predicts nothing; others, as friction, are zero if absent."""
 
 NO_BODIES = "the robot file has no inertial values"

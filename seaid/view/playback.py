@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid.drives import friction_curve, total_ratio
+from seaid.drives import MOTOR_CONSTANTS, friction_curve, total_ratio
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import (
     Excitation,
@@ -148,9 +148,6 @@ def _states(motion: Motion, side: str, columns: list[int]) -> States:
     return q, v, a
 
 
-_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
-
-
 def _measured_torque(
     robot: Robot, log: Log | Motion, columns: list[int]
 ) -> tuple[Array, tuple[bool, ...]]:
@@ -162,8 +159,8 @@ def _measured_torque(
     for index, joint in enumerate(robot.joint_names):
         drive, column = robot.drives[joint], columns[index]
         inputs = getattr(log, INPUT_FIELDS[drive.motor_input])
-        if drive.motor_input in _CONSTANTS and inputs is not None:
-            constant = drive.values.get(_CONSTANTS[drive.motor_input], np.nan)
+        if drive.motor_input in MOTOR_CONSTANTS and inputs is not None:
+            constant = drive.values.get(MOTOR_CONSTANTS[drive.motor_input], np.nan)
             torque[:, index] = constant * inputs[:, column]
         sensed = None if log.joint_torque is None else log.joint_torque[:, column]
         if np.isnan(torque[0, index]) and sensed is not None and np.isfinite(sensed[0]):
