@@ -1,8 +1,11 @@
-"""What rows determine: their QR factor, and its singular directions.
+"""What rows determine: their QR factor, its singular directions, and fits of a few plain columns.
 
 The factor is second moments as one triangle per equation, which adds up. All decisions of rank are
 made here, on columns scaled to unit norm: by `RANK_TOLERANCE` where a parameter is called
-identifiable or not, by `ROUNDING` where directions of rounding are dropped.
+identifiable or not, by `ROUNDING` where directions of rounding are dropped. That is why the fits of
+columns without names or weights stand here, too: with errors (`fitted_columns`), of all rows but
+some (`deleted_residual`), and with errors of known variance in the columns (`posterior`,
+`whitened`).
 """
 
 from __future__ import annotations
@@ -427,8 +430,8 @@ def explained_squares(columns: Array, y: Array) -> float:
 def posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:
     """Return the mean (k,) of W u and a root (k, p) of its covariance, W (k, p) being `widths`.
 
-    The errors u have the variance 1, `effects` (R, p) are their torques over the noise, y (R,) is
-    the torque.
+    The errors u have the variance 1; `effects` (R, p) are what each adds to y (R,), which is over
+    its noise.
     """
     count = widths.shape[1]
     svd = scaled_svd(np.vstack([effects, np.eye(count)]))
@@ -438,7 +441,10 @@ def posterior(effects: Array, y: Array, widths: Array) -> tuple[Array, Array]:
 
 
 def shrunk(theta: Array, sizes: Array) -> Array:
-    """Return T S T^T (p, p) for parameters T (p, k) of effects, with the part S that is weighed."""
+    """Return T S T^T (p, p) for parameters T (p, k) of effects, S being how far each one shrinks.
+
+    An effect of z standard deviations of the noise shrinks by 1 - (1 + z^2)^(-1/2).
+    """
     return np.asarray(theta * (1 - 1 / np.hypot(1, sizes)) @ theta.T)
 
 
