@@ -20,10 +20,10 @@ from seaid.drives.drives import (
     Drive,
     SeriesElasticDrive,
     StiffDrive,
+    check_groups,
     term_fields,
     unit_of,
 )
-from seaid.drives.sharing import check_groups
 from seaid.drives.terms import FIELDS, PARAMETERS, PARAMETERS_OF, harmonics_table, key_of
 from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 
