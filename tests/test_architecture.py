@@ -137,6 +137,7 @@ ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("identification.instrumental", "identification.simultaneous"),
         *("identification.consistency", "frequency.linear_joints"),
+        "identification.motor_driven",
         "excitation.multisine",
         "regressor.exact.lagrangian",
         *("regressor.exact.recursion", "regressor.motor_only"),

@@ -18,8 +18,10 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.estimation.nonlinear_least_squares import fisher_covariance, joined
-from seaid.identification.output_error import MeasuredLog, layout_of, linearised, runs_of
+from seaid.estimation.nonlinear_least_squares import fisher_covariance
+from seaid.identification.motor_driven import MotorDriven, runs_of
+from seaid.identification.output_error import MeasuredTorques
+from seaid.identification.refined_parameters import layout_of
 from seaid.log.filtering import decimation
 from seaid.report.formats import percent
 from seaid.report.text import table
@@ -116,10 +118,8 @@ def bound() -> Array:
     # every second row of the filtered torques counts
     block = 2 * decimation(runs[0].motion.rate_hz, found.cutoff_hz)
     stds = np.append(simulated, ratios * torque[others] / np.sqrt(block))
-    residuals = [
-        joined([linearised(layout, run, layout.start)[0] for run in runs]),
-        MeasuredLog.of(layout, perfect, layout.start).residuals,
-    ]
+    simulators = MotorDriven(runs), MeasuredTorques.of(layout, perfect)
+    residuals = [x.linearised(layout, layout.start)[0] for x in simulators]
     covariance = fisher_covariance(residuals, layout.parameters, stds)
     names = [parameter.name for parameter in layout.parameters]
     least = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))

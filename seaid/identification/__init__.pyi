@@ -10,9 +10,6 @@ from .datasets import rows_in_memory as rows_in_memory
 from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
-from .extension import Extension as Extension
-from .extension import SensorErrors as SensorErrors
-from .extension import extension_of as extension_of
 from .gear import GearRatio as GearRatio
 from .gear import gear_ratio as gear_ratio
 from .identification import CutoffSensitivity as CutoffSensitivity
@@ -24,9 +21,12 @@ from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
 from .problem import Method as Method
+from .result import Extension as Extension
 from .result import Fit as Fit
 from .result import Identification as Identification
+from .result import SensorErrors as SensorErrors
 from .result import Validation as Validation
+from .result import extension_of as extension_of
 from .static_calibration import StaticCalibration as StaticCalibration
 from .static_calibration import Statics as Statics
 from .static_calibration import calibrate_statics as calibrate_statics

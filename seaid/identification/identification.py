@@ -19,31 +19,35 @@ from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
 from seaid.checks import MOST, explained, log_findings, not_measured, unseen_motion
 from seaid.errors import (
-    ExcitationError,
     Finding,
     IdentificationError,
-    LogError,
     SeaidError,
     checked,
 )
 from seaid.estimation import Estimate, EstimatorName, with_groups
 from seaid.identification.datasets import Source, sources_of
-from seaid.identification.extension import extension_of
 from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.output_error import (
     FirstEstimate,
     first_estimate,
-    refined_with_logs,
+    refined_by_motors,
     simulated_from_motors,
 )
 from seaid.identification.problem import Method, Options, concluded, solved
-from seaid.identification.result import Fit, Identification, Validation, consistent_bodies
+from seaid.identification.result import (
+    Fit,
+    Identification,
+    Validation,
+    consistent_bodies,
+    extension_of,
+)
 from seaid.identification.simulated_joints import check_refinable
 from seaid.identification.unseen_springs import (
     cutoff_of,
     hidden_spring_findings,
     joints_sensed_by_motor_only,
     starts_by_regression,
+    successes,
 )
 from seaid.identification.validation import compared
 from seaid.log import Log, reconstruct_motions
@@ -168,40 +172,33 @@ def _identify_from_motors(
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
-    Where the fit does not end below the proposed
-    cutoff, lower ones are tried. Raises the error of the proposed one if none of them shows the
-    springs: a fit of noise may end there too.
+    Where the fit does not end below the proposed cutoff, lower ones are tried. Raises the error of
+    the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
+    # The simulated angles of the joints come from the springs: both sides at once add nothing.
+    steps = replace(options, method="two-step", feasible=False, progress=False)
+    parts = _LOWER if options.cutoff_hz is None else (1.0,)
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
     with explained(partial(list, findings)):
-        result = _best_of_cutoffs(robot, logs, joints, options)
+        check_refinable(robot, joints)
+        if options.limits is not None:
+            options.limits.refuse_unseen(joints)
+        proposed_hz = cutoff_of(robot, logs, joints, options.cutoff_hz)
+        attempt = partial(_result_of, robot, logs, joints)
+        cutoffs = (replace(steps, cutoff_hz=part * proposed_hz) for part in parts)
+        result = next(successes(partial(attempt, x, k > 0) for k, x in enumerate(cutoffs)))
     return consistent_bodies(result) if options.feasible else result
 
 
-def _best_of_cutoffs(
-    robot: Robot, logs: list[Log], joints: Sequence[str], options: Options
+def _result_of(
+    robot: Robot, logs: list[Log], joints: Sequence[str], options: Options, is_lower: bool
 ) -> Identification:
-    """Return the result of the highest cutoff that shows the springs."""
-    check_refinable(robot, joints)
-    if options.limits is not None:
-        options.limits.refuse_unseen(joints)
-    # The simulated angles of the joints come from the springs: both sides at once add nothing.
-    options = replace(options, method="two-step", feasible=False, progress=False)
-    proposed_hz, problem = cutoff_of(robot, logs, joints, options.cutoff_hz), None
-    for part in _LOWER if options.cutoff_hz is None else (1.0,):
-        try:
-            at = replace(options, cutoff_hz=part * proposed_hz)
-            second = _fit(robot, _simulated(robot, logs, joints, at), at)
-            result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
-            if problem is None or not any(finding.code == _HIDDEN for finding in result.findings):
-                return result
-        except (IdentificationError, ExcitationError, LogError) as reason:
-            problem = problem or reason
-    assert problem is not None
-    raise problem
-
-
-_HIDDEN = "hidden-resonance"
+    """Return the result of a cutoff; of one `is_lower` than proposed, if it shows the springs."""
+    second = _fit(robot, _simulated(robot, logs, joints, options), options)
+    result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
+    if is_lower and any(finding.code == "hidden-resonance" for finding in result.findings):
+        raise IdentificationError(f"the springs are hidden below {second.cutoff_hz:.3g} Hz")
+    return result
 
 
 def _fit(robot: Robot, logs: Sequence[Source], options: Options) -> Identification:
@@ -215,21 +212,21 @@ def _simulated(robot: Robot, logs: list[Log], joints: Sequence[str], options: Op
     A search of the stiffness gives the angles for a first regression, and its refinement these, for
     a second, from which the terms of the drives and all findings come.
     """
-    problem = None
-    tried: list[FirstEstimate] = []
     assert options.cutoff_hz is not None
-    for initial in starts_by_regression(robot, logs, joints, options.cutoff_hz):
-        for consistent in (False, True):  # an inertia as estimated may not be one to simulate
-            try:
-                start = _fit(robot, initial, replace(options, feasible=consistent))
-                tried.append(first_estimate(start, logs))
-                break
-            except (IdentificationError, ExcitationError, LogError) as reason:
-                problem = problem or reason
-        if tried and tried[-1].is_at_noise:
+
+    def attempt(initial: list[Log], consistent: bool) -> FirstEstimate:
+        return first_estimate(_fit(robot, initial, replace(options, feasible=consistent)), logs)
+
+    def best(initial: list[Log]) -> FirstEstimate:
+        # An inertia as estimated may not be one to simulate.
+        return next(successes(partial(attempt, initial, x) for x in (False, True)))
+
+    tried = list[FirstEstimate]()
+    starts = starts_by_regression(robot, logs, joints, options.cutoff_hz)
+    for estimate in successes(partial(best, initial) for initial in starts):
+        tried.append(estimate)
+        if estimate.is_at_noise:
             break
-    if not tried and problem is not None:
-        raise problem
     return min(tried, key=lambda estimate: estimate.merit).logs
 
 
@@ -238,7 +235,7 @@ def _refined_from_motors(
 ) -> Identification:
     """Return the refinement of a second regression, with what hides the springs of joints."""
     try:
-        refined, _ = refined_with_logs(second, logs, encoder_offset_std, _MOST_STEPS)
+        refined = refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
     except IdentificationError as reason:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "

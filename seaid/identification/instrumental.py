@@ -26,13 +26,23 @@ from functools import partial
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, safely
 from seaid.checks import instruments_without_effect, smoothed_instruments
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.simulated_joints import BY_INSTRUMENTS, driven_motion, linear_spring
+from seaid.identification.refined_parameters import with_bodies
+from seaid.identification.simulated_joints import (
+    BY_INSTRUMENTS,
+    LinearisedLoad,
+    displaced,
+    finer_side,
+    in_coordinates,
+    linear_spring,
+    smoothed,
+)
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
@@ -47,7 +57,8 @@ from seaid.regressor import (
     load_regression,
     with_known_friction,
 )
-from seaid.robot import Robot, at_drives
+from seaid.robot import Robot, at_drives, at_joints
+from seaid.simulation import Response, torque_jacobians
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
@@ -57,7 +68,7 @@ _PREFIX = "instrument of "
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """The bodies and springs with which instruments are computed.
+    """The bodies and springs of a fit of (8).
 
     `load_side` (p,) has the values of the columns of `model`; `springs` {joint: values} those of
     the springs' regressors.
@@ -99,11 +110,6 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
             travel = deflection + drive.load_radius * turned[:, index]
             angle[:, index] = drive.ratio / drive.motor_radius * travel
     return _with_motors(reference, angle)
-
-
-def motor_driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion of the fitted model for the measured motor angles; see `driven_motion`."""
-    return driven_motion(robot, motion, fitted.model, fitted.springs, fitted.load_side)
 
 
 def _with_motors(motion: Motion, angle: Array) -> Motion:
@@ -192,7 +198,7 @@ def estimate_instrumental(
     run = partial(_settled, robot, datasets, model, executor=executor)
     estimate = run(start, make=instrument_motion)
     try:
-        estimate = run(estimate, make=motor_driven_motion)
+        estimate = run(estimate, make=driven_motion)
     except IdentificationError as problem:
         return replace(estimate, findings=(smoothed_instruments(problem),))
     if max(_moved(start, estimate).values()) < _NOTHING:
@@ -282,4 +288,115 @@ def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
         # Without noise the standard errors vanish too, and rounding would be many of them.
         steps[np.abs(new.values - old.values) <= 1e-9 * np.abs(new.values)] = 0.0
         moved |= {f"{name} of {where}": float(s) for name, s in zip(new.names, steps, strict=True)}
+    return moved
+
+
+# Joints that the motors drive by the fitted model
+
+_WINDOW_PERIODS = 5.0
+"""Length of a window in periods of the cutoff, over which model errors accumulate."""
+
+_SWEEPS = 2
+
+_PARALLEL = ("parallel_stiffness", "joint_viscous_friction")
+"""Stiffness and damping between a joint's bodies, parallel to its drive."""
+
+_RUNAWAY = 1e12
+"""Response to a unit of initial position or velocity above which the simulation diverges."""
+
+_DIVERGED = (
+    "the fitted model diverges when it is driven by the measured motors: the encoders are too "
+    "coarse for this cutoff; lower cutoff_hz, or use estimator='wls'"
+)
+
+
+def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
+    """Return the motion with its joints simulated from the motors by the fitted model (8).
+
+    Stiff joints follow the encoder with less noise, and the motor side stays as measured. The
+    initial state of each window is a least-squares fit to the joint encoders below the cutoff.
+    Raises IdentificationError if the simulation diverges, with a deviation larger than the range of
+    the motion.
+    """
+    model, springs, load_side = fitted.model, fitted.springs, fitted.load_side
+    names = [joint for joint in model.torque_joints if joint in springs]
+    if not names:
+        return finer_side(robot, motion)
+    joints = list(map(robot.index, names))
+    rows = list(map(model.torque_joints.index, names))
+    bodies = _robot_of(robot, fitted)
+    # k r_L^2 and c r_L^2 at the joint, (4b).
+    lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
+    linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
+    rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
+    parallel = [_parallel_matrix(robot, fitted, name) for name in _PARALLEL]
+    turned = at_drives(robot.transmission, motion.joint_position)
+    reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
+    finer = in_coordinates(finer_side(robot, motion), robot.transmission, at_drives)
+    simulated = smoothed(finer, joints)
+    periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
+    windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
+    for _ in range(_SWEEPS):
+        with np.errstate(all="ignore"):
+            moved = in_coordinates(simulated, robot.transmission, at_joints)
+            torque, payload, H, _ = load_columns(robot, moved, model, springs)
+            residual = (torque - payload - H @ load_side)[:, rows]
+            jacobians = torque_jacobians(bodies, *moved.joint_states).plus(*parallel)
+            inside = jacobians.at_drives(robot.transmission).part(joints, joints)
+            # The motors are given: a spring, with its damping, pulls as one to a fixed point.
+            inside = inside.plus(np.diag(rate), np.diag(damping))
+            load = LinearisedLoad(inside, 1 / motion.rate_hz, windows)
+            response = load.response(residual[:, :, None])
+        simulated = _with_initial_states(simulated, joints, response, reading, windows)
+    return in_coordinates(simulated, robot.transmission, at_joints)
+
+
+def _robot_of(robot: Robot, fitted: FittedModel) -> Robot:
+    """Return a robot with the estimated base parameters; it does not matter which one."""
+    prior, base = np.zeros(robot.parameters.size), fitted.model.base
+    prior[::10] = 1.0
+    prior[robot.is_known] = robot.parameters[robot.is_known]
+    bodies = robot.with_values(prior, robot.drives)
+    return with_bodies(bodies, base, fitted.load_side[: len(base.columns)])
+
+
+def _parallel_matrix(robot: Robot, fitted: FittedModel, name: str) -> Array:
+    """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
+    estimated = dict(zip(fitted.model.names, fitted.load_side, strict=True))
+    values = [
+        drive.values[name]
+        if name in drive.known
+        else estimated.get(ParameterName(name, joint), 0.0)
+        for joint, drive in robot.drives.items()
+    ]
+    return np.diag(values)
+
+
+def _with_initial_states(
+    motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
+) -> Motion:
+    """Return the motion after a sweep, each joint in its own scale, and its initial states."""
+    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
+        raise IdentificationError(_DIVERGED, "estimator='wls'")
+    spread = np.std(reading, axis=0)
+    scale = 1 / np.where(spread > 0, spread, 1.0)
+    # reading = q + dq + Phi s: the initial states s of each window, by least squares.
+    residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
+    free = scale[:, None] * response.position[:, :, 1:]
+    length = -(-len(reading) // windows)
+    weights = np.ones((windows, 1 + free.shape[2]))
+    for number, start in enumerate(range(0, len(reading), length)):
+        window = slice(start, start + length)
+        columns = free[window].reshape(-1, free.shape[2])
+        weights[number, 1:] = safely(
+            np.linalg.lstsq,
+            columns,
+            residual[window].ravel(),
+            what="the initial states of a simulated motion",
+            rcond=None,
+        )[0]
+    moved = displaced(motion, joints, response, weights)
+    distance = np.abs(moved.joint_position[:, joints] - reading)
+    if np.any(np.max(distance, axis=0) > np.ptp(reading, axis=0)):
+        raise IdentificationError(_DIVERGED, "estimator='wls'")
     return moved

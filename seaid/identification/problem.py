@@ -69,14 +69,15 @@ from seaid.identification.drive_estimates import (
     with_free_scale,
     with_unit_scale,
 )
-from seaid.identification.extension import SensorErrors, extension_of
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, backlash_findings, with_default_terms
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.result import (
     Identification,
+    SensorErrors,
     consistent_bodies,
+    extension_of,
     feasible_of,
     identification_of,
     identified_robot,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, Literal
+from functools import cached_property, singledispatch
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -33,13 +33,20 @@ from seaid.checks import (
 )
 from seaid.drives import ParameterName
 from seaid.errors import Finding, by_severity
-from seaid.estimation import Estimate, ModelChecks, QRFactor, SharedParameter, estimator_named
+from seaid.estimation import (
+    Estimate,
+    FittedRows,
+    ModelChecks,
+    QRFactor,
+    SharedParameter,
+    estimator_named,
+)
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
 from seaid.identification.gear import gear_estimates, own_estimates, with_gears
 from seaid.identification.stacked_fits import RobotEstimate
-from seaid.log import Motion, Processing
+from seaid.log import Log, Motion, Processing
 from seaid.regressor import BaseParameters, LoadModel, torque_slopes
 from seaid.robot import Robot
 
@@ -455,3 +462,82 @@ def identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -
         for joint, drive in robot.drives.items()
     }
     return robot.with_values(prior + correction, identified)
+
+
+# What a kind of robot adds to `identify` and `validate`: nothing, if its base is held. A package
+# that knows another kind of robot registers its `Extension` for the type of that robot, so that
+# nothing in this package asks what kind a robot is.
+
+
+class SensorErrors(Protocol):
+    """Constant errors (k,) of sensors that were identified with the bodies.
+
+    `columns` are the changes of y by the errors (R, k), which have a `covariance` (k, k).
+    """
+
+    @property
+    def columns(self) -> Array:
+        """The changes of y by the errors (R, k)."""
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (k, k) of the errors."""
+
+    def removed(self, datasets: Sequence[Dataset]) -> list[Motion]:
+        """Return the motions without the errors."""
+
+    def findings(self) -> Iterable[Finding]:
+        """Yield the notes on the errors that were subtracted."""
+
+
+class Extension:
+    """The additions of robots whose base is held, which are none: other kinds replace them."""
+
+    def log_findings(
+        self, robot: Robot, logs: Sequence[Log], motions: Sequence[Sequence[Motion]]
+    ) -> Iterable[Finding]:
+        """Return what contradicts itself in logs and the motions of each of them, before a fit."""
+        return ()
+
+    def torque_findings(
+        self, robot: Robot, asked: Sequence[str], used: Collection[str]
+    ) -> Iterable[Finding]:
+        """Return the notes on joints that are `asked` for and whose torque is not `used`."""
+        return ()
+
+    def sensor_errors(
+        self, robot: Robot, datasets: Sequence[Dataset], model: LoadModel, fit: FittedRows
+    ) -> SensorErrors | None:
+        """Return the errors of sensors that the rows of a fit support; `robot` has its bodies."""
+        return None
+
+    def fit_findings(
+        self,
+        result: Identification,
+        datasets: Sequence[Dataset],
+        fit: FittedRows,
+        errors: SensorErrors | None,
+    ) -> Iterable[Finding]:
+        """Return what the rows of a fit contradict, after `errors` of sensors were removed."""
+        return ()
+
+    def value_findings(self, declared: Robot, result: Identification) -> Iterable[Finding]:
+        """Return what the values of a result contradict; `declared` has those of the robot file."""
+        return ()
+
+    def compared(self, comparison: Validation, rows: Sequence[Array]) -> Validation:
+        """Return a comparison with what the `rows` (T, r, 2) of each motion have besides joints.
+
+        They are measured and computed torques of the load side.
+        """
+        return comparison
+
+    def validated(self, identification: Identification, comparison: Validation) -> Validation:
+        """Return the comparison of an unseen log with what else is predicted in it."""
+        return comparison
+
+
+@singledispatch
+def extension_of(robot: Robot) -> Extension:
+    """Return what the kind of a robot adds."""
+    return Extension()

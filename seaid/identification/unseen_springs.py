@@ -13,10 +13,11 @@ the solution (multiple shooting, Bock 1983); longer ones then give the accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -99,18 +100,13 @@ def with_motor_side_findings(
     with a part of the inertia J behind it. They are compared with the torque of the spring at its
     antiresonance sqrt(k/J).
     """
-    inertia = inertia_about(refined.robot, motion)
-    tests: dict[str, dict[int, tuple[float, float]]] = {}
-    antiresonances_hz = {}
+    antiresonances_hz, tests = _antiresonances_hz(refined, motion, [*terms]), {}
     for joint, orders in terms.items():
-        drive = refined.known.drives[joint]
-        joint_stiffness = refined.drive_side[joint].value("stiffness") * drive.load_radius**2
+        stiffness, rate = _joint_stiffness(refined, joint), 2 * np.pi * antiresonances_hz[joint]
         # x w_a^order / (k r_L^2): a torque, x times a derivative of the deflection, over that of
         # the spring, at w_a = sqrt(k r_L^2 / J).
-        rate = float(np.sqrt(abs(joint_stiffness) / inertia[refined.known.index(joint)]))
-        scaled = {order: pair * rate**order / joint_stiffness for order, pair in orders.items()}
+        scaled = {order: pair * rate**order / stiffness for order, pair in orders.items()}
         tests[joint] = {order: (float(x), float(error)) for order, (x, error) in scaled.items()}
-        antiresonances_hz[joint] = rate / (2 * np.pi)
     others = [
         finding
         for finding in refined.findings
@@ -119,6 +115,21 @@ def with_motor_side_findings(
     ]
     findings = motor_side_findings(tests, antiresonances_hz)
     return replace(refined, findings=(*others, *findings))
+
+
+def _joint_stiffness(refined: Identification, joint: str) -> float:
+    """Return the stiffness k r_L^2 of a spring at its joint."""
+    lever = refined.known.drives[joint].load_radius
+    return refined.drive_side[joint].value("stiffness") * lever**2
+
+
+def _antiresonances_hz(
+    refined: Identification, motion: Motion, joints: Sequence[str]
+) -> dict[str, float]:
+    """Return the antiresonances sqrt(k r_L^2 / J) of joints about a motion."""
+    inertia = inertia_about(refined.robot, motion)
+    squares = {x: _joint_stiffness(refined, x) / inertia[refined.known.index(x)] for x in joints}
+    return {x: float(np.sqrt(abs(square))) / (2 * np.pi) for x, square in squares.items()}
 
 
 def joint_angle(robot: Robot, motion: Motion, joint: str, values: Mapping[str, float]) -> Array:
@@ -146,8 +157,11 @@ def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
 
 
 def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Sequence[str]) -> Log:
-    """Return the log with the positions that joints have in its motions, at their times."""
-    position = log.joint_position.copy()
+    """Return the log with the positions that joints have in its motions, at their times.
+
+    At other times they are those of the motor, over the gear ratio.
+    """
+    position = with_rigid_angles(robot, log, joints).joint_position.copy()
     for motion in motions:
         inside = (log.time >= motion.time[0]) & (log.time <= motion.time[-1])
         for joint in joints:
@@ -302,6 +316,27 @@ def _weighted_fit(rows: Array) -> tuple[float, Array]:
     return float(np.mean(np.log(error / size))), x
 
 
+Tried = TypeVar("Tried")
+
+
+def successes(attempts: Iterable[Callable[[], Tried]]) -> Iterator[Tried]:
+    """Yield the results of the attempts that succeed. Raises the first error if none of them does.
+
+    The attempts go on as long as their results are asked for.
+    """
+    problem, is_none = None, True
+    for attempt in attempts:
+        try:
+            result = attempt()
+        except (IdentificationError, ExcitationError, LogError) as reason:
+            problem = problem or reason
+        else:
+            is_none = False
+            yield result
+    if is_none and problem is not None:
+        raise problem
+
+
 def starts_by_regression(
     robot: Robot, logs: Sequence[Log], joints: Sequence[str], cutoff_hz: float
 ) -> list[list[Log]]:
@@ -311,14 +346,8 @@ def starts_by_regression(
     noise, and a fit in a wrong minimum may seem to reach it: below a high cutoff the rotor inertia
     times the noisy acceleration is large.
     """
-    starts, problem = [], None
-    for part in _BANDS:
-        try:
-            starts.append(_start_by_regression(robot, logs, joints, part * cutoff_hz))
-        except (IdentificationError, ExcitationError, LogError) as reason:
-            problem = problem or reason
-    if not starts and problem is not None:
-        raise problem
+    bands = (part * cutoff_hz for part in _BANDS)
+    starts = successes(partial(_start_by_regression, robot, logs, joints, x) for x in bands)
     return [filled for _, filled in sorted(starts, key=lambda start: start[0])]
 
 
@@ -369,14 +398,9 @@ def hidden_spring_findings(
     refined: Identification, joints: Sequence[str], rate_hz: float
 ) -> list[Finding]:
     """Return findings of what hides the springs of joints from motors, in logs with a rate."""
-    inertia = inertia_about(refined.robot, refined.motions[0])
-    springs, antiresonances_hz = {}, {}
-    for joint in joints:
-        drive, lever = refined.drive_side[joint], refined.known.drives[joint].load_radius
-        k, error = drive.value("stiffness"), drive.standard_error("stiffness")
-        spring = abs(k) * lever**2 / inertia[refined.known.index(joint)]
-        springs[joint] = k, error
-        antiresonances_hz[joint] = float(np.sqrt(spring)) / (2 * np.pi)
+    drives = {joint: refined.drive_side[joint] for joint in joints}
+    springs = {x: (y.value("stiffness"), y.standard_error("stiffness")) for x, y in drives.items()}
+    rates_hz = _antiresonances_hz(refined, refined.motions[0], joints)
     fits = {joint: refined.joint_fits[joint].own for joint in joints if joint in refined.joint_fits}
-    hidden = hidden_springs(springs, antiresonances_hz, refined.cutoff_hz, (rate_hz, SAMPLES))
+    hidden = hidden_springs(springs, rates_hz, refined.cutoff_hz, (rate_hz, SAMPLES))
     return [*hidden, *noisy_springs(fits)]

@@ -13,8 +13,7 @@ from seaid.checks import Verdict, verdict_of
 from seaid.drives import between_encoders
 from seaid.errors import by_severity
 from seaid.identification.drive_estimates import CONSTANTS
-from seaid.identification.extension import extension_of
-from seaid.identification.result import Fit, Identification, Validation
+from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
 from seaid.regressor import (

@@ -13,18 +13,11 @@ from seaid._arrays import Array, FrozenMapping
 from seaid.drives import DefaultTerms, FrictionTerm
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
-from seaid.identification import output_error
+from seaid.identification import motor_driven, output_error
 from seaid.identification.identification import identify
-from seaid.identification.output_error import (
-    Layout,
-    LogPoint,
-    Run,
-    _turning,
-    layout_of,
-    linearised,
-    refine,
-    runs_of,
-)
+from seaid.identification.motor_driven import MotorDriven, Run, _turning, runs_of
+from seaid.identification.output_error import refine
+from seaid.identification.refined_parameters import Layout, LogPoint, layout_of
 from seaid.identification.result import Identification
 from seaid.legged import load_robot
 from seaid.log.motion import Motion
@@ -239,16 +232,16 @@ def test_sensitivities_are_those_of_differences(zero_std: float, unseen: tuple[s
     layout = layout_of(refined(truth), zero_std, unseen)
     (first,) = runs_of(layout, log(truth))
     run = settled(layout, first, layout.start)
-    here = linearised(layout, run, layout.start)[0]
+    here = MotorDriven([run]).linearised(layout, layout.start)[0]
     assert here.channels == range(3 if unseen else 2)
-    scale = np.maximum(np.abs(layout.start[: layout.load.stop]), 1e-3)
+    scale = np.maximum(np.abs(layout.start[: layout.zeros.start]), 1e-3)
     scale = np.append(scale, np.full(len(layout.start) - len(scale), 0.1))
     for column, size in enumerate(1e-4 * scale):
         change = np.zeros(len(layout.start))
         change[column] = size
         x = layout.start + change
         moved = settled(layout, shifted(layout, run, change), x)
-        there = linearised(layout, moved, x)[0]
+        there = MotorDriven([moved]).linearised(layout, x)[0]
         difference = (there.residual - here.residual) / size
         expected = here.jacobian[..., column]
         for channel in range(expected.shape[2]):
@@ -263,13 +256,13 @@ def test_samples_over_a_gap_are_not_residuals() -> None:
     kept = (whole.time < 2.0) | (whole.time > 2.05)
     layout = layout_of(found(), 0.0)
     (run,) = runs_of(layout, whole.at(kept))
-    residuals, _ = linearised(layout, run, layout.start)
+    residuals, _ = MotorDriven([run]).linearised(layout, layout.start)
     half = 0.5 * run.block / run.motion.rate_hz
     over = (residuals.time > 2.0 - half) & (residuals.time < 2.05 + half)
     assert np.any(over)
     assert not np.any(residuals.kept[over])
     (run,) = runs_of(layout, whole)
-    assert np.all(linearised(layout, run, layout.start)[0].kept[..., :2])
+    assert np.all(MotorDriven([run]).linearised(layout, layout.start)[0].kept[..., :2])
 
 
 def shifted(layout: Layout, run: Run, change: Array) -> Run:
@@ -282,22 +275,12 @@ def shifted(layout: Layout, run: Run, change: Array) -> Run:
 
 def settled(layout: Layout, run: Run, x: Array) -> Run:
     """Return a run whose simulated joint obeys (8), from the same initial states."""
-    joints = [layout.identification.known.index(joint) for joint in layout.simulated]
     for _ in range(3):
-        pull = linearised(layout, run, x)[1]
-        answer = pull.response(pull.force)
-        states = []
-        for state, moves in zip(
-            run.motion.joint_states,
-            (answer.position, answer.velocity, answer.acceleration),
-            strict=True,
-        ):
-            new = state.copy()
-            new[:, joints] += moves[:, :, 0]
-            states.append(new)
-        q, v, a = states
-        moved = replace(run.motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
-        run = replace(run, motion=moved)
+        _, advance = MotorDriven([run]).linearised(layout, x)
+        states = np.zeros((run.windows, 2 * len(layout.simulated)))
+        moved = advance(np.zeros_like(x), 1.0, states)
+        assert isinstance(moved, MotorDriven)
+        (run,) = moved.runs
     return run
 
 
@@ -329,7 +312,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 def test_memory_is_that_of_a_part_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """The result does not depend on the size of the parts."""
     one = refine(found(), log())
-    monkeypatch.setattr(output_error, "_MOST_ENTRIES", 1)
+    monkeypatch.setattr(motor_driven, "_MOST_ENTRIES", 1)
     layout = layout_of(found(), 0.0)
     runs = runs_of(layout, log())
     assert [run.windows for run in runs] == [1] * len(runs)

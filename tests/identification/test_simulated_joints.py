@@ -14,8 +14,8 @@ from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
-from seaid.identification.instrumental import estimate_instrumental
-from seaid.identification.simulated_joints import driven_motion, finer_side
+from seaid.identification.instrumental import FittedModel, driven_motion, estimate_instrumental
+from seaid.identification.simulated_joints import finer_side
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.legged import load_robot
@@ -52,7 +52,7 @@ def noise_free() -> tuple[Robot, LoadModel, Motion, RobotEstimate]:
 
 def driven(motion: Motion) -> Motion:
     robot, model, _, sides = noise_free()
-    return driven_motion(robot, motion, model, sides.springs, sides.load_side.values)
+    return driven_motion(robot, motion, FittedModel(model, sides.load_side.values, sides.springs))
 
 
 def inside(motion: Motion, values: Array) -> Array:
@@ -108,7 +108,7 @@ def test_noise_of_the_joint_encoders_stays_outside() -> None:
 @pytest.mark.slow  # simulates joints in windows of a log
 def test_without_springs_only_the_encoder_is_chosen() -> None:
     robot, model, motion, sides = noise_free()
-    made = driven_motion(robot, motion, model, {}, sides.load_side.values)
+    made = driven_motion(robot, motion, FittedModel(model, sides.load_side.values, {}))
     chosen = finer_side(robot, motion)
     assert np.array_equal(made.joint_position, chosen.joint_position)
     assert np.array_equal(made.joint_acceleration, chosen.joint_acceleration)
@@ -140,7 +140,9 @@ def test_a_model_that_cannot_be_simulated() -> None:
     """Bodies with negative inertia run away from the motors."""
     robot, model, motion, sides = noise_free()
     with pytest.raises(IdentificationError, match=r"diverges when it is driven .* lower cutoff_hz"):
-        driven_motion(robot, motion, model, sides.springs, -1e-3 * sides.load_side.values)
+        driven_motion(
+            robot, motion, FittedModel(model, -1e-3 * sides.load_side.values, sides.springs)
+        )
 
 
 def base_errors(estimator: EstimatorName, seed: int) -> Array:
@@ -179,7 +181,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
     def diverges(*_: object) -> Motion:
         raise IdentificationError("the fitted model diverges")
 
-    monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
+    monkeypatch.setattr("seaid.identification.instrumental.driven_motion", diverges)
     found = estimate_instrumental(robot, [motion], model, sides, None)
     (finding,) = found.findings
     assert finding.message.startswith("the instruments of the load side come from the smoothed")

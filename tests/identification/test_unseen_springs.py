@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from seaid.identification.result import Identification
 from seaid.identification.unseen_springs import (
     joint_angle,
     joints_sensed_by_motor_only,
+    successes,
     with_motor_side_findings,
     with_rigid_angles,
 )
@@ -405,3 +406,23 @@ def test_a_joint_of_mujoco(name: str, tmp_path: Path) -> None:
     assert abs(error["resonance"]) < 0.005
     assert abs(error["J"]) < 0.02
     assert [one for one in result.warnings if one.severity != "note"] == []
+
+
+def test_attempts_go_on_as_long_as_they_are_asked_for_and_raise_the_first_error() -> None:
+    begun = []
+
+    def attempt(number: int, error: Exception | None = None) -> int:
+        begun.append(number)
+        if error is not None:
+            raise error
+        return number
+
+    first, second = LogError("the first"), IdentificationError("the second")
+    mixed = [partial(attempt, 0, first), partial(attempt, 1), partial(attempt, 2)]
+    assert next(successes(mixed)) == 1
+    assert begun == [0, 1]
+    assert list(successes(mixed)) == [1, 2]
+    with pytest.raises(LogError, match="the first"):
+        next(successes([partial(attempt, 0, first), partial(attempt, 1, second)]))
+    with pytest.raises(ZeroDivisionError):  # an error of the program is none of an attempt
+        list(successes([partial(attempt, 0, ZeroDivisionError()), partial(attempt, 1)]))

@@ -39,9 +39,9 @@ from seaid.excitation.observation_matrix import load_target
 from seaid.identification import Method
 from seaid.identification.checking import check
 from seaid.identification.identification import identify, validate
+from seaid.identification.instrumental import FittedModel, driven_motion
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
-from seaid.identification.simulated_joints import driven_motion
 from seaid.identification.static_calibration import calibrate_statics, held_poses
 from seaid.identification.validation import _actuator
 from seaid.legged import load_robot
@@ -682,7 +682,7 @@ def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
     clean = reconstruct_motion(known, log_of(true_motion(case)), 12.0)
     noise = 1e-3 * np.random.default_rng(0).normal(size=clean.joint_position.shape)
     noisy = replace(clean, joint_position=clean.joint_position + noise)
-    made = driven_motion(known, noisy, model, springs, theta)
+    made = driven_motion(known, noisy, FittedModel(model, theta, springs))
     inside = slice(200, -200)
     off = at_drives(case.C, made.joint_position - clean.joint_position)[inside]
     elastic_joints = [known.index(joint) for joint in springs]

@@ -1,0 +1,501 @@
+"""Joints behind springs, simulated from the measured motor angles: a simulator of `refine`.
+
+The measured motor angles (and the joints without a spring) are the input of the complete model: the
+joints behind the springs are simulated by (8), and their encoders and all torques compared with the
+measured ones. Motor encoders see the joint through a gear, so that their noise is far below that of
+the joint encoders: as inputs they cost little accuracy, prevent drift, and need no controller. Each
+window of the log has its own initial state.
+
+Hysteresis of springs and dry friction of joints, which are sharp, are corrections {joint: (T, 1 +
+p)} of what the equations of the drives have at the samples of the simulated motion: of the torque
+at the joint, and of its derivatives by the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from seaid._arrays import Array, BoolArray, white_noise
+from seaid.drives import DefaultTerms, is_dry, states, total_ratio
+from seaid.errors import IdentificationError
+from seaid.estimation import Parameter, Residuals, joined
+from seaid.identification.refined_parameters import Advance, Change, Layout, block_means
+from seaid.identification.simulated_joints import (
+    NUDGE,
+    LinearisedLoad,
+    displaced,
+    drive_slopes,
+    finer_side,
+    nudged,
+    smoothed,
+)
+from seaid.identification.stacked_fits import TORQUE_OFFSET
+from seaid.identification.unseen_springs import SAMPLES
+from seaid.log import (
+    POSITION_BAND,
+    Log,
+    Motion,
+    decimated,
+    decimation,
+    low_pass,
+    reconstruct_motion,
+    still_speed,
+)
+from seaid.regressor import actuator_columns, load_columns
+from seaid.robot import Robot
+from seaid.simulation import Response, TorqueJacobians, torque_jacobians
+
+WIDER = 3.0
+"""Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
+It is that of the identification where no encoder is behind a spring and the noise of the motor's,
+twice differentiated, would exceed that of the torque, or the rotor inertia is unknown; and where a
+spring has hysteresis, whose states add up the travel of the noise: at three times that cutoff
+widths were 12 to 23 % large."""
+
+WINDOW_S = 1.0
+"""Length [s] of the simulated windows, over which model errors accumulate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Windows of a log at the present estimate: its motion with the simulated joints.
+
+    `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated and
+    followed) masks samples at which the friction of their motors is unknown; `block` samples make a
+    row. `measured` is the motion by the encoders, from the start of the log to the end of the
+    windows.
+    """
+
+    motion: Motion
+    reading: Array
+    still: BoolArray
+    windows: int
+    block: int
+    measured: Motion
+
+
+_MOST_ENTRIES = 1_000_000
+"""Entries of the response of the joints in memory at a time, of 20 or so arrays of this size."""
+
+
+def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
+    """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
+    known, motion = layout.identification.known, _in_wider_band(layout, log)
+    if layout.unseen:
+        motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
+        # The angles behind the springs are simulated, so that the samples must resolve the
+        # fastest oscillation in the band, and no more: the cost grows with their number.
+        motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
+    block = decimation(motion.rate_hz, motion.cutoff_hz)
+    transient = round(motion.transient_s * motion.rate_hz)
+    length = len(motion.time) - 2 * transient
+    windows = max(1, round(length / motion.rate_hz / window_s))
+    # Windows are whole numbers of blocks, since a row is the mean of a block in one window.
+    window = length // windows // block * block
+    simulated = [known.index(joint) for joint in layout.simulated]
+    compared = (*layout.simulated, *layout.followed)
+    still = np.column_stack([_turning(known, motion, joint) for joint in compared])
+    # Response of s joints: (T, s, 1 + p + 2 s), the residual, p parameters, 2 s initial states.
+    per_window = window * len(simulated) * (1 + len(layout.parameters) + 2 * len(simulated))
+    most = max(1, _MOST_ENTRIES // max(per_window, 1))
+    runs = []
+    for start in range(0, windows, most):
+        count = min(most, windows - start)
+        first = transient + start * window
+        part = slice(first, first + count * window)
+        reading = motion.joint_position[part, simulated]
+        # The state of a spring's hysteresis depends on the whole past, not on the window alone.
+        before = motion.samples(slice(part.stop))
+        runs.append(Run(motion.samples(part), reading, still[part], count, block, before))
+    return runs
+
+
+def _in_wider_band(layout: Layout, log: Log) -> Motion:
+    """Return the motion of a log at the wider cutoff, where `WIDER` has no reason against it."""
+    start, known = layout.identification, layout.identification.known
+    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
+    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
+    band = min(wider * start.cutoff_hz, rate_hz / 8)
+    motion = finer_side(known, reconstruct_motion(known, log, band))
+    behind = (*layout.unseen, *layout.followed)
+    # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
+    # the column w' of an unknown I_M makes it too small (errors in variables).
+    noises = [motor_noise(layout, joint, log, motion) for joint in behind]
+    is_noisy = any(torque < rotor for torque, rotor in noises)
+    if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
+        return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
+    return motion
+
+
+def motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[float, float]:
+    """Return the noise of a motor torque, and of its encoder in the torque of the rotor."""
+    # The robot has the rotor inertia of a start that does not know it, too.
+    start = layout.identification
+    index, drive = start.known.index(joint), start.robot.drives[joint]
+    rotor = drive.values.get("motor_inertia", 0.0) * white_noise(
+        motion.motor_acceleration[:, index]
+    )
+    return white_noise(log.motor_torque[:, index]), rotor
+
+
+def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Return a mask (T,) of samples near which a motor with dry friction stands or turns back.
+
+    A width of Coulomb friction that `identify` selected is that of its rows, below the narrower
+    cutoff and often of the sampling alone: near rest such friction is as unknown as a dry one.
+    """
+    drive = robot.drives[joint]
+    if not (is_dry(drive) or isinstance(drive.friction, DefaultTerms)):
+        return np.zeros(len(motion.time), dtype=bool)
+    speed = motion.motor_velocity[:, robot.index(joint)]
+    still = np.abs(speed) < still_speed(motion, robot.index(joint))
+    still[1:] |= speed[1:] * speed[:-1] < 0
+    # The low pass of the positions smears a reversal over about one of its periods.
+    seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
+    return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What moves the simulated joints of a run.
+
+    The first column of `force` (T, joints, 1 + p) is the residual of (8), by which the joints have
+    to move to satisfy it; then follow its derivatives by the parameters.
+    """
+
+    layout: Layout
+    run: Run
+    load: LinearisedLoad
+    force: Array
+
+    def moved(self, change: Array, part: float, initial: Array) -> Run:
+        """Return the run with its simulated joints after a part of a step."""
+        layout, known = self.layout, self.layout.identification.known
+        joints = list(map(known.index, layout.simulated))
+        # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
+        # the parameters, and free motions Phi from the changes s of each window's initial state.
+        response = self.load.response(self.force @ np.append(part, change)[:, None])
+        weights = np.column_stack([np.ones(len(initial)), initial])
+        motion = displaced(self.run.motion, joints, response, weights)
+        if layout.has_zeros:
+            position = motion.joint_position.copy()
+            others = [joint for joint in range(known.n) if joint not in joints]
+            # Joints that are not simulated follow their encoders: q = reading - zero.
+            position[:, others] -= change[layout.zeros][others]
+            motion = replace(motion, joint_position=position)
+        return replace(self.run, motion=motion)
+
+
+_LEAST_RAD_S = 1e-12
+"""Change of speed from a sample to the next that counts as none."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """The equations of a run about parameters x (p,), of S simulated joints.
+
+    Columns (T, joints, 1 + p) are a residual and its derivatives by x.
+    """
+
+    layout: Layout
+    run: Run
+    x: Array
+
+    @cached_property
+    def known(self) -> Robot:
+        """The robot whose nonlinear drives are linearised at x."""
+        return self.layout.known_at(self.x)
+
+    @cached_property
+    def joints(self) -> list[int]:
+        """The places of the simulated joints in the robot."""
+        return list(map(self.known.index, self.layout.simulated))
+
+    @cached_property
+    def springs(self) -> dict[str, Array]:
+        """The values of the springs whose torque is in (8)."""
+        layout = self.layout
+        return {joint: self.x[layout.spring(joint)] for joint in layout.identification.springs}
+
+    @cached_property
+    def jacobians(self) -> TorqueJacobians:
+        """The derivatives of the inverse dynamics by the motion."""
+        robot = self.layout.robot_at(self.x)
+        return torque_jacobians(robot, *self.run.motion.joint_states)
+
+    @cached_property
+    def hysteresis(self) -> dict[str, Array]:
+        """The corrections of the springs with hysteresis.
+
+        The states are those along the measured motion, which begins before the simulated one and
+        ends with it, in place of those along the simulated motion, which are zero at its first
+        sample. The simulated joint has the noise of the inputs, amplified by the spring, and a law
+        adds up what its argument travels: along it widths were 1 % large, two to four standard
+        errors, and a third of the iterations did not end
+        (`scripts/benchmarks/hysteresis.py --refine`).
+        """
+        corrections, length = {}, len(self.run.motion.time)
+        for joint in with_hysteresis(self.known, self.layout.simulated):
+            drive = self.known.drives[joint]
+            width = drive.values["hysteresis_deflection"]
+            measured, simulated = (
+                np.array(states(_deflection(self.known, path, joint), width))[:, -length:]
+                for path in (self.run.measured, self.run.motion)
+            )
+            state, by_width = drive.load_radius * (measured - simulated)
+            force, corrections[joint] = self.correction(joint, "hysteresis_force", state)
+            place = self.layout.places.get(Parameter("hysteresis_deflection", joint))
+            if place is not None:
+                corrections[joint][:, 1 + place] = force * by_width
+        return corrections
+
+    @cached_property
+    def friction(self) -> tuple[dict[str, Array], Array]:
+        """The corrections of dry friction of the joints, and its slopes (T, S) by their speeds.
+
+        It is the mean about a sample of c sign(v), with v linear in time. Its slope lets a reversal
+        move; with the sign at the samples alone bodies were 1.5 to 5 times worse.
+        """
+        motion, torques = self.run.motion, dict[str, Array]()
+        slopes = np.zeros((len(motion.time), len(self.joints)))
+        for row, joint in enumerate(self.layout.simulated):
+            if "coulomb" not in self.known.drives[joint].joint_friction:
+                continue
+            index = self.known.index(joint)
+            speed = motion.joint_velocity[:, index]
+            # v goes from v - s to v + s about a sample: the mean of sign(v), clip(v / s, -1, 1),
+            # takes the place of the sign(v) in the columns of (8).
+            swept = 0.5 * np.abs(motion.joint_acceleration[:, index]) / motion.rate_hz
+            swept = np.maximum(swept, _LEAST_RAD_S)
+            change = np.sign(speed) - np.clip(speed / swept, -1.0, 1.0)
+            level, torques[joint] = self.correction(joint, "joint_coulomb_friction", change)
+            slopes[:, row] = np.where(np.abs(speed) < swept, level / swept, 0.0)
+        return torques, slopes
+
+    def correction(self, joint: str, name: str, unit: Array) -> tuple[float, Array]:
+        """Return a parameter's value, and the corrections by the torque (T,) of a `unit` of it."""
+        place = self.layout.places.get(Parameter(name, joint))
+        value = self.known.drives[joint].values[name] if place is None else float(self.x[place])
+        correction = np.zeros((len(unit), 1 + len(self.x)))
+        correction[:, 0] = value * unit
+        if place is not None:
+            correction[:, 1 + place] = unit
+        return value, correction
+
+    @cached_property
+    def load(self) -> Array:
+        """The columns of (8) of all joints with a torque."""
+        layout, motion, x = self.layout, self.run.motion, self.x
+        model = layout.identification.model
+        torque, payload, H, by_springs = load_columns(self.known, motion, model, self.springs)
+        columns = np.zeros((*torque.shape, 1 + len(x)))
+        by_x = columns[:, :, 1:]
+        columns[:, :, 0] = torque - payload - H @ x[layout.load]
+        by_x[:, :, layout.load] = -H
+        of_springs = [column for joint in layout.simulated for column in layout.spring(joint)]
+        by_x[:, :, of_springs] = by_springs
+        if layout.has_zeros:
+            rows = list(map(self.known.index, model.torque_joints))
+            # q = reading - zero: -tau(q) changes by +dtau/dq per unit of the zero. Positions
+            # of simulated joints do not depend on the zero of their encoders, their outputs do.
+            by_x[:, :, layout.zeros] = self.jacobians.position[:, rows]
+            by_x[:, :, [layout.zeros.start + joint for joint in self.joints]] = 0.0
+        for column, joint, unit in layout.tests(motion):
+            by_x[:, model.torque_joints.index(joint), column] = unit
+        for joint, correction in (*self.hysteresis.items(), *self.friction[0].items()):
+            # A correction of the torque on the joint is in (8) with its sign, and in (7), through
+            # the gear, with the opposite one (below); joint friction is in (8) alone.
+            columns[:, model.torque_joints.index(joint)] += correction
+        return columns
+
+    def load_of(self, joints: Sequence[str]) -> Array:
+        """Return the columns of (8) of some joints."""
+        names = self.layout.identification.model.torque_joints
+        return np.asarray(self.load[:, list(map(names.index, joints))])
+
+    @cached_property
+    def nudged(self) -> tuple[Motion, Motion]:
+        """The motions with all joint positions changed, and with all speeds."""
+        return nudged(self.run.motion, 0), nudged(self.run.motion, 1)
+
+    @property
+    def linearised_load(self) -> LinearisedLoad:
+        """What pulls at the simulated joints: the bodies, and the drives against their motion."""
+        layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
+        model = layout.identification.model
+        simulated = list(map(model.torque_joints.index, layout.simulated))
+        slopes = drive_slopes(
+            self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
+        )
+        by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
+        by_speed = by_speed + self.friction[1][:, :, None] * eye
+        inside = self.jacobians.part(self.joints, self.joints).plus(by_position, by_speed)
+        return LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
+
+    def linearised(self) -> tuple[Residuals, Pull]:
+        """Return the residuals of the simulated joints, and what pulls at these joints.
+
+        Channels: positions of the simulated joints, torques of their drives and of followed joints.
+        """
+        layout, run = self.layout, self.run
+        pull = Pull(layout, run, self.linearised_load, self.load_of(layout.simulated))
+        response = pull.load.response(pull.force)
+        torques = self.motor_torques(response), self.followed_torques(response)
+        columns = np.concatenate([self.positions(response), *torques], axis=1)
+        unseen = np.isin(layout.simulated, layout.unseen)
+        # A joint without an encoder has no measured position: its rows never count. Positions of
+        # the others count at standstill too, where only the torques are unknown.
+        unknown = np.hstack([np.broadcast_to(unseen, (len(columns), len(unseen))), run.still])
+        if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
+            unknown |= run.motion.bridged[:, None]
+        free, time = 2 * len(unseen), run.motion.time
+        return block_means(columns, unknown, time, run.windows, run.block, free), pull
+
+    def positions(self, response: Response) -> Array:
+        """Return the columns of the encoders of the simulated joints, and of their free motions."""
+        layout, joints = self.layout, self.joints
+        columns = -response.position
+        # y - q - z, where q is the present motion plus its Newton correction, the first column.
+        columns[:, :, 0] += self.run.reading - self.run.motion.joint_position[:, joints]
+        if layout.has_zeros:
+            columns[:, :, 0] -= self.x[layout.zeros][joints]
+            zeros = [1 + layout.zeros.start + joint for joint in joints]
+            columns[:, range(len(joints)), zeros] -= 1.0
+        return columns
+
+    def motor_torques(self, response: Response) -> Array:
+        """Return the columns of (7) of the simulated joints, and of their free motions."""
+        layout = self.layout
+        columns = np.zeros_like(response.position)
+        for row, joint in enumerate(layout.simulated):
+            names, zeta, R = self.motor_equation(joint, self.run.motion)
+            check_columns(layout, names, joint)
+            of_drive = layout.drives[joint]
+            residual = zeta - R @ self.x[of_drive]
+            columns[:, row, 0] = residual
+            columns[:, row, 1 + of_drive] = -R
+            moves = response.position[:, row], response.velocity[:, row]
+            for move, motion in zip(moves, self.nudged, strict=True):
+                _, zeta, R = self.motor_equation(joint, motion)
+                slope = (zeta - R @ self.x[of_drive] - residual) / NUDGE
+                # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
+                # The first column is the change by the Newton correction of the joint.
+                columns[:, row] += slope[:, None] * move
+        # A torque on the joint loads its motor, through the gear.
+        for column, joint, unit in layout.tests(self.run.motion):
+            ratio = total_ratio(self.known.drives[joint])
+            columns[:, layout.simulated.index(joint), 1 + column] -= unit / ratio
+        for joint, torque in self.hysteresis.items():
+            ratio = total_ratio(self.known.drives[joint])
+            columns[:, layout.simulated.index(joint), : torque.shape[1]] -= torque / ratio
+        return columns
+
+    def motor_equation(self, joint: str, motion: Motion) -> tuple[tuple[str, ...], Array, Array]:
+        """Return names, zeta and R of (7), with a column for an identified torque offset."""
+        regressor, zeta, R = actuator_columns(self.known, motion, joint)
+        if Parameter(TORQUE_OFFSET, joint) not in self.layout.places:
+            return regressor.names, zeta, R
+        return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
+
+    def followed_torques(self, response: Response) -> Array:
+        """Return the columns of (8) of the followed joints, and of the free motions of others."""
+        followed = list(map(self.known.index, self.layout.followed))
+        columns = -self.jacobians.part(followed, self.joints).change(response)
+        rows = self.load_of(self.layout.followed)
+        columns[:, :, : rows.shape[2]] += rows
+        return columns
+
+
+def check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
+    """Raise IdentificationError if a log has other torque sensors than the identification."""
+    identified = layout.actuators[joint].names
+    if names != identified:
+        raise IdentificationError(
+            f"the log determines {', '.join(names)} of {joint}, the identification "
+            f"has {', '.join(identified)}: same torque sensors needed"
+        )
+
+
+_LARGEST = 1e100
+"""Size from which a simulation diverges: squares of what is larger overflow."""
+
+_DIVERGES = "the simulation diverges at this estimate: check the identification it starts from"
+
+
+@dataclass(frozen=True, eq=False)
+class MotorDriven:
+    """A log whose joints behind springs are simulated from its motor angles, by windows."""
+
+    runs: Sequence[Run]
+
+    def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
+        """Return the residuals of all windows at x (p,), and how the joints go on from there."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                around = [_Around(layout, run, x).linearised() for run in self.runs]
+        except IdentificationError as problem:
+            raise IdentificationError(f"{_DIVERGES}; {problem}") from None
+        for rows, _ in around:
+            for part in (rows.residual, rows.jacobian, rows.nuisance):
+                if not np.all(np.abs(part) < _LARGEST):
+                    raise IdentificationError(_DIVERGES)
+        starts = np.cumsum([run.windows for run in self.runs])[:-1]
+
+        def advance(change: Array, part: float, nuisance: Array) -> MotorDriven:
+            initial = np.split(part * nuisance, starts)
+            pairs = zip(around, initial, strict=True)
+            return MotorDriven([pull.moved(change, part, states) for (_, pull), states in pairs])
+
+        return joined([rows for rows, _ in around]), advance
+
+    def changed(self, change: Change) -> MotorDriven:
+        """Return the simulator with a change of what was logged."""
+        return MotorDriven(
+            [replace(x, motion=change(x.motion), measured=change(x.measured)) for x in self.runs]
+        )
+
+    def with_noise(
+        self, known: Robot, logs: Sequence[Log], rng: np.random.Generator
+    ) -> MotorDriven:
+        """Return the simulator whose measured joints have the noise of the encoders once more."""
+        runs = [
+            replace(run, measured=_with_encoder_noise(known, run.measured, logs, rng))
+            for run in self.runs
+        ]
+        return MotorDriven(runs)
+
+
+def _with_encoder_noise(
+    robot: Robot, motion: Motion, logs: Sequence[Log], rng: np.random.Generator
+) -> Motion:
+    """Return a measured motion whose joint positions have the noise of both encoders once more."""
+    noise = np.zeros_like(motion.joint_position)
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drives[joint]
+        at_joint = drive.motor_radius / drive.ratio / drive.load_radius
+        noise[:, index] = max(
+            np.hypot(
+                at_joint * white_noise(log.motor_position[:, index]),
+                white_noise(log.joint_position[:, index]),
+            )
+            for log in logs
+        )
+    noise = noise * rng.normal(size=noise.shape)
+    noise = low_pass(noise, motion.rate_hz, POSITION_BAND * motion.cutoff_hz)
+    return replace(motion, joint_position=motion.joint_position + noise)
+
+
+def with_hysteresis(robot: Robot, joints: Sequence[str]) -> list[str]:
+    """Return those of the joints whose spring has a law of hysteresis."""
+    return [joint for joint in joints if "dahl" in robot.drives[joint].spring]
+
+
+def _deflection(robot: Robot, motion: Motion, joint: str) -> Array:
+    index, drive = robot.index(joint), robot.drives[joint]
+    turned = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
+    return np.asarray(turned - drive.load_radius * motion.joint_position[:, index])
