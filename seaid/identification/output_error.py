@@ -264,7 +264,7 @@ def refined_by_motors(
     # window: an iteration in short windows comes first.
     simulated, x = logs, layout.start
     if unseen:
-        point, simulated = _in_short_windows(layout, logs, x, iterations)
+        point, simulated = _in_short_windows(layout, logs, x, iterations, progress)
         x = point.x
     start = point_at(layout, simulated, x)
     point, _ = gauss_newton_search(start, iterations, _SETTLED, progress)
@@ -507,11 +507,11 @@ def _filled(layout: Layout, logs: list[Log], x: Array) -> list[Log]:
 
 
 def _in_short_windows(
-    layout: Layout, logs: list[Log], x: Array, iterations: int
+    layout: Layout, logs: list[Log], x: Array, iterations: int, progress: bool = False
 ) -> tuple[LogPoint, list[Log]]:
     """Return a fit in short windows from x (p,), and the logs with the angles that it simulates."""
     short = point_at(layout, _filled(layout, logs, x), x, SHORT_WINDOW_S)
-    point, _ = gauss_newton_search(short, iterations, _CLOSE_TO_LONGER)
+    point, _ = gauss_newton_search(short, iterations, _CLOSE_TO_LONGER, progress)
     return point, [_simulated_log(layout, log, point) for log in logs]
 
 
