@@ -898,6 +898,25 @@ def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:
     assert [one.command_delay_s for one in apart.drives.values()] == [0.003, 0.004]
 
 
+@pytest.mark.slow  # an identification of two joints
+def test_the_delay_of_a_bus_is_one_parameter_that_moves_all_of_its_joints(tmp_path: Path) -> None:
+    log = joined([mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]).between(0, 3)
+    start = seaid.identify(two_joints(tmp_path, (None, None)), log)
+    drive = start.known.drives["j1"]
+    other = replace(drive, command_delay_s=(drive.command_delay_s or 0.0) + 1e-12)
+    apart = replace(start, known=start.known.with_drives({"j1": other}))
+    shared, alone = (commanded_point(x, [log]) for x in (start, apart))
+    assert len(alone.x) == len(shared.x) + 1
+    slopes = []
+    for point in (shared, alone):
+        is_delay = [parameter.quantity == "command_delay" for parameter in point.parameters]
+        slopes.append(np.sum(point.logs[0].residuals.jacobian[..., is_delay], axis=-1))
+    by_shared, by_alone = slopes
+    assert np.any(by_shared)
+    np.testing.assert_allclose(by_shared, by_alone, rtol=1e-6, atol=1e-9 * np.max(abs(by_shared)))
+    assert shared.logs[0].layout.load.max() == len(shared.x) - 1
+
+
 @pytest.mark.slow  # 2.8 s
 def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
     """A regression may find a negative armature, with which nothing can be simulated."""
