@@ -299,11 +299,10 @@ def _gains_at(samples: Block, inference: Inference, command: str, unit: str) -> 
     gains: dict[str, float] = {}
     for name, letter in _gain_columns(samples, command):
         values = samples[name][np.isfinite(samples[name])]
-        text = "a gain that changes: each part with one gain set is a log (between_s)"
-        if len(values) and np.ptp(values) == 0 and values[0] >= 0:
+        is_constant = len(values) and np.ptp(values) == 0 and values[0] >= 0
+        if is_constant:
             gains[letter] = float(values[0])
-            text = f"taken for a gain of the controller, in {unit}"
-        inference.note(name, text)
+        inference.note(name, "gain" if is_constant else "gain_changes", unit=unit)
     return gains
 
 
@@ -331,13 +330,13 @@ def _common_clock(
         return None
     common = clocks.get("")
     if clocks and clocks.keys() >= {*labels} and "" not in labels:
-        hint = f"; {common.column} would be a common clock" if common else ""
-        inference.note("time", f"every joint has its own clock, and these are used{hint}")
+        column = common.column if common else ""
+        inference.note("time", "own_clocks_beside" if common else "own_clocks", column=column)
         return None
     if not clocks and rate_hz:
         return Clock(rate_hz=rate_hz)
     if common is None:
-        inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
+        inference.note("time", "no_clock")
     return common
 
 
@@ -467,7 +466,7 @@ def _readable(table: Table, inference: Inference, names: list[str], refusals: li
         return first | second
     for name in names:
         if f"{name}[0]" not in table.names:  # a matrix, whose columns are read
-            inference.note(name, "no column of numbers: excluded")
+            inference.note(name, "no_numbers")
     return {}
 
 
@@ -476,26 +475,25 @@ def _signal_columns(data: Block, inference: Inference) -> Block:
     signals = {}
     for name, values in data.items():
         finite = values[np.isfinite(values)]
-        why = _without_signal(finite, inference.meanings[name])
-        if why is None:
+        doubt = _without_signal(finite, inference.meanings[name])
+        if doubt is None:
             signals[name] = values
         else:
-            inference.note(name, why)
+            inference.note(name, doubt, largest=LARGEST, value=finite[0] if len(finite) else 0.0)
     return signals
 
 
 def _without_signal(finite: Array, meaning: Meaning) -> str | None:
-    """Return why a column has no signal, "" for one that needs none, None if it has one."""
+    """Return the doubt about a column without a signal, "" if it needs none; None for a signal."""
     moves = bool(np.any(finite != finite[:1]))
     may_stand = not {"voltage", "command"}.isdisjoint((meaning.quantity, meaning.role))
     if np.any(np.abs(finite) > LARGEST):
-        return f"has values beyond {LARGEST:g}: no sensor, excluded"
+        return "too_large"
     if is_sensor(meaning) and moves and is_state(finite):
-        return "has a few whole numbers only: a state, excluded"
+        return "state"
     if moves or (may_stand and len(finite)):
         return None
-    what = "".join(f"{value:.6g} all the time" for value in finite[:1]) or "without a number"
-    return f"{what}: a dead sensor, excluded" * is_sensor(meaning)
+    return ("dead" if len(finite) else "empty") * is_sensor(meaning)
 
 
 def _time_of(inference: Inference, clock: Clock | None) -> Array | None:
@@ -541,7 +539,7 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
         tag = meaning.joint if re.fullmatch(r"(tx_|rx_)?\d+", meaning.joint) else ""
         tag = tag.rsplit("_", 1)[-1]
         if tag in clocks:
-            inference.note(name, f"may be the time instead of {clocks[tag].column}")
+            inference.note(name, "second_clock", column=clocks[tag].column)
             continue
         clocks[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
     # The names decide first, because a position in slow motion may increase evenly, too.
@@ -574,7 +572,7 @@ def _nameless_clock(inference: Inference) -> dict[str, Clock]:
         steps = np.diff(inference.data[name])
         is_growing = len(steps) > 1 and bool(np.all(steps > 0))
         if is_growing and np.std(steps) < 0.5 * np.mean(steps):
-            inference.note(name, "increases evenly: taken for the time")
+            inference.note(name, "nameless_clock")
             return {"": Clock(name, _time_unit(name, meaning, steps, inference))}
     return {}
 
@@ -586,5 +584,5 @@ def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) 
     # Steps of 20 kHz to 20 Hz: 50 us to 50 ms. In s, ms, us and ns these ranges do not overlap.
     unit = next((unit for unit, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
     if unit != "s" or step > 0.05:
-        inference.note(name, f"has steps of {step:.4g}: taken for {unit}")
+        inference.note(name, "time_unit", step=step, unit=unit)
     return unit

@@ -138,9 +138,9 @@ class _Search:
     guess: BaseGuess = field(default_factory=BaseGuess)
     other_forces: dict[str, Vector] = field(default_factory=dict)
 
-    def note(self, about: str, text: str) -> None:
+    def note(self, about: str, doubt: str, /, **values: Any) -> None:
         """Note what is in doubt."""
-        self.inference.note(about, text)
+        self.inference.note(about, doubt, **values)
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -190,7 +190,7 @@ class _Search:
             return [x for x in "wxyz" if x in parts]
         is_vector = len(lacking) == 1 and self.floating.normal is None and kind_of(stem)
         if is_vector and not is_elsewhere(stem):
-            self.note(stem, f"has no {lacking[0]}: a vector of the base needs x, y and z")
+            self.note(stem, "no_axis", axis=lacking[0])
         return []
 
     def vectors_of_one_table(self) -> list[Vector]:
@@ -221,8 +221,8 @@ class _Search:
                 rate = values
             vectors.append(Vector(stem, tuple(columns), is_array=True))
             place += width
-        text = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
-        self.note(f"columns {names[start]} to {names[place - 1]}", f"taken for {text}")
+        parts = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
+        self.note(f"columns {names[start]} to {names[place - 1]}", "one_table", vectors=parts)
         return vectors
 
     def _start_of_pose(self, names: Sequence[str]) -> int | None:
@@ -251,7 +251,7 @@ class _Search:
             self.guess.meanings[column] = replace(meaning, joint=joint)
         about = f"{vector.stem}: its last {n} columns" if base else vector.stem
         order = f"{names[0]}, {names[1]}, ..." if n > 1 else "one"
-        self.note(about, f"taken for the robot's joints in their order ({order})")
+        self.note(about, "states", order=order)
 
     def _state_quantities(self, arrays: Sequence[Vector]) -> dict[Vector, str]:
         """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
@@ -288,7 +288,7 @@ class _Search:
             if best is not None and cosines[best] > _DERIVED:
                 quantities[best] = quantity
                 rate = samples.pop(best)
-                self.note(best.stem, f"the {quantity} by its samples")
+                self.note(best.stem, "by_samples", quantity=quantity)
         return quantities
 
     def take_vector(self, vector: Vector) -> None:
@@ -314,8 +314,7 @@ class _Search:
 
     def _take_acceleration(self, vector: Vector, values: Array) -> None:
         """Take an acceleration with gravity, or one without it in the axes of the base."""
-        doubt = "without gravity: used if nothing else is"
-        factor = self._acceleration_factor(vector.stem, vector.factor * values, doubt)
+        factor = self._acceleration_factor(vector.stem, vector.factor * values, "no_gravity")
         if factor:
             source = vector.source(scale=factor * vector.factor)
             self.guess.base.setdefault("specific_force", source)
@@ -327,10 +326,10 @@ class _Search:
         typical = float(np.nanmedian(np.linalg.norm(values, axis=1)))
         # The length of the median, not the median of the lengths, to which vibrations always add.
         if abs(float(np.linalg.norm(np.nanmedian(values, axis=0))) - 1.0) < _IN_G:
-            self.note(about, "points up with 1 at rest: taken for g")
+            self.note(about, "in_g")
             return UNIT_FACTORS["m_per_s2"]["g"]
         if not _GRAVITY[0] < typical < _GRAVITY[1]:
-            self.note(about, f"its median is {typical:.2g} m/s^2, {doubt}")
+            self.note(about, doubt, typical=typical)
             return 0.0
         return 1.0
 
@@ -360,15 +359,14 @@ class _Search:
             self.guess.contacts[link] = {x: vector.source() for x, vector in parts.items()}
             columns = [name for vector in parts.values() for name in vector.columns]
             self.guess.meanings |= dict.fromkeys(columns, _TAKEN)
-            text = f"taken for the force of the ground on {link}, in the axes of that link"
-            self.note(sensor, text)
+            self.note(sensor, "force_sensor", link=link)
 
     def note_unused_forces(self) -> None:
         """Note the forces that are neither at a contact nor a vector of the base."""
         taken = {source.columns for source in self.guess.base.values()}
         for sensor, vector in self.other_forces.items():
             if vector.columns not in taken:
-                self.note(sensor, "a force sensor whose name is not that of one contact: not used")
+                self.note(sensor, "other_force")
 
     def take_contacts(self, vectors: Sequence[Vector]) -> None:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
@@ -385,8 +383,7 @@ class _Search:
         """Take an array for the contacts of the robot in their order."""
         for link, name in zip(links, vector.columns, strict=True):
             self._take_contact(link, name)
-        text = f"taken for the contacts in the order of the robot: {', '.join(links)}"
-        self.note(vector.stem, text)
+        self.note(vector.stem, "contacts_in_order", links=", ".join(links))
 
     def _take_contact(self, link: str, name: str) -> None:
         """Take a column for a flag, or for a force with a threshold in the middle of its range."""
@@ -397,13 +394,12 @@ class _Search:
             # `above` is a lower limit, so that the codes are negated: -1 is above -1.5, and -2 is
             # not.
             above, scale, unknown = -1.5, -1.0, 0.0
-            text = "codes: 1 is taken for contact, 2 for its loss, 0 for unknown, as Spot has them"
-            self.note(name, text)
+            self.note(name, "codes")
         elif not kinds <= {0.0, 1.0}:
             # Quantiles, because impacts exceed the force on a standing foot by far.
             low, high = np.quantile(values, [0.05, 0.95])
             above = float(f"{low + 0.2 * (high - low):.3g}")
-            self.note(name, f"a force: above {above:g} it is taken for contact")
+            self.note(name, "force", above=above)
         source = VectorSource((name,), scale=scale, above=above, unknown=unknown)
         self.guess.contacts.setdefault(link, {}).setdefault("contact", source)
 
@@ -416,7 +412,7 @@ class _Search:
             is_load = words_of(name)[-1:] == ["load"] and m.joint in self.robot.joint_names
             if is_load and not m.quantity:
                 self.guess.meanings[name] = replace(m, quantity="torque", side="")
-                self.note(name, "taken for the torque of the joint")
+                self.note(name, "load")
 
     def take_planar(self) -> None:
         """Take single columns for the coordinates, the angle and the rates of a planar base."""
@@ -430,9 +426,9 @@ class _Search:
         self._check_signs(vectors)
         # If the normal points up, gravity is along it, and no component in the plane feels it.
         if "specific_force" in vectors and abs(float(self.floating.normal_in_world[2])) < 0.5:
-            force, doubt = vectors["specific_force"], "without gravity or in another unit: not used"
-            values = self.samples(force.columns)
-            if factor := self._acceleration_factor(force.columns[0], values, doubt):
+            force = vectors["specific_force"]
+            about, values = force.columns[0], self.samples(force.columns)
+            if factor := self._acceleration_factor(about, values, "no_gravity_or_unit"):
                 vectors["specific_force"] = replace(force, scale=factor)
             else:
                 del vectors["specific_force"]
@@ -460,8 +456,7 @@ class _Search:
                 vectors[quantity] = VectorSource(tuple(parts.values()))
             elif parts:
                 lacking = next(x for x in axes if x not in parts)
-                text = f"has no {lacking}: the plane of the base needs both"
-                self.note(next(iter(parts.values())), text)
+                self.note(next(iter(parts.values())), "no_plane_axis", axis=lacking)
         return vectors
 
     def _in_radians(self, column: str) -> VectorSource:
@@ -473,7 +468,7 @@ class _Search:
         is_unknown = unit is None and not is_in_degrees and "rad" not in column.lower()
         if is_unknown and np.ptp(values) > _TURNS:
             is_in_degrees = True
-            self.note(column, f"turns by {np.ptp(values):.3g} without a unit: taken for degrees")
+            self.note(column, "in_degrees", turn=np.ptp(values))
         return VectorSource((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
 
     def _check_signs(self, vectors: Mapping[str, VectorSource]) -> None:
@@ -487,7 +482,7 @@ class _Search:
         # Steps over rates: a constant step of time is in both norms and does not change the cosine.
         if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
             column = vectors["angular_velocity"].columns[0]
-            self.note(column, "minus the derivative of the angle: one of them needs scale = -1")
+            self.note(column, "opposite_rate")
 
     def decide_frames(self) -> None:
         """Decide the order of a quaternion and the frames of velocities by their samples."""
@@ -504,7 +499,7 @@ class _Search:
         if {"velocity", "position", "specific_force"} & base.keys():
             base.pop("acceleration", None)
         elif "acceleration" in base:
-            self.note("acceleration", "taken for that of the base in its own axes, as of an IMU")
+            self.note("acceleration", "of_imu")
 
     def _order(self, source: VectorSource) -> tuple[Order, Frame | None]:
         """Return the order of a quaternion, and the frame of the angular velocity."""
@@ -533,14 +528,14 @@ class _Search:
         (order, frame), best = max(scores.items(), key=lambda item: item[1])
         rivals = [score for (rival, _), score in scores.items() if rival != order]
         if rivals and best - max(rivals) < _CLEARER:
-            self.note("orientation", f"its order {order} is a guess: no other column decides it")
+            self.note("orientation", "guessed_order", order=order)
         return order, frame
 
     def _velocity_frame(self, R: Array) -> Frame | None:
         """Return the frame of the velocity: that in which it is the derivative of the position."""
         base = self.guess.base
         if "position" not in base:
-            self.note("velocity", "taken for that in the axes of the base, as in an odometry")
+            self.note("velocity", "of_odometry")
             return "base"
         v = self.samples(base["velocity"].columns)
         rate = np.diff(self.samples(base["position"].columns), axis=0)
@@ -548,7 +543,7 @@ class _Search:
         # hardly turns.
         in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
         if abs(in_world - in_base) < _CLEARER / 5:
-            self.note("velocity", "its frame is a guess: the base hardly turns")
+            self.note("velocity", "guessed_frame")
         return "base" if in_base > in_world else None
 
     def note_what_is_lacking(self) -> None:
@@ -557,20 +552,12 @@ class _Search:
             return
         quantities = self.guess.base.keys()
         if quantities.isdisjoint(("orientation", "angular_velocity")):
-            self.note(
-                "base",
-                "no column found of how it turns: name one in [base] (orientation or "
-                "angular_velocity)",
-            )
+            self.note("base", "no_turn")
         has_pose = "orientation" in quantities and not quantities.isdisjoint(
             ("position", "velocity")
         )
         if not has_pose and quantities.isdisjoint(("specific_force", "acceleration")):
-            self.note(
-                "base",
-                "no column found of how it accelerates: name in [base] the specific_force of an "
-                "IMU, or position or velocity, with the orientation",
-            )
+            self.note("base", "no_acceleration")
 
 
 _STATES: dict[tuple[int, str], dict[str, slice]] = {

@@ -13,16 +13,21 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, safely
+from seaid._files import read_toml
 from seaid.errors import LogError, in_one_line, listed
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.names import Meaning, Role, is_of_another_part
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
+
+DOUBTS = read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", LogError)
+"""{name of a doubt: its text, with braces for values of the log}."""
 
 Sources = dict[str, dict[str, Any]]
 """Arguments of the Source of each quantity of a joint."""
@@ -120,10 +125,10 @@ class Inference:
             for position in self.having("position", joint)
         )
 
-    def take(self, name: str, text: str = "", **changes: Any) -> None:
+    def take(self, name: str, doubt: str = "", /, **changes: Any) -> None:
         """Change the meaning of a column, and note why."""
         self.meanings[name] = replace(self.meanings[name], **changes)
-        self.note(name, text)
+        self.note(name, doubt, **changes)
 
     def finite(self, name: str) -> Array:
         """Return the samples of a column that are finite."""
@@ -166,12 +171,14 @@ class Inference:
         """Whether names of the log are those of drives that have turns for angles."""
         return any(_DRIVE.search(name) for name in self.meanings)
 
-    def note(self, about: str, text: str, *, is_usual: bool = False) -> None:
-        """Note a choice, if there is a text: a usual one that the samples allow is assumed.
+    def note(self, about: str, doubt: str, /, *, is_usual: bool = False, **values: Any) -> None:
+        """Note a choice by a doubt of `doubts.toml`, if any, with values of the log.
 
-        Any other one is uncertain. Notes with the same text become one sentence.
+        A usual choice that the samples allow is assumed, any other one is uncertain. Notes with the
+        same text become one sentence.
         """
-        if text:
+        if doubt:
+            text = DOUBTS[doubt].format(**values)
             (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
 
 
@@ -297,7 +304,7 @@ def _note_unknown_words(inference: Inference, used: set[str]) -> None:
     for name in sorted(used):
         words = [word for word in inference.meanings[name].unknown if word in rare]
         if words:
-            inference.note(name, f"the meaning of {listed(words)} in the name is not known")
+            inference.note(name, "unknown_words", words=listed(words))
 
 
 def _check_position(
@@ -310,11 +317,11 @@ def _check_position(
         return
     slides, factor = inference.is_prismatic(joint), POSITION_FACTORS.get(unit)
     if source.get("unit") not in (None, "counts") and (unit in UNIT_FACTORS["m"]) != slides:
-        inference.note(column, f"{unit} does not fit the type of {joint}")
+        inference.note(column, "other_type", unit=unit, joint=joint)
     elif unit in ("deg", "mdeg") and not inference.is_far(column):
-        inference.note(column, f"hardly moves in {unit}: check its unit")
+        inference.note(column, "hardly_moves", unit=unit)
     if factor is not None and not inference.is_within(column, factor, joint):
-        inference.note(column, f"goes beyond the limits of {joint}: check its unit and its zero")
+        inference.note(column, "beyond_limits", joint=joint)
 
 
 def _check_velocities(inference: Inference, column: str, joint: str, factor: float) -> None:
@@ -322,21 +329,20 @@ def _check_velocities(inference: Inference, column: str, joint: str, factor: flo
     for name, share, scale in _velocities(inference, column, joint):
         rate = _RATES.get(inference.meanings[name].unit or "")
         if share < _UNRELATED:
-            inference.note(f"{column}, {name}", "one is not the velocity of the other")
+            inference.note(f"{column}, {name}", "no_velocity")
         elif share > _FOLLOWS and scale < 0:
-            inference.note(f"{column}, {name}", "position and velocity have opposite signs")
+            inference.note(f"{column}, {name}", "opposite_signs")
         elif share > _FOLLOWS and rate and factor and abs(scale * factor / rate - 1) > 0.1:
-            more = f"moves {scale * factor / rate:.4g} times as far as {name} says"
-            inference.note(column, f"{more}: check the units, and whether both are on one side")
+            inference.note(column, "other_scale", times=scale * factor / rate, velocity=name)
 
 
 def _check_effort(inference: Inference, column: str) -> None:
     """Note a current with one sign, and whole numbers without a unit."""
     values, meaning = inference.finite(column), inference.meanings[column]
     if np.min(values) * np.max(values) >= 0 and meaning.quantity == "current":
-        inference.note(column, "has one sign: a magnitude or the current of a supply?")
+        inference.note(column, "one_sign")
     if meaning.unit is None and np.ptp(values) > _WHOLE and np.all(values == np.round(values)):
-        inference.note(column, "in whole numbers without a unit: raw values of the drive?")
+        inference.note(column, "raw_values")
 
 
 def _check_commands(inference: Inference, column: str, joint: str) -> None:
@@ -347,7 +353,7 @@ def _check_commands(inference: Inference, column: str, joint: str) -> None:
         apart = np.abs(inference.data[command] - values)
         good = np.isfinite(apart)
         if np.any(good) and np.max(apart[good]) <= _EQUAL * np.ptp(values[good]):
-            inference.note(column, f"equals {command}: which one is measured?")
+            inference.note(column, "copy", command=command)
 
 
 _NOT_MEASURED: tuple[Role, ...] = ("command", "estimated", "derived")
@@ -364,7 +370,7 @@ def _note_excluded(inference: Inference, used: set[str]) -> None:
         else:
             is_measured &= meaning.role in ("measured", "estimated")
         if is_measured and name in inference.data and name not in said:
-            inference.note(name, f"has the name of a {meaning.quantity}, and is not used")
+            inference.note(name, "unused", quantity=meaning.quantity)
 
 
 def _forms(name: str) -> Iterator[tuple[str, str]]:
@@ -385,9 +391,9 @@ def _note_unknown_columns(
     is_lacking = not all(map(_has_effort, joints.values()))
     for name in names:
         if like.get(name):
-            inference.note(name, f"not understood, and not used; it moves like {like[name]}")
+            inference.note(name, "moves_like", signal=like[name])
         elif is_lacking and _is_one_per_joint(name, names, len(joints)):
-            inference.note(name, "not understood: it may be what a joint lacks")
+            inference.note(name, "maybe_lacking")
 
 
 def _has_effort(sources: Sources) -> bool:

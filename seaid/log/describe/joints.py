@@ -68,8 +68,7 @@ def take_bare_names(inference: Inference) -> None:
     for name, meaning in meanings.items():
         joint = joint_alone(name, joints)
         if joint and joint not in located and not meaning.quantity:
-            text = "has the name of a joint and no quantity: taken for its position"
-            inference.take(name, text, quantity="position", joint=joint)
+            inference.take(name, "bare_name", quantity="position", joint=joint)
 
 
 def joint_names(inference: Inference) -> dict[str, str]:
@@ -95,7 +94,7 @@ def _names_of_robot(inference: Inference, robot: Robot, labels: list[str]) -> di
     matches = _matches(every, robot, inference)
     for label in filter(labels.__contains__, every):
         if label not in matches:
-            inference.note(label, "no joint of the robot has such a name: excluded")
+            inference.note(label, "no_such_joint")
     names = {x: joint for x, joint in matches.items() if joint in robot.joint_names}
     still, meanings = matches.keys() - names.keys(), inference.meanings
     inference.data = {x: y for x, y in inference.data.items() if meanings[x].joint not in still}
@@ -109,8 +108,7 @@ def _take_estimates(inference: Inference) -> None:
         return
     for name, meaning in positions.items():
         if meaning.role == "estimated":
-            text = "an estimate of the drive, as there is no other position"
-            inference.take(name, text, role="measured")
+            inference.take(name, "only_estimated", role="measured")
 
 
 def _labels(inference: Inference) -> list[str]:
@@ -128,8 +126,7 @@ def _measured_next_to_commands(inference: Inference) -> list[str]:
     for name, meaning in measured.items():
         leads = commands.get(meaning.joint, "")
         if leads and follows(inference.data[name], inference.data[leads]):
-            text = "measured, without a quantity: taken for the position"
-            inference.take(name, text, quantity="position")
+            inference.take(name, "measured", quantity="position")
     return _labels(inference)
 
 
@@ -148,7 +145,7 @@ def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
     for name, meaning in sensors.items():
         # A voltage next to a motor that has no other column is as likely that of the supply.
         if "" in labels or meaning.quantity != "voltage":
-            inference.take(name, f"taken for the motor of {label}", joint=label)
+            inference.take(name, "only_motor", joint=label)
     return [label]
 
 
@@ -184,8 +181,7 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
         if meaning.joint in names:
             inference.take(name, joint=names[meaning.joint])
         elif number in numbers and (meaning.quantity, numbers[number]) not in labelled:
-            joint = numbers[number]
-            inference.take(name, f"taken for joint {joint} by its number", joint=joint)
+            inference.take(name, "by_number", joint=numbers[number])
 
 
 def _by_own_number(names: Mapping[str, str]) -> dict[str, str]:
@@ -233,11 +229,11 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
     """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
     labels = _sorted(list(filter(_is_number, labels)) or list(labels))
     if len(labels) > len(joints):
-        text = f"{len(labels)} joints in the log, {len(joints)} in the robot"
-        inference.note(", ".join(labels), text)
+        about = ", ".join(labels)
+        inference.note(about, "more_joints", logged=len(labels), known=len(joints))
     if labels != [""] or len(joints) > 1:
         about = ", ".join(x or "columns without a joint" for x in labels[: len(joints)])
-        inference.note(about, "taken for the robot's joints in their order")
+        inference.note(about, "in_order")
     if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
         _note_guesses(labels, inference)
     return dict(zip(labels, joints, strict=False))
@@ -247,7 +243,7 @@ def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
     """Note the sensors of joints whose labels say nothing of their order."""
     for name, meaning in inference.meanings.items():
         if meaning.joint in labels and is_sensor(meaning):
-            inference.note(name, "its joint is a guess, by the order of the columns")
+            inference.note(name, "guessed_joint")
 
 
 def quantities_of(inference: Inference, joint: str) -> Sources:
@@ -289,12 +285,22 @@ class _Columns:
         """Return the meaning of a column."""
         return self.inference.meanings[column]
 
+    def note(self, about: str, doubt: str, /, *, is_usual: bool = False, **values: Any) -> None:
+        """Note what is in doubt about a column."""
+        self.inference.note(about, doubt, is_usual=is_usual, **values)
+
     def take(self, quantity: str, column: str, doubt: str = "", **more: Any) -> None:
         """Take a column, in the unit of its name, for a quantity; note what is in doubt."""
         unit = self.meaning(column).unit
         units = {} if unit in (None, _USUAL_UNITS.get(quantity)) else {"unit": unit}
         self.sources[quantity] = {"column": column, **more, **units}
-        self.inference.note(column, doubt)
+        self.note(column, doubt)
+
+    def take_first(self, quantity: str, columns: Sequence[str], what: str, **more: Any) -> None:
+        """Take the first of several columns for a quantity; note that there are others."""
+        self.take(quantity, columns[0], **more)
+        if len(columns) > 1:
+            self.note(columns[0], "several", what=what, columns=", ".join(columns))
 
     def add_positions(self) -> None:
         """Add the positions of motor and joint, with their units."""
@@ -303,13 +309,13 @@ class _Columns:
             motor, load = self._sides_by_range(load)
         for quantity, columns in (("motor_position", motor), ("joint_position", load)):
             if columns:
-                self.take(quantity, columns[0], _selected(columns, "positions"))
+                self.take_first(quantity, columns, "positions")
         for quantity, source in reversed(self.sources.items()):
             source |= self._position_unit(source["column"], quantity)
         if [source.get("unit") for source in self.sources.values()] == [None, "deg"]:
             source = self.sources["motor_position"]
             source["unit"] = "deg"
-            self.inference.note(source["column"], "taken for degrees, like the joint's")
+            self.note(source["column"], "also_degrees")
         if [*self.sources] == ["joint_position"]:
             self._note_side(self.sources["joint_position"])
 
@@ -319,7 +325,7 @@ class _Columns:
         small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
         # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
         if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
-            self.inference.note(large, f"moves much farther than {small}: taken for the motor side")
+            self.note(large, "moves_farther", column=small)
             return [large], [small]
         return [], names
 
@@ -329,8 +335,7 @@ class _Columns:
         if self.meaning(column).side:
             return
         fits = self.inference.is_within(column, factor, self.joint)
-        doubt = "taken for the joint side of the gear; it may be the motor side"
-        self.inference.note(column, doubt, is_usual=fits and not self.inference.is_of_a_drive)
+        self.note(column, "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
@@ -344,7 +349,7 @@ class _Columns:
         if unit is not None:
             return {"unit": unit}
         if unit := unit_by_velocity(self.inference, column, self.joint):
-            self.inference.note(column, f"{unit} by its velocity", is_usual=True)
+            self.note(column, "by_velocity", is_usual=True, unit=unit)
         elif quantity == "joint_position":
             unit = self._unit_by_range(column)
         return {} if unit in (None, "rad") else {"unit": unit}
@@ -353,13 +358,12 @@ class _Columns:
         """Return the unit of an encoder with the guessed size of its counts, and its zero."""
         is_of_joint, slides = quantity == "joint_position", self.inference.is_prismatic(self.joint)
         per = "m" if is_of_joint and slides else "turn"
-        self.inference.note(column, f"in counts: {power:g} per {per} is a guess")
+        self.note(column, "counts", power=power, per=per)
         counts: dict[str, Any] = {"unit": "counts", f"counts_per_{per}": power}
         is_within = partial(self.inference.is_within, column, 2 * np.pi / power, self.joint)
         # A servo in the middle of its range reads half a turn, which is the zero of its joint.
         if is_of_joint and not slides and not is_within() and is_within(-np.pi):
-            text = "half a turn, beyond the joint's limits: taken for its zero, offset = -3.1416"
-            self.inference.note(column, f"positions lie about {power / 2:g} counts, {text}")
+            self.note(column, "half_a_turn", middle=power / 2)
             counts["offset"] = -np.pi
         return counts
 
@@ -373,19 +377,19 @@ class _Columns:
         unit = "deg" if moves > min(2 * (upper - lower), 4 * np.pi) else "rad"
         fits = inference.is_within(column, UNIT_FACTORS["rad"][unit], self.joint)
         if fits and inference.is_far(column) and not inference.is_of_a_drive:
-            self.inference.note(column, f"taken for {unit}", is_usual=True)
+            self.note(column, "unit", is_usual=True, unit=unit)
         elif unit == "deg":
-            self.inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
+            self.note(f"{column} (moves by {moves:.4g})", "degrees")
         else:
-            more = "; turns are usual of such drives" if inference.is_of_a_drive else ""
-            self.inference.note(f"{column} (moves by {moves:.3g})", f"taken for rad{more}")
+            doubt = "turns" if inference.is_of_a_drive else "radians"
+            self.note(f"{column} (moves by {moves:.3g})", doubt)
         return unit
 
     def add_deflection(self) -> None:
         """Add the deflection of the spring, if only one side has an encoder."""
         for name in self.having("deflection")[:1] if self.sources else ():
             if len(self.sources) == 2:
-                self.inference.note(name, "redundant, because both positions are there")
+                self.note(name, "redundant")
             else:
                 self._add_deflection(name)
 
@@ -395,10 +399,10 @@ class _Columns:
         # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
         pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
         if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
-            self.inference.note(name, "its unit is not said, and it moves far for rad or m")
-        origin = f", inferred from {drives[0]}" if pulls else ""
-        doubt = f"check its sign (motor side minus joint side){origin}"
-        self.take("deflection", name, doubt, sign=-1 if pulls < 0 else 1)
+            self.note(name, "far_deflection")
+        self.take("deflection", name, sign=-1 if pulls < 0 else 1)
+        drive = drives[0] if drives else ""
+        self.note(name, "deflection_by" if pulls else "deflection_sign", drive=drive)
 
     def add_torques(self) -> None:
         """Add the torque of each side; the estimates of a drive if it has nothing else."""
@@ -406,60 +410,52 @@ class _Columns:
         if not names and not self.having("current"):
             names = self.inference.having("torque", self.joint, role="estimated")
             for name in names:
-                text = "an estimate of the drive, taken as there is no other torque"
-                self.inference.note(name, text)
+                self.note(name, "only_estimate")
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
-                text = "a torque in amperes: describe it with torque_constant_Nm_per_A"
-                self.inference.note(name, text)
+                self.note(name, "in_amperes")
                 continue
-            side, doubt, more = self._side_of_torque(name)
-            self.inference.note(name, doubt)
+            side, more = self._side_of_torque(name)
             if f"{side}_torque" in self.sources:
-                self.inference.note(name, f"a second {side}_torque: excluded")
+                self.note(name, "second", quantity=f"{side}_torque")
             else:
                 self.take(f"{side}_torque", name, **more)
 
-    def _side_of_torque(self, name: str) -> tuple[str, str, dict[str, str]]:
-        """Return the side at which a torque acts, the doubt about it, and where it is measured."""
+    def _side_of_torque(self, name: str) -> tuple[str, dict[str, str]]:
+        """Return the side at which a torque acts, and where it is measured; note what is unsure."""
         data, twists = self.inference.data, self.having("deflection")
         if twists and abs(correlation(data[name], data[twists[0]])) > _SAME:
-            return "joint", f"proportional to {twists[0]}: one is computed from the other", {}
+            self.note(name, "of_deflection", deflection=twists[0])
+            return "joint", {}
         if side := self.meaning(name).side:
-            return side, "", {}
-        if "motor_position" in self.sources:
-            return "motor", "taken for the motor's torque, at the motor", {}
-        doubt = (
-            "taken for the motor's torque converted to the joint, which includes friction: name it "
-            "joint_torque if a sensor behind the gear measures it"
-        )
-        return "motor", doubt, {"side": "joint"}
+            return side, {}
+        is_at_motor = "motor_position" in self.sources
+        self.note(name, "at_motor" if is_at_motor else "at_joint")
+        return "motor", {} if is_at_motor else {"side": "joint"}
 
     def add_electric(self) -> None:
         """Add the current and the voltage of the motor, the latter of a duty cycle too."""
         # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
         currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
         if currents:
-            doubt = f"selected from {len(currents)} currents as the winding's"
-            self.take("motor_current", currents[0], doubt if len(currents) > 1 else "")
+            self.take("motor_current", currents[0])
+            if len(currents) > 1:
+                self.note(currents[0], "winding", count=len(currents))
         duties = self.having("duty")
         for name in self.having("voltage"):
             values, is_of_motor = self.inference.finite(name), self.meaning(name).side == "motor"
             # The voltage of a motor needs both signs; a supply has one, and its duty cycle the
             # other part.
             is_signed = np.min(values) < 0 < np.max(values)
-            doubt = "taken for the voltage of the motor"
             if is_signed:
-                doubt = "" if is_of_motor else f"{doubt}; it may be a command"
-                self.take("motor_voltage", name, doubt)
+                self.take("motor_voltage", name, "" if is_of_motor else "voltage_or_command")
             elif duties:
                 scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
                 self.take("motor_voltage", duties[0], times=name, scale=scale)
-                self.inference.note(f"{duties[0]} times {name}", doubt)
+                self.note(f"{duties[0]} times {name}", "voltage")
             if "motor_voltage" in self.sources:
                 return
-            doubt = "has one sign: a supply, not the voltage of the motor"
-            self.inference.note(name, doubt, is_usual=not is_of_motor)
+            self.note(name, "supply", is_usual=not is_of_motor)
 
     def turn_motor_side(self) -> None:
         """Note the gear ratio if motor position and joint position (plus deflection) correlate.
@@ -480,8 +476,7 @@ class _Columns:
         # Least squares of the motor's position over the joint's: the slope is N, and is negative
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        text = f"the motor turns {ratio:.5g} times as far: check the gear ratio"
-        self.inference.note(self.joint, text)
+        self.note(self.joint, "gear_ratio", ratio=ratio)
         if ratio < 0:
             self._turn()
 
@@ -493,9 +488,7 @@ class _Columns:
         turned = [source for source in motor_side if source.get("side") != "joint"]
         for source in turned:
             source["sign"] = -int(source.get("sign", 1))
-        columns = listed(str(source["column"]) for source in turned)
-        text = "turns against the joint encoder: sign = -1 on the motor's side"
-        self.inference.note(columns, text)
+        self.note(listed(str(source["column"]) for source in turned), "turns_against")
 
     def _in_si(self, source: Mapping[str, Any]) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
@@ -514,12 +507,8 @@ class _Columns:
             self._add_commands(names, leading)
             return
         unknown = self.inference.having("", self.joint, role="command")
-        what = (
-            f"; {listed(unknown)}: a command of what is unknown, as the position does not follow "
-            "it: name it position_command, velocity_command or torque_command in a description"
-        )
-        text = f"no torque, current or voltage found{what if unknown else ''}"
-        self.inference.note(self.joint, text)
+        doubt = "unknown_command" if unknown else "no_effort"
+        self.note(self.joint, doubt, columns=listed(unknown))
 
     def _commands(self, kind: str) -> list[str]:
         """Return the commands of a quantity; those of many drives but positions are all zero."""
@@ -539,22 +528,11 @@ class _Columns:
         for kind, columns in names.items():
             if columns:
                 more = usual if kind == "position" else {}
-                self.take(f"{kind}_command", columns[0], _selected(columns, "commands"), **more)
-        self.inference.note(
-            names[leading][0],
-            f"a {leading} command of a joint without a torque that has both signs: its drive needs "
-            f'motor_input = "{leading}_command" and the gains of its controller',
-        )
+                self.take_first(f"{kind}_command", columns, "commands", **more)
+        self.note(names[leading][0], "command", kind=leading)
         computed = self.inference.having("torque", self.joint, role="derived")
         for name in names["torque"][:1] or computed:
-            self.inference.note(
-                name,
-                "computed, and not used: if the drive adds it to the torque of its gains, describe "
-                "it as torque_command"
-                if name in computed
-                else "taken for a feed-forward torque that the drive adds to that of its gains; if "
-                'it is the whole torque, describe it as motor_torque with side = "joint"',
-            )
+            self.note(name, "computed_torque" if name in computed else "feedforward")
 
     def add_temperature(self) -> None:
         """Add the temperature of the motor: one that says so, else the first of the joint."""
@@ -566,12 +544,6 @@ class _Columns:
         self.take("motor_temperature", name)
         if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
             self.sources["motor_temperature"]["unit"] = "K"
-            self.inference.note(name, "taken for kelvin")
+            self.note(name, "kelvin")
         if self.meaning(name).side != "motor":
-            doubt = "taken for the temperature of the motor"
-            self.inference.note(name, doubt, is_usual=len(names) == 1)
-
-
-def _selected(columns: Sequence[str], what: str) -> str:
-    """Return the doubt about the first of several columns."""
-    return f"selected from the {what} {', '.join(columns)}" if len(columns) > 1 else ""
+            self.note(name, "temperature", is_usual=len(names) == 1)
