@@ -70,6 +70,7 @@ from .rows import row_samples as row_samples
 from .rows import standstill as standstill
 from .rows import still_share as still_share
 from .rows import still_speed as still_speed
+from .sources import of_other_names as of_other_names
 from .tables import Interval as Interval
 from .tables import Reader as Reader
 from .tables import types_of as types_of

@@ -45,6 +45,12 @@ def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
     return dict(zip(names, map(column_names, names, system.is_prismatic), strict=True))
 
 
+def own_names(robot: Robot) -> set[str]:
+    """Return the names of the columns that a log has of a robot's joints, the short ones too."""
+    names = {*chain.from_iterable(columns_by_joint(robot).values())}
+    return names | {short_name(name) for name in names}
+
+
 def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
@@ -116,9 +122,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
-    columns = columns_by_joint(robot)
-    expected = {*chain.from_iterable(columns.values())}
-    expected |= {short_name(name) for name in expected}
+    columns, expected = columns_by_joint(robot), own_names(robot)
     quantities = {*column_names("", False), *column_names("", True)}
     still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
     missing, faults = expected - {*file_names}, []

@@ -12,13 +12,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
-from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
+from seaid.log.base_log import base_columns, continuous, matrices, needed_columns, with_guided
 from seaid.log.channels import (
     CHANNELS,
     OF_BASE,
@@ -32,6 +33,7 @@ from seaid.log.channels import (
     unit_of_column,
 )
 from seaid.log.description import Clock, LogDescription, Servo, Source, VectorSource
+from seaid.log.log import own_names
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import Channel
 from seaid.robot import FloatingBase, Robot, coupled_names
@@ -101,6 +103,9 @@ class _Described:
         return _vector_channels(data, self, self.source)
 
 
+_AnySource = TypeVar("_AnySource", Source, VectorSource)
+
+
 def _columns_of(source: Source | VectorSource) -> Sequence[str]:
     return source.columns() if isinstance(source, Source) else source.columns
 
@@ -116,6 +121,27 @@ def completed(table: Table, description: LogDescription, robot: Robot) -> LogDes
         sources = dict(description.joints.get(joint, {}))
         joints[joint] = sources | _sources_by_name(table, robot, joint, sources)
     return replace(description, joints={joint: entry for joint, entry in joints.items() if entry})
+
+
+def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
+    """Return what a description says of columns with other names than seaid's, as `completed` adds.
+
+    Those are read without a description, unless it has another source of the quantity.
+    """
+    base = robot.floating_base
+    own = own_names(robot).union(() if base is None else base_columns(base))
+
+    def rest(sources: Mapping[str, _AnySource]) -> dict[str, _AnySource]:
+        return {x: y for x, y in sources.items() if not own.issuperset(_columns_of(y))}
+
+    joints = {joint: rest(sources) for joint, sources in description.joints.items()}
+    contacts = {link: rest(sources) for link, sources in description.contacts.items()}
+    return replace(
+        description,
+        joints={joint: sources for joint, sources in joints.items() if sources},
+        base=rest(description.base),
+        contacts={link: sources for link, sources in contacts.items() if sources},
+    )
 
 
 def _described_quantities(

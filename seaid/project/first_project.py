@@ -7,8 +7,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from itertools import chain
+from functools import partial
+from itertools import chain, compress, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,6 +39,7 @@ from seaid.log import (
     describe_log,
     logs_of_files,
     low_pass,
+    of_other_names,
     open_tables,
     read_log,
 )
@@ -229,9 +230,8 @@ def _load_named_joints(
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
         return robot, None
-    doubts += _about(
-        [joint for joint in robot.joint_names if joint not in named], _doubt("unnamed")
-    )
+    unnamed = [joint for joint in robot.joint_names if joint not in named]
+    doubts += _about(unnamed, _doubt("unnamed"))
     return load(joints=named), named
 
 
@@ -272,8 +272,10 @@ def _joints_without_torque(robot: Robot, logs: Sequence[Log], doubts: list[str])
     """Return the joints whose torques are no measurements, each finding as a doubt."""
     untrue = [finding for log in logs for finding in no_measurements(robot, log)]
     doubts += dict.fromkeys(f"{finding.joint}: {finding.message}" for finding in untrue)
-    unsigned = {joint for joint in robot.joint_names if untrue and _is_unsigned(logs, joint)}
-    return unsigned | {finding.joint for finding in untrue}
+    # Next to a joint whose torques are magnitudes, those that are never negative are so too.
+    torques = zip(*(log.motor_torque.T for log in logs), strict=True)
+    unsigned = (untrue != [] and all(map(is_unsigned, of_joint)) for of_joint in torques)
+    return {*compress(robot.joint_names, unsigned), *(finding.joint for finding in untrue)}
 
 
 def _about(joints: Sequence[str], doubt: str) -> list[str]:
@@ -283,13 +285,11 @@ def _about(joints: Sequence[str], doubt: str) -> list[str]:
 
 def _doubt(name: str, **values: object) -> str:
     """Return a doubt of `doubts.toml` with values of the log."""
-    return _texts()[name].format(**values)
+    return _DOUBTS[name].format(**values)
 
 
-@cache
-def _texts() -> Mapping[str, str]:
-    """Return {name: text} of `doubts.toml`, which is read once."""
-    return read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", SeaidError)
+_DOUBTS = read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", SeaidError)
+"""{name of a doubt: its text, with braces for values of the log}."""
 
 
 def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
@@ -373,19 +373,16 @@ def _read(
     If the drives are inferred, a joint with a deflection has a spring.
     """
     path = files[0]
-    try:
-        return _ReadLog(files, read_log(files, robot))
-    except LogError as problem:
-        if path.with_suffix(".toml").is_file() or not path.exists():
-            raise
-        plain = problem
-    guess = _guess(files, robot, describe, plain)
+    guess = _read_or_described(files, robot, describe)
+    if isinstance(guess, Log):
+        return _ReadLog(files, guess)
     joints = guess.description.joints
     springs = tuple(x for x in joints if infers and "deflection" in joints[x])
     robot = _with_springs(robot, springs)
     columns = guess.description.columns() | set(guess.unused)
     target = folder / f"{path.stem}_columns.toml"
-    if _is_edited(target, guess):
+    # A description that is no draft of the same guess was edited, and is used as it is.
+    if target.exists() and target.read_text(encoding="utf-8") != guess.to_toml():
         log = read_log(files, robot, description=target)
         return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
     alike = _read_alike(files, robot, columns, others)
@@ -397,20 +394,31 @@ def _read(
     return _ReadLog(files, log, *of_file)
 
 
-def _guess(
-    files: Sequence[Path], robot: Robot, describe: Callable[..., Description], plain: LogError
-) -> Description:
-    """Return what columns may mean; without an answer raise `plain` for seaid's own names."""
+def _read_or_described(
+    files: Sequence[Path], robot: Robot, describe: Callable[..., Description]
+) -> Log | Description:
+    """Return a log that needs no more description, or what columns without seaid's names may mean.
+
+    Without an answer raise the error for seaid's own names, if the files have any.
+    """
+    is_described = files[0].with_suffix(".toml").is_file()
     try:
-        return describe(files, robot)
+        log = read_log(files, robot)
     except LogError as problem:
-        has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
-        raise plain if has_own else problem from None
-
-
-def _is_edited(file: Path, guess: Description) -> bool:
-    """Return whether a description exists that is no draft of the same guess."""
-    return file.exists() and file.read_text(encoding="utf-8") != guess.to_toml()
+        if is_described or not files[0].exists():
+            raise
+        try:
+            return describe(files, robot)
+        except LogError as unnamed:
+            has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
+            raise problem if has_own else unnamed from None
+    with suppress(LogError):
+        guess = describe(files, robot)
+        rest = of_other_names(guess.description, robot)
+        if not is_described and any((rest.joints, rest.base, rest.contacts)):
+            read_log(files, robot, description=rest)
+            return replace(guess, description=rest)
+    return log
 
 
 def _read_alike(
@@ -485,11 +493,6 @@ def _sent(logs: Sequence[Log], joint: str) -> list[str]:
     return [kind for kind in COMMANDS if all(kind in log.logged(joint) for log in logs)]
 
 
-def _is_unsigned(logs: Sequence[Log], joint: str) -> bool:
-    """Return whether the torque of a joint is never negative, as others that are magnitudes."""
-    return all(is_unsigned(log.motor_torque[:, log.joint_names.index(joint)]) for log in logs)
-
-
 def _controlled(
     robot: Robot, joint: str, logs: Sequence[Log], controllers: Mapping[str, Controller]
 ) -> dict[str, object]:
@@ -508,8 +511,7 @@ def _controlled(
         position_gain_Nm_per_rad=_UNKNOWN * ("position_command" in sent),
         velocity_gain_Nms_per_rad=_UNKNOWN * ("velocity_command" in sent),
     )
-    is_held = law.is_held or all(_is_held(log, sent[0], joint) for log in logs)
-    law = replace(law, is_held=is_held)
+    law = replace(law, is_held=law.is_held or all(_is_held(log, sent[0], joint) for log in logs))
     if "velocity_command" in sent:
         law = replace(law, command_velocity_gain_Nms_per_rad=law.velocity_gain_Nms_per_rad)
     return {
@@ -534,9 +536,8 @@ def _all_drives(
     tables, doubts = inferred_drives(robot, logs, commanded)
     tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
     laws: dict[str, Any] = {joint: tables[joint]["controller"] for joint in commanded}
-    doubts += _about(
-        [joint for joint in laws if str(_UNKNOWN) in str(laws[joint])], _doubt("gains")
-    )
+    asked = [joint for joint in laws if str(_UNKNOWN) in str(laws[joint])]
+    doubts += _about(asked, _doubt("gains"))
     doubts += [_doubt("delay")] * bool(commanded)
     fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
     doubts += _about(fast, _doubt("velocity_commands"))
@@ -840,13 +841,11 @@ def _log_tables(
         }
         for entry in logs
     ]
-    time = logs[0].log.time
-    duration = float(time[-1] - time[0])
-    if len(logs) == 1 and duration > shortest_s:
-        middle = float(np.round(time[0] + _OWN_PART * duration, 1))
-        own = (float(np.floor(time[0])), middle)
-        rest = (middle, float(np.ceil(time[-1] + 1)))
-        tables = [{**tables[0], "between_s": own}, {**tables[0], "between_s": rest}]
+    start, end = logs[0].log.time[[0, -1]]
+    if len(logs) == 1 and end - start > shortest_s:
+        middle = np.round(start + _OWN_PART * (end - start), 1)
+        ends = map(float, (np.floor(start), middle, np.ceil(end + 1)))
+        tables = [{**tables[0], "between_s": part} for part in pairwise(ends)]
     return tables
 
 

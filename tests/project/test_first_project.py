@@ -6,11 +6,14 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import seaid
+from scripts.example_robots import example_urdf
+from seaid._arrays import Array
 from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import SeaidError
 from seaid.project.first_project import (
@@ -22,8 +25,10 @@ from seaid.project.first_project import (
 from seaid.project.project import load_project
 from seaid.project.running import run_project
 from tests import experiments
+from tests.legged.test_floating_base import swayed
 from tests.measured import LOGS
 from tests.one_joint import BODY, chain, one_joint
+from tests.plants import write_columns
 
 MODELS = experiments.MODELS
 
@@ -426,3 +431,49 @@ def test_columns_of_no_joint_are_named_and_a_description_is_begun(tmp_path: Path
     made = write_first_project(tmp_path / "robot.urdf", [log], folder=folder)
     assert load_project(folder).robot().joint_names == ("a", "wrist_pitch")
     assert made.files[0] == folder / "seaid.toml"
+
+
+def _first_log(folder: Path, columns: dict[str, Array], **options: Any) -> seaid.Log:
+    """Return the log of a first project as that reads it."""
+    write_columns(folder / "run.npz", columns)
+    options["folder"] = folder / "p"
+    write_first_project(options.pop("urdf"), [folder / "run.npz"], **options)
+    project = load_project(folder / "p")
+    return project.logs[0].read(project.robot())
+
+
+def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
+    tmp_path: Path,
+) -> None:
+    log = swayed()
+    assert log.base is not None
+    assert log.base.angular_velocity is not None
+    vectors = {"gyro": log.base.angular_velocity, "imu_acc": log.base.specific_force}
+    axes = {f"{x}_{axis}": v[:, "xyz".index(axis)] for x, v in vectors.items() for axis in "xyz"}
+    flags = {f"{foot}_contact": values[:, 0] for foot, values in log.base.contacts.items()}
+    read = _first_log(
+        tmp_path,
+        {"time_s": log.time, **log.columns(), **axes, **flags},
+        urdf=example_urdf("go2.urdf"),
+        base="floating",
+        contacts=[*log.base.contacts],
+    )
+    assert read.base is not None
+    assert read.base.angular_velocity == pytest.approx(log.base.angular_velocity)
+    assert read.base.specific_force == pytest.approx(log.base.specific_force)
+    assert read.base.contacts.keys() == log.base.contacts.keys()
+    assert read.motor_torque == pytest.approx(log.motor_torque)
+
+
+@pytest.mark.parametrize("supply", ["battery_voltage", "vbus_V", ""])
+def test_a_duty_cycle_beside_names_of_seaid_is_a_voltage(tmp_path: Path, supply: str) -> None:
+    one_joint(tmp_path, "revolute")
+    time, volts = np.arange(4000) / 200, np.full(4000, 24.0)
+    duty = 0.4 * np.cos(time)
+    position = {"arm.joint_position_rad": 0.6 * np.sin(time)}
+    columns = {"time_s": time, **position, "pwm": duty, **({supply: volts} if supply else {})}
+    read = _first_log(tmp_path, columns, urdf=tmp_path / "arm.urdf")
+    assert read.motor_voltage is not None
+    assert read.motor_voltage[:, 0] == pytest.approx((24.0 if supply else 1.0) * duty)
+    doubts = load_project(tmp_path / "p").file.read_text()
+    assert "no supply is logged" in doubts or supply

@@ -330,8 +330,8 @@ def _common_clock(
         return None
     common = clocks.get("")
     if clocks and clocks.keys() >= {*labels} and "" not in labels:
-        column = common.column if common else ""
-        inference.note("time", "own_clocks_beside" if common else "own_clocks", column=column)
+        doubt, column = ("own_clocks_beside", common.column) if common else ("own_clocks", "")
+        inference.note("time", doubt, column=column)
         return None
     if not clocks and rate_hz:
         return Clock(rate_hz=rate_hz)

@@ -135,6 +135,19 @@ class Inference:
         values = self.data[name]
         return values[np.isfinite(values)]
 
+    def has_one_sign(self, name: str) -> bool:
+        """Return whether a voltage is that of a supply: a motor that moves needs both signs."""
+        values = self.finite(name)
+        return not np.min(values) < 0 < np.max(values)
+
+    @property
+    def supply(self) -> str:
+        """The voltage of the supply that all motors have, an empty text if it is not logged."""
+        joints = () if self.robot is None else self.robot.joint_names
+        logged = self.logged("voltage").items()
+        voltages = (x for x, m in logged if m.joint not in joints and m.role != "command")
+        return next(filter(self.has_one_sign, voltages), "")
+
     def limits(self, joint: str) -> tuple[float, float] | None:
         """Return the lowest and the highest position of a joint, None if it is not known."""
         is_known = self.robot is not None and joint in self.robot.joint_names

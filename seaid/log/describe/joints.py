@@ -30,7 +30,7 @@ from seaid.log.describe.inference import (
 from seaid.log.describe.names import Meaning, joint_alone, vocabulary
 from seaid.robot import Robot
 
-MEASURED = ("position", "torque", "deflection", "current", "voltage")
+MEASURED = ("position", "torque", "deflection", "current", "voltage", "duty")
 """Quantities of the sensors of a joint that are read."""
 
 _SAME = 0.99
@@ -438,24 +438,27 @@ class _Columns:
         # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
         currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
         if currents:
-            self.take("motor_current", currents[0])
-            if len(currents) > 1:
-                self.note(currents[0], "winding", count=len(currents))
-        duties = self.having("duty")
+            self.take_first("motor_current", currents, "currents")
+        duty = next(iter(self.having("duty")), "")
         for name in self.having("voltage"):
-            values, is_of_motor = self.inference.finite(name), self.meaning(name).side == "motor"
-            # The voltage of a motor needs both signs; a supply has one, and its duty cycle the
-            # other part.
-            is_signed = np.min(values) < 0 < np.max(values)
-            if is_signed:
+            is_of_motor = self.meaning(name).side == "motor"
+            if not self.inference.has_one_sign(name):
                 self.take("motor_voltage", name, "" if is_of_motor else "voltage_or_command")
-            elif duties:
-                scale = UNIT_FACTORS["V"][self.meaning(name).unit or "V"]
-                self.take("motor_voltage", duties[0], times=name, scale=scale)
-                self.note(f"{duties[0]} times {name}", "voltage")
+            elif duty:
+                self._take_duty(duty, name)
             if "motor_voltage" in self.sources:
                 return
             self.note(name, "supply", is_usual=not is_of_motor)
+        if duty and not any(name.endswith(("torque", "current")) for name in self.sources):
+            self._take_duty(duty, self.inference.supply)
+
+    def _take_duty(self, duty: str, supply: str) -> None:
+        """Take a duty cycle times the voltage of a supply, if that is logged, for the motor's."""
+        more: dict[str, Any] = {}
+        if supply:
+            more = {"times": supply, "scale": UNIT_FACTORS["V"][self.meaning(supply).unit or "V"]}
+        self.take("motor_voltage", duty, **more)
+        self.note(f"{duty} times {supply}" if supply else duty, "voltage" if supply else "duty")
 
     def turn_motor_side(self) -> None:
         """Note the gear ratio if motor position and joint position (plus deflection) correlate.

@@ -110,7 +110,7 @@ def test_a_column_of_any_quantity_is_found_in_the_table() -> None:
         ("torAct", "torque", "", "", None),
         ("posAct", "position", "", "", None),
         ("currentmA", "current", "", "", "mA"),
-        ("vbus mV", "voltage", "", "vbus", "mV"),
+        ("vbus mV", "voltage", "", "", "mV"),
         ("slide.link_pos_um", "position", "joint", "slide", "um"),
         ("slide_position_meters", "position", "", "slide", "m"),
         ("slide_position_micrometers", "position", "", "slide", "um"),
