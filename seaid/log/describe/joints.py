@@ -438,7 +438,7 @@ class _Columns:
         # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
         currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
         if currents:
-            self.take_first("motor_current", currents, "currents")
+            self.take("motor_current", currents[0], "winding" if len(currents) > 1 else "")
         duty = next(iter(self.having("duty")), "")
         for name in self.having("voltage"):
             is_of_motor = self.meaning(name).side == "motor"
