@@ -13,15 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, white_noise
-
-if TYPE_CHECKING:
-    pass
-
 
 _ROUNDING = 1e-6
 

@@ -401,7 +401,7 @@ def _note_unknown_columns(
     like = _matching_signals(
         {name: inference.data[name] for name in names[:1000]}, list(_signals(inference, joints))
     )
-    is_lacking = not all(map(_has_effort, joints.values()))
+    is_lacking = not all(map(efforts_of, joints.values()))
     for name in names:
         if like.get(name):
             inference.note(name, "moves_like", signal=like[name])
@@ -409,9 +409,10 @@ def _note_unknown_columns(
             inference.note(name, "maybe_lacking")
 
 
-def _has_effort(sources: Sources) -> bool:
-    """Return whether a joint has a torque, a current or a voltage."""
-    return any(name.endswith(("torque", "current", "voltage")) for name in sources)
+def efforts_of(sources: Sources) -> list[dict[str, Any]]:
+    """Return the sources of what drives a joint: torques, currents and voltages."""
+    kinds = ("torque", "current", "voltage")
+    return [source for name, source in sources.items() if name.endswith(kinds)]
 
 
 def _is_one_per_joint(name: str, names: list[str], count: int) -> bool:

@@ -24,6 +24,7 @@ from seaid.log.describe.inference import (
     Inference,
     Sources,
     correlation,
+    efforts_of,
     follows,
     unit_by_velocity,
 )
@@ -441,16 +442,20 @@ class _Columns:
             self.take("motor_current", currents[0], "winding" if len(currents) > 1 else "")
         duty = next(iter(self.having("duty")), "")
         for name in self.having("voltage"):
-            is_of_motor = self.meaning(name).side == "motor"
-            if not self.inference.has_one_sign(name):
-                self.take("motor_voltage", name, "" if is_of_motor else "voltage_or_command")
-            elif duty:
-                self._take_duty(duty, name)
-            if "motor_voltage" in self.sources:
-                return
-            self.note(name, "supply", is_usual=not is_of_motor)
-        if duty and not any(name.endswith(("torque", "current")) for name in self.sources):
+            if "motor_voltage" not in self.sources:
+                self._add_voltage(name, duty)
+        if duty and not efforts_of(self.sources):
             self._take_duty(duty, self.inference.supply)
+
+    def _add_voltage(self, name: str, duty: str) -> None:
+        """Add a voltage with two signs, or a duty cycle times that of a supply."""
+        is_of_motor = self.meaning(name).side == "motor"
+        if not self.inference.has_one_sign(name):
+            self.take("motor_voltage", name, "" if is_of_motor else "voltage_or_command")
+        elif duty:
+            self._take_duty(duty, name)
+        else:
+            self.note(name, "supply", is_usual=not is_of_motor)
 
     def _take_duty(self, duty: str, supply: str) -> None:
         """Take a duty cycle times the voltage of a supply, if that is logged, for the motor's."""
@@ -520,8 +525,8 @@ class _Columns:
 
     def _is_driven(self, *, may_be: bool) -> bool:
         """Return whether an effort of the joint has both signs, or whether there may be one."""
-        drives = [x for x in self.sources if x.endswith(("torque", "current", "voltage"))]
-        efforts = [self.inference.finite(self.sources[x]["column"]) for x in drives]
+        drives = efforts_of(self.sources)
+        efforts = [self.inference.finite(source["column"]) for source in drives]
         # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
         return any(np.any(values < 0) for values in efforts) or (may_be and bool(efforts))
 

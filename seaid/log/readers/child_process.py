@@ -23,13 +23,16 @@ from numpy.typing import NDArray
 
 from seaid import errors
 from seaid.errors import SeaidError, reason_of
-from seaid.log.readers.table import free_memory
+from seaid.log.readers.table import damaged, free_memory, size_of
 
 Arrays = Mapping[str, NDArray[Any]]
 Answer = tuple[Any, Arrays]
 """Result of a function in a child: JSON data, and arrays of numbers by name."""
 
 _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
+_SECONDS = 15.0
+"""Smallest limit of processor time of a child that reads a file."""
+
 _WALL_FACTOR = 6.0
 """Ratio of wall time to processor time above which a child counts as hanging."""
 
@@ -74,6 +77,23 @@ def run_in_child(
             return _answer(folder, died)
     except OSError as problem:
         raise ChildError(f"a child process cannot be run: {reason_of(problem)}") from None
+
+
+def read_in_child(
+    function: Callable[..., Answer],
+    path: Path,
+    kind: str,
+    bytes_per_second: float,
+    **arguments: Any,
+) -> Answer:
+    """Call a function of a path in a child with time for the size of its file, or of its folder.
+
+    `bytes_per_second` is the slowest rate of reading. Raises LogError for a file that is not of the
+    `kind`, or damaged.
+    """
+    seconds = _SECONDS + size_of(path) / bytes_per_second
+    with damaged(path, kind):
+        return run_in_child(function, {"path": str(path), **arguments}, seconds=seconds)
 
 
 def doing(text: str) -> None:

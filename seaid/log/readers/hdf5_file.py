@@ -20,7 +20,6 @@ from seaid.log.readers.table import (
     check_lengths,
     check_memory,
     damaged,
-    damaged_column,
     is_number,
     no_numbers,
     optional,
@@ -110,7 +109,7 @@ class _Column:
 
     def __init__(self, path: Path, file: Any, name: str) -> None:
         self.path, self.name = path, name
-        with damaged_column(path, name):
+        with damaged(path, _KIND, name):
             base, self.index, self.field = _place_of(file, name)
             self.data = file[base]
             if self.data.is_virtual or self.data.external:
@@ -135,7 +134,7 @@ class _Column:
 
     def read(self, rows: slice) -> Array:
         """Return samples as numbers."""
-        with damaged_column(self.path, self.name):
+        with damaged(self.path, _KIND, self.name):
             if self.field is not None:
                 return as_floats(self.data.fields(self.field)[rows])
             return as_floats(self.data[rows] if self.index is None else self.data[rows, self.index])

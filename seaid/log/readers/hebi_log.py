@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError
-from seaid.log.readers.child_process import Answer, ChildError, run_in_child
+from seaid.log.readers.child_process import Answer, read_in_child
 from seaid.log.readers.table import Block, Table, check_installed, part_of
 
 _FIELDS = (
@@ -26,8 +26,7 @@ _FIELDS = (
 _CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_us"}
 """Time columns [s]: arrival at the computer, and the clock of the module, both from zero on."""
 
-_SECONDS, _BYTES_PER_SECOND = 15.0, 2e5
-"""Smallest limit of processor time of the child, and the slowest rate of reading."""
+_BYTES_PER_SECOND = 2e5
 
 _MAGIC = b"\x73\xb1\x00"
 _SAMPLE, _MODULES, _START = 1, 2, 4
@@ -48,14 +47,7 @@ def open_hebilog(path: Path) -> Table:
     """
     check_installed("hebi", "hebi", path)
     _check_end(path)
-    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
-    try:
-        modules, fields = run_in_child(read_fields, {"path": str(path)}, seconds=seconds)
-    except ChildError as problem:
-        reason = str(problem).replace(str(path), "it")
-        raise LogError(
-            f"'{path}' is not a HEBI log, or a damaged one: HEBI's reader: {reason}"
-        ) from None
+    modules, fields = read_in_child(read_fields, path, "a HEBI log", _BYTES_PER_SECOND)
     names = [f"{field}[{k}]" for k in range(modules) for field in (*_CLOCKS, *_FIELDS)]
     clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
 

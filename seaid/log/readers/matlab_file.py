@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError, listed
-from seaid.log.readers.child_process import Answer, run_in_child
-from seaid.log.readers.table import Block, Table, check_columns, damaged, is_number, optional
+from seaid.log.readers.child_process import Answer, read_in_child
+from seaid.log.readers.table import Block, Table, check_columns, is_number, optional
 
-_SECONDS, _BYTES_PER_SECOND = 15.0, 2e6
-"""Smallest limit of processor time of the child, and the slowest rate of reading."""
+_BYTES_PER_SECOND = 2e6
 
 _DEEPEST = 20
 """Most levels of structures."""
@@ -30,9 +29,7 @@ def open_mat(path: Path) -> Table:
     A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
     invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
     """
-    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
-    with damaged(path, "a MATLAB file"):
-        names, columns = run_in_child(mat_columns, {"path": str(path)}, seconds=seconds)
+    names, columns = read_in_child(mat_columns, path, "a MATLAB file", _BYTES_PER_SECOND)
     check_columns(path, len(columns))
     data = dict(columns)
     if not data:

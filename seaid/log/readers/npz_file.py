@@ -26,7 +26,6 @@ from seaid.log.readers.table import (
     check_lengths,
     check_memory,
     damaged,
-    damaged_column,
     has_samples_in_columns,
     is_number,
     no_numbers,
@@ -169,7 +168,7 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
 
 def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Any:
     """Return the next rows of an array."""
-    with damaged_column(path, name):
+    with damaged(path, _KIND, name):
         width = math.prod(header.shape[1:])
         data = _exactly(file, count * width * header.kind.itemsize)
         return np.frombuffer(data, dtype=header.kind).reshape(count, *header.shape[1:])
@@ -178,7 +177,7 @@ def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -
 @contextmanager
 def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[IO[bytes], _Header]]:
     """Yield the file of an array, positioned at its numbers, and its header."""
-    with damaged_column(path, name):
+    with damaged(path, _KIND, name):
         if archive.getinfo(f"{name}.npy").compress_type not in _COMPRESSIONS:
             raise ValueError("it has a compression that NumPy does not write")
         with archive.open(f"{name}.npy") as file:

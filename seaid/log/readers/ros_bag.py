@@ -7,9 +7,10 @@ child process, because a compressed part of a bag may request any amount of memo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
+from functools import partial
 from itertools import islice
 from numbers import Real
 from pathlib import Path
@@ -18,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import LogError
-from seaid.log.readers.child_process import Answer, run_in_child
-from seaid.log.readers.table import Block, Table, check_columns, check_installed, damaged, size_of
+from seaid.log.readers.child_process import Answer, read_in_child
+from seaid.log.readers.table import Block, Table, check_columns, check_installed
 
 _LOOKED_AT = 100
 """Messages of a topic that define its columns; several senders may share a topic."""
@@ -27,8 +28,7 @@ _LOOKED_AT = 100
 _LONGEST_ARRAY = 1_000
 """Longest array of a message with a column per number; longer ones are images or point clouds."""
 
-_SECONDS, _BYTES_PER_SECOND = 15.0, 2e4
-"""Smallest limit of processor time of the child, and the slowest rate of reading."""
+_BYTES_PER_SECOND = 2e4
 
 _NAMES = ("name", "names", "joint_names", "joint_name", "interface_names")
 
@@ -42,20 +42,18 @@ def open_bag(path: Path) -> Table:
     """
     check_installed("rosbags.highlevel", "ros", path)
 
+    in_child = partial(
+        read_in_child, path=path, kind="a ROS bag", bytes_per_second=_BYTES_PER_SECOND
+    )
+
     def load(wanted: list[str]) -> Block:
-        _, data = _in_child(bag_samples, path, wanted=wanted)
+        _, data = in_child(bag_samples, wanted=wanted)
         return dict(data)
 
-    names, clocks = _in_child(bag_columns, path)[0]
+    names, clocks = in_child(bag_columns)[0]
     if not names:
         raise LogError(f"'{path}' has no message with numbers")
     return Table(names, load, clocks=clocks, sparse=True)
-
-
-def _in_child(function: Callable[..., Answer], path: Path, **arguments: Any) -> Answer:
-    seconds = _SECONDS + size_of(path) / _BYTES_PER_SECOND
-    with damaged(path, "a ROS bag"):
-        return run_in_child(function, {"path": str(path), **arguments}, seconds=seconds)
 
 
 def bag_columns(path: str) -> Answer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -189,24 +189,18 @@ def _topics(table: Table) -> list[str]:
     return sorted(topic for topic in topics if topic.startswith("/"))
 
 
-def damaged(path: Path, kind: str) -> AbstractContextManager[None]:
-    """Turn any exception of a library on an invalid or damaged file into a LogError."""
-    return _as_log_error(f"'{path}' is not {kind}, or a damaged one")
-
-
-def damaged_column(path: Path, name: str) -> AbstractContextManager[None]:
-    """Turn any exception of a library on a damaged column into a LogError."""
-    return _as_log_error(f"'{path}': column '{shortened(name)}' cannot be read")
-
-
 @contextmanager
-def _as_log_error(what: str) -> Iterator[None]:
+def damaged(path: Path, kind: str, column: str = "") -> Iterator[None]:
+    """Turn any exception of a library on an invalid or damaged file, or column, into a LogError."""
     try:
         yield
     except LogError:
         raise
     except Exception as problem:  # parsers of untrusted bytes raise any exception
-        raise LogError(f"{what}: {reason_of(problem)}") from None
+        what = f" is not {kind}, or a damaged one"
+        if column:
+            what = f": column '{shortened(column)}' cannot be read"
+        raise LogError(f"'{path}'{what}: {reason_of(problem)}") from None
 
 
 def is_number(kind: np.dtype[Any]) -> bool:
@@ -270,10 +264,8 @@ def part_of(name: str) -> tuple[str, int | None]:
 
 def optional(module: str, extra: str, path: Path) -> Any:
     """Import an optional package. Raises LogError naming the extra that installs it."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise _not_installed(module, extra, path) from None
+    check_installed(module, extra, path)
+    return importlib.import_module(module)
 
 
 def check_installed(module: str, extra: str, path: Path) -> None:
@@ -281,11 +273,7 @@ def check_installed(module: str, extra: str, path: Path) -> None:
     with suppress(ImportError):
         if find_spec(module) is not None:
             return
-    raise _not_installed(module, extra, path)
-
-
-def _not_installed(module: str, extra: str, path: Path) -> LogError:
-    return LogError(
+    raise LogError(
         f"'{path}': '{path.suffix}' logs need the package {module.split('.')[0]}, which is not "
         f"installed; get it with pip install 'seaid[{extra}]'"
     )

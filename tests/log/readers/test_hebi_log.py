@@ -45,14 +45,14 @@ def test_a_hebi_log_that_is_cut_off_is_said_to_be(tmp_path: Path) -> None:
         assert "is cut off: its last record" in error_of(path)
         assert f"the file has {cut} bytes" in error_of(path)
     path.write_bytes(whole[:36] + bytes([0x74]) + whole[37:])
-    assert "HEBI's reader: " in error_of(path)
+    assert "is not a HEBI log, or a damaged one: " in error_of(path)
 
 
 def test_bytes_between_the_records_of_a_hebi_log_are_no_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hebi_log, "check_installed", lambda *_: None)
-    monkeypatch.setattr(hebi_log, "run_in_child", lambda *_, **__: (2, {}))
+    monkeypatch.setattr(hebi_log, "read_in_child", lambda *_, **__: (2, {}))
     path, whole = tmp_path / "log.hebilog", hebilog()
     for place in (24, 36, 70, len(whole)):  # behind the modules, the start, a sample, all
         more = whole[:place] + b"\0\0\0\x01\x73\xb1\xff\xfe" + whole[place:]
@@ -97,6 +97,6 @@ def test_a_crash_of_hebis_reader_is_a_log_error(
     path = tmp_path / "log.hebilog"
     path.write_bytes(hebilog())
     text = error_of(path)
-    assert text.startswith(f"'{path}' is not a HEBI log, or a damaged one: HEBI's reader: ")
+    assert text.startswith(f"'{path}' is not a HEBI log, or a damaged one: ")
     assert text.endswith("the process that read it crashed (SIGABRT)")
     assert os.listdir(tmp_path) == ["log.hebilog"]
