@@ -54,6 +54,7 @@ from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
 from .readers.opening import open_tables as open_tables
 from .reading import read_log as read_log
+from .reading import read_or_describe as read_or_describe
 from .repair import FOUND_CONTACT as FOUND_CONTACT
 from .repair import Repair as Repair
 from .repair import Repairs as Repairs
@@ -70,7 +71,6 @@ from .rows import row_samples as row_samples
 from .rows import standstill as standstill
 from .rows import still_share as still_share
 from .rows import still_speed as still_speed
-from .sources import of_other_names as of_other_names
 from .tables import Interval as Interval
 from .tables import Reader as Reader
 from .tables import types_of as types_of

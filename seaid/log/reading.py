@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
-from seaid.log.sources import both_sides, channels_of, completed, in_own_frames
+from seaid.log.sources import both_sides, channels_of, completed, in_own_frames, of_other_names
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
@@ -119,6 +120,38 @@ def read_log(
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
+    return log
+
+
+_OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
+"""Ends of seaid's names of positions and torques."""
+
+
+def read_or_describe(
+    files: Sequence[Path], robot: Robot, describe: Callable[..., Description]
+) -> Log | Description:
+    """Return a log that needs no more description, or what columns without seaid's names may mean.
+
+    `describe` is `describe_log` with its options. Without an answer raise LogError for seaid's own
+    names, if the files have any.
+    """
+    is_described = files[0].with_suffix(".toml").is_file()
+    try:
+        log = read_log(files, robot)
+    except LogError as problem:
+        if is_described or not files[0].exists():
+            raise
+        try:
+            return describe(files, robot)
+        except LogError as unnamed:
+            has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
+            raise problem if has_own else unnamed from None
+    with suppress(LogError):
+        guess = describe(files, robot)
+        rest = of_other_names(guess.description, robot)
+        if not is_described and any((rest.joints, rest.base, rest.contacts)):
+            read_log(files, robot, description=rest)
+            return replace(guess, description=rest)
     return log
 
 

@@ -131,17 +131,16 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
     base = robot.floating_base
     own = own_names(robot).union(() if base is None else base_columns(base))
 
-    def rest(sources: Mapping[str, _AnySource]) -> dict[str, _AnySource]:
-        return {x: y for x, y in sources.items() if not own.issuperset(_columns_of(y))}
+    def rest(tables: Mapping[str, Mapping[str, _AnySource]]) -> dict[str, dict[str, _AnySource]]:
+        others = {
+            owner: {x: y for x, y in sources.items() if not own.issuperset(_columns_of(y))}
+            for owner, sources in tables.items()
+        }
+        return {owner: sources for owner, sources in others.items() if sources}
 
-    joints = {joint: rest(sources) for joint, sources in description.joints.items()}
-    contacts = {link: rest(sources) for link, sources in description.contacts.items()}
-    return replace(
-        description,
-        joints={joint: sources for joint, sources in joints.items() if sources},
-        base=rest(description.base),
-        contacts={link: sources for link, sources in contacts.items() if sources},
-    )
+    described = rest({"base": description.base}).get("base", {})
+    joints, contacts = rest(description.joints), rest(description.contacts)
+    return replace(description, joints=joints, base=described, contacts=contacts)
 
 
 def _described_quantities(

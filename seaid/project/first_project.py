@@ -39,9 +39,9 @@ from seaid.log import (
     describe_log,
     logs_of_files,
     low_pass,
-    of_other_names,
     open_tables,
     read_log,
+    read_or_describe,
 )
 from seaid.robot import BaseKind, Contact, Payload, Robot
 
@@ -288,7 +288,8 @@ def _doubt(name: str, **values: object) -> str:
     return _DOUBTS[name].format(**values)
 
 
-_DOUBTS = read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", SeaidError)
+_FILE_OF_DOUBTS = Path(__file__).with_name("doubts.toml")
+_DOUBTS: Mapping[str, str] = read_toml(_FILE_OF_DOUBTS, "the texts of doubts", SeaidError)
 """{name of a doubt: its text, with braces for values of the log}."""
 
 
@@ -373,7 +374,7 @@ def _read(
     If the drives are inferred, a joint with a deflection has a spring.
     """
     path = files[0]
-    guess = _read_or_described(files, robot, describe)
+    guess = read_or_describe(files, robot, describe)
     if isinstance(guess, Log):
         return _ReadLog(files, guess)
     joints = guess.description.joints
@@ -392,33 +393,6 @@ def _read(
     doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
     of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
     return _ReadLog(files, log, *of_file)
-
-
-def _read_or_described(
-    files: Sequence[Path], robot: Robot, describe: Callable[..., Description]
-) -> Log | Description:
-    """Return a log that needs no more description, or what columns without seaid's names may mean.
-
-    Without an answer raise the error for seaid's own names, if the files have any.
-    """
-    is_described = files[0].with_suffix(".toml").is_file()
-    try:
-        log = read_log(files, robot)
-    except LogError as problem:
-        if is_described or not files[0].exists():
-            raise
-        try:
-            return describe(files, robot)
-        except LogError as unnamed:
-            has_own = any(name.endswith(_OWN_NAMES) for name in open_tables(files).names)
-            raise problem if has_own else unnamed from None
-    with suppress(LogError):
-        guess = describe(files, robot)
-        rest = of_other_names(guess.description, robot)
-        if not is_described and any((rest.joints, rest.base, rest.contacts)):
-            read_log(files, robot, description=rest)
-            return replace(guess, description=rest)
-    return log
 
 
 def _read_alike(
@@ -460,8 +434,6 @@ _OF_COLUMNS = re.compile("no torque, current or voltage|no joint of the robot|is
 _FEWEST = 2
 """Columns that each joint needs: a position, and a torque or what stands for it."""
 
-
-_OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
 
 _LEAST_STEPS, _PART_OF_STEP = 20, 0.03
 """Changes of a command below which nothing is said about how long it is held; part of the

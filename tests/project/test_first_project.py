@@ -448,6 +448,7 @@ def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
     log = swayed()
     assert log.base is not None
     assert log.base.angular_velocity is not None
+    assert log.base.specific_force is not None
     vectors = {"gyro": log.base.angular_velocity, "imu_acc": log.base.specific_force}
     axes = {f"{x}_{axis}": v[:, "xyz".index(axis)] for x, v in vectors.items() for axis in "xyz"}
     flags = {f"{foot}_contact": values[:, 0] for foot, values in log.base.contacts.items()}

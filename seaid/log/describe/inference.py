@@ -26,7 +26,8 @@ from seaid.log.describe.names import Meaning, Role, is_of_another_part
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
 
-DOUBTS = read_toml(Path(__file__).with_name("doubts.toml"), "the texts of doubts", LogError)
+_FILE = Path(__file__).with_name("doubts.toml")
+DOUBTS: Mapping[str, str] = read_toml(_FILE, "the texts of doubts", LogError)
 """{name of a doubt: its text, with braces for values of the log}."""
 
 Sources = dict[str, dict[str, Any]]
@@ -137,8 +138,7 @@ class Inference:
 
     def has_one_sign(self, name: str) -> bool:
         """Return whether a voltage is that of a supply: a motor that moves needs both signs."""
-        values = self.finite(name)
-        return not np.min(values) < 0 < np.max(values)
+        return not np.min(self.finite(name)) < 0 < np.max(self.finite(name))
 
     @property
     def supply(self) -> str:

@@ -402,8 +402,7 @@ class _Columns:
         if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
             self.note(name, "far_deflection")
         self.take("deflection", name, sign=-1 if pulls < 0 else 1)
-        drive = drives[0] if drives else ""
-        self.note(name, "deflection_by" if pulls else "deflection_sign", drive=drive)
+        self.note(name, "deflection_by" if pulls else "deflection_sign", drive=listed(drives[:1]))
 
     def add_torques(self) -> None:
         """Add the torque of each side; the estimates of a drive if it has nothing else."""

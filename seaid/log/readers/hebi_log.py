@@ -26,8 +26,6 @@ _FIELDS = (
 _CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_us"}
 """Time columns [s]: arrival at the computer, and the clock of the module, both from zero on."""
 
-_BYTES_PER_SECOND = 2e5
-
 _MAGIC = b"\x73\xb1\x00"
 _SAMPLE, _MODULES, _START = 1, 2, 4
 _LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
@@ -47,7 +45,7 @@ def open_hebilog(path: Path) -> Table:
     """
     check_installed("hebi", "hebi", path)
     _check_end(path)
-    modules, fields = read_in_child(read_fields, path, "a HEBI log", _BYTES_PER_SECOND)
+    modules, fields = read_in_child(read_fields, path, "a HEBI log", bytes_per_second=2e5)
     names = [f"{field}[{k}]" for k in range(modules) for field in (*_CLOCKS, *_FIELDS)]
     clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
 
@@ -114,8 +112,9 @@ def _check_end(path: Path) -> None:
         while (record := _RECORD.search(data, place)) is not None:
             skipped, fixed, each = _LENGTHS[record[0][-1]]
             head = data[record.end() : record.end() + skipped + 4]
+            number = int.from_bytes(head[skipped:]) if len(head) == skipped + 4 else 0
             # Not record.end(): the length counts from the magic number on.
-            place = record.start() + fixed + each * _number(head[skipped:])
+            place = record.start() + fixed + each * number
             if place > size:
                 raise _cut_off(path, record.start(), place, size)
         # A beginning of the magic number at the end: the next record was cut within its first
@@ -129,8 +128,3 @@ def _cut_off(path: Path, start: int, end: int, size: int) -> LogError:
         f"'{path}' is cut off: its last record, at byte {start}, should end at byte {end}, the "
         f"file has {size} bytes; copy it again from its origin"
     )
-
-
-def _number(data: bytes) -> int:
-    """Return a number of four bytes, 0 if the file ends before it."""
-    return int.from_bytes(data) if len(data) == 4 else 0

@@ -15,8 +15,6 @@ from seaid.errors import LogError, listed
 from seaid.log.readers.child_process import Answer, read_in_child
 from seaid.log.readers.table import Block, Table, check_columns, is_number, optional
 
-_BYTES_PER_SECOND = 2e6
-
 _DEEPEST = 20
 """Most levels of structures."""
 
@@ -29,7 +27,7 @@ def open_mat(path: Path) -> Table:
     A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
     invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
     """
-    names, columns = read_in_child(mat_columns, path, "a MATLAB file", _BYTES_PER_SECOND)
+    names, columns = read_in_child(mat_columns, path, "a MATLAB file", bytes_per_second=2e6)
     check_columns(path, len(columns))
     data = dict(columns)
     if not data:

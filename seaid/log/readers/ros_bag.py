@@ -28,8 +28,6 @@ _LOOKED_AT = 100
 _LONGEST_ARRAY = 1_000
 """Longest array of a message with a column per number; longer ones are images or point clouds."""
 
-_BYTES_PER_SECOND = 2e4
-
 _NAMES = ("name", "names", "joint_names", "joint_name", "interface_names")
 
 
@@ -42,9 +40,7 @@ def open_bag(path: Path) -> Table:
     """
     check_installed("rosbags.highlevel", "ros", path)
 
-    in_child = partial(
-        read_in_child, path=path, kind="a ROS bag", bytes_per_second=_BYTES_PER_SECOND
-    )
+    in_child = partial(read_in_child, path=path, kind="a ROS bag", bytes_per_second=2e4)
 
     def load(wanted: list[str]) -> Block:
         _, data = in_child(bag_samples, wanted=wanted)
