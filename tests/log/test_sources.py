@@ -9,7 +9,9 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import describe_log, logs_of_files, read_log
+from seaid.log import LogDescription, describe_log, logs_of_files, read_log
+from seaid.log.channels import OF_JOINTS
+from seaid.log.sources import of_other_names
 from seaid.project.first_project import write_first_project
 from seaid.project.project import ProjectLog, load_project
 from seaid.robot import Robot
@@ -133,6 +135,20 @@ def test_files_with_times_apart_are_a_doubt(arm: Robot, tmp_path: Path) -> None:
     assert names_of(logs) == [["positions.csv"], ["torques.csv"]]
     assert doubt.startswith("positions.csv and torques.csv have different columns, and one lacks")
     assert 'files = ["positions.csv", "torques.csv"]' in doubt
+
+
+@pytest.mark.parametrize("prefix", ["", "my "])
+def test_columns_with_names_of_seaid_need_no_description(
+    arm: Robot, tmp_path: Path, prefix: str
+) -> None:
+    """Whatever their samples suggest; with other names they need one."""
+    names = [row.column("arm", False) for row in OF_JOINTS.values()]
+    columns = {f"{prefix}{x}": q(FAST) * (1 + k) for k, x in enumerate(names)}
+    guess = describe_log(write(tmp_path / "run.csv", time_s=FAST, **columns), arm)
+    assert guess.description.joints
+    rest = of_other_names(guess.description, arm)
+    assert rest.joints == (guess.description.joints if prefix else {})
+    assert of_other_names(LogDescription(rest.joints), arm).joints == rest.joints
 
 
 def test_a_first_project_lists_the_files_of_one_log(arm: Robot, tmp_path: Path) -> None:
