@@ -137,7 +137,10 @@ class Inference:
         return values[np.isfinite(values)]
 
     def has_one_sign(self, name: str) -> bool:
-        """Return whether a voltage is that of a supply: a motor that moves needs both signs."""
+        """Return whether a voltage is that of a supply, or a duty cycle none of a motor.
+
+        A motor that moves needs both signs.
+        """
         return not np.min(self.finite(name)) < 0 < np.max(self.finite(name))
 
     @property

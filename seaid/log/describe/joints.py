@@ -443,7 +443,8 @@ class _Columns:
         for name in self.having("voltage"):
             if "motor_voltage" not in self.sources:
                 self._add_voltage(name, duty)
-        if duty and not efforts_of(self.sources):
+        # Pulses of one sign are the commands of a servo, or a magnitude.
+        if duty and not (efforts_of(self.sources) or self.inference.has_one_sign(duty)):
             self._take_duty(duty, self.inference.supply)
 
     def _add_voltage(self, name: str, duty: str) -> None:

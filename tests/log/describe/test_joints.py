@@ -579,3 +579,20 @@ def test_counts_of_a_joint_that_slides_are_read(tmp_path: Path) -> None:
     assert text.startswith("q_counts: in counts: 1024 per m")
     log = read_log(columns, robot, description=guess.description)
     assert np.max(log.joint_position) == pytest.approx(900 / 1024, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ({"pwm": wave(0.5)}, "pwm"),
+        ({"pwm": 1500.0 + 200.0 * wave(1.0)}, None),  # the pulses of a servo
+        ({"pwm": wave(0.5), "iq": wave(2.0)}, None),
+        ({"pwm": wave(0.5), "elbow_voltage": wave(12.0)}, "elbow_voltage"),
+        ({"pwm": wave(0.5), "vbus": 0 * TIME + 24.0}, {"column": "pwm", "times": "vbus"}),
+    ],
+)
+def test_a_duty_cycle_is_a_voltage_where_nothing_else_drives_a_joint(
+    tmp_path: Path, columns: dict[str, Array], expected: object
+) -> None:
+    found = guess(tmp_path, t=TIME, elbow_pos=wave(0.5), **columns)
+    assert plain(found)["elbow"].get("motor_voltage") == expected
