@@ -422,6 +422,10 @@ def _read_guessed(
             write_whole(target, guess.to_toml())
             about.append(f"name the columns of the others in '{target}', then repeat this")
         raise LogError("; ".join(about), "locked=") from None
+    fields = chain.from_iterable(guess.description.joints.values())
+    # Joints whose positions have seaid's names are in no doubt about their order.
+    if not any(field.endswith("_position") for field in fields):
+        return guess, log
     ordered = with_leg_order(guess, robot, log)
     if ordered is guess:
         return guess, log

@@ -466,6 +466,26 @@ def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
     assert read.motor_torque == pytest.approx(log.motor_torque)
 
 
+def test_legs_with_names_of_seaid_have_no_other_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "seaid.project.first_project.with_leg_order", lambda *_: pytest.fail("sought")
+    )
+    log = swayed()
+    assert log.base is not None
+    named = {x: y for x, y in log.columns().items() if "torque" not in x}
+    duties = {f"pwm[{joint}]": 0.02 * torque for joint, torque in enumerate(log.motor_torque.T)}
+    read = _first_log(
+        tmp_path,
+        {"time_s": log.time, **named, **log.base.columns(), **duties},
+        urdf=example_urdf("go2.urdf"),
+        base="floating",
+        contacts=[*log.base.contacts],
+    )
+    assert read.motor_voltage == pytest.approx(0.02 * log.motor_torque)
+
+
 @pytest.mark.parametrize("supply", ["battery_voltage", "vbus_V", ""])
 def test_a_duty_cycle_beside_names_of_seaid_is_a_voltage(tmp_path: Path, supply: str) -> None:
     one_joint(tmp_path, "revolute")
