@@ -93,6 +93,7 @@ def test_a_column_of_any_quantity_is_found_in_the_table() -> None:
         ("defl_vel_3", "velocity", "", "3", None),
         ("t_tx_0", "time", "", "tx_0", None),
         ("knee_motor_angle_deg", "position", "motor", "knee", "deg"),
+        ("A3 Istwinkel [Grad]", "position", "", "a3", "deg"),
         ("kneeMotorAngle", "position", "motor", "knee", None),
         ("elbow.joint_position_rad", "position", "joint", "elbow", "rad"),
         ("slide.joint_position_m", "position", "joint", "slide", "m"),
