@@ -159,45 +159,86 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     return size / given if is_off else None
 
 
-def _fits(experiment: Experiment, j: int, factor: float) -> bool:
-    """Whether the torque of joint j, times a factor on its gear ratio, comes nearer to the bodies.
+def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
+    """Return the experiment with a factor on the gear ratio of joint j."""
+    factors = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
+    changes = {"ratio": experiment.ratio * factors}
+    # the side without an encoder was computed from the other one
+    if not experiment.both[j] and "motor_position" in experiment.logged(j, "m"):
+        changes["joint"] = experiment.joint / factors
+    elif not experiment.both[j]:
+        changes["motor"] = experiment.motor * factors
+    return experiment.with_changes(**changes)
 
-    A torque that friction alone explains as well shows no ratio.
+
+def _ratio_by_bodies(experiment: Experiment, j: int) -> tuple[float, float]:
+    """Return the factor on the gear ratio of joint j that the bodies of the file suggest.
+
+    The second value is its relative standard error, with the errors of these bodies. Gauss and
+    Newton's steps, with the computed torques as instruments: noise of the logged ones would bias
+    least squares. A factor that no torque shows, or that is not found, is 1.
     """
-    scale = experiment.scales.get(j)
-    if scale is None or not scale.shown > 0:
-        return scale is None
-    return abs(math.log(factor * scale.shown)) < abs(math.log(scale.shown))
+    changed, is_own, log_factor = experiment, np.arange(experiment.robot.n) == j, 0.0
+    for _ in range(_MOST_STEPS):
+        ahead = _with_ratio(changed, j, 1 + tol.FEW)
+        # By the logarithm of the ratio: the torque behind the gear is in proportion to it.
+        slope = (ahead.of_file - changed.of_file) / tol.FEW
+        z, x = (changed.weighed(is_own * y - slope) for y in (changed.of_file, changed.target))
+        # z . (u + d x) = 0 for a step d, where u is unexplained; z . u has the variance |z|^2.
+        step = -float(z @ changed.unexplained) / float(z @ x)
+        error = float(np.linalg.norm(z)) / abs(float(z @ x))
+        if error > tol.MOST:
+            break
+        log_factor += float(np.clip(step, -tol.MOST, tol.MOST))
+        if abs(step) < tol.POOR * max(error, tol.SLIGHT):
+            return math.exp(log_factor), error
+        changed = _with_ratio(experiment, j, math.exp(log_factor))
+    return 1.0, math.inf
+
+
+def ratios_by_bodies(experiment: Experiment) -> Iterator[Transform]:
+    """Yield gear ratios of joints with one encoder, by their motion and the torque behind them."""
+    for j in experiment.used:
+        factor, error = (1.0, 0.0) if experiment.both[j] else _ratio_by_bodies(experiment, j)
+        if abs(math.log(factor)) > max(tol.SLIGHT, tol.SURE * error):
+            for choice in near(factor):
+                spread = f" +- {experiment.ratio[j] * choice * error:.2g}" * (choice == factor)
+                yield from _other_ratio(experiment, j, choice, spread, choice == factor, {})
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
-    """Yield gear ratios: of the slope between two encoders, or one half and twice of others."""
+    """Yield gear ratios by the slope between two encoders."""
     for j in experiment.used:
-        joint, slope = experiment.robot.joint_names[j], other_slope(experiment, j)
-        is_stiff = not experiment.robot.drives[joint].is_elastic
-        is_linear = experiment.robot.is_prismatic[j] and is_stiff
-        key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
-        ratio = float(experiment.ratio[j])
-        factors = [] if experiment.both[j] else [x for x in (0.5, 2.0) if _fits(experiment, j, x)]
-        by, evidence = ",", {"given ratio": ratio}
-        if slope:
-            by, factors = " by its two encoders,", near(slope)
-            evidence = {"slope between the encoders over the gear ratio": slope}
-        for factor in factors:
-            if ratio * factor > tol.LARGEST_RATIO[experiment.robot.is_prismatic[j]]:
-                continue
-            factor_of = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
-            # the side without an encoder was computed from the motor's
-            output = experiment.joint / (1.0 if experiment.both[j] else factor_of)
-            yield Transform(
-                CODES["gear-ratio"],
-                f"the gear ratio of {joint} is {ratio * factor:.4g}{by} not {ratio:.4g}",
-                experiment.with_changes(ratio=experiment.ratio * factor_of, joint=output),
-                joint,
-                in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
-                evidence=evidence,
-                penalty=float(factor == slope),
-            )
+        slope = other_slope(experiment, j)
+        evidence = {"slope between the encoders over the gear ratio": slope or math.nan}
+        for factor in near(slope) if slope else ():
+            by = " by its two encoders"
+            yield from _other_ratio(experiment, j, factor, by, factor == slope, evidence)
+
+
+def _other_ratio(
+    experiment: Experiment,
+    j: int,
+    factor: float,
+    words: str,
+    is_fitted: bool,
+    evidence: Mapping[str, float],
+) -> Iterator[Transform]:
+    """Yield the transform to another gear ratio, with `words` next to its value."""
+    joint, is_linear = experiment.robot.joint_names[j], experiment.robot.is_prismatic[j]
+    is_per_m = is_linear and not experiment.robot.drives[joint].is_elastic
+    key = "gear_ratio_rad_per_m" if is_per_m else "gear_ratio"
+    ratio = float(experiment.ratio[j])
+    if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
+        yield Transform(
+            CODES["gear-ratio"],
+            f"the gear ratio of {joint} is {ratio * factor:.4g}{words}, not {ratio:.4g}",
+            _with_ratio(experiment, j, factor),
+            joint,
+            in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
+            evidence={"given ratio": ratio, **evidence},
+            penalty=float(is_fitted),
+        )
 
 
 def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
@@ -237,14 +278,15 @@ def _between_encoders(experiment: Experiment) -> list[int]:
     return [j for j in both if j in experiment.used or not drives[j].is_elastic]
 
 
-def slips(experiment: Experiment) -> Iterator[Finding]:
-    """Yield joints whose encoders step against each other within a log.
+def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
+    """Return the joints whose encoders step against each other in a log, and it without the steps.
 
-    The step stands out next to the deflection of a spring and to a drift in time, which is no step.
+    A step stands out next to the deflection of a spring and to a drift in time, which is no step.
     """
     logs = np.equal.outer(experiment.log, np.unique(experiment.log)).astype(float)
     # (R, R): in column i a step at instant i, within its log
     steps = np.tri(len(logs)) * (logs @ logs.T)
+    findings, motor, counted = list[Finding](), experiment.motor.copy(), experiment.counted.copy()
     for j in _between_encoders(experiment):
         # the rotor again: a step in the motor equation (7) spoils an inertia that it gives
         deflection = [experiment.deflection(j), experiment.motor[2][:, j]]
@@ -255,18 +297,29 @@ def slips(experiment: Experiment) -> Iterator[Finding]:
         squares = np.maximum(np.sum(X[:, :-1] ** 2, axis=0), tol.POOR)
         projected = X[:, :-1].T @ X[:, -1]
         i = int(np.argmax(projected**2 / squares))
-        step, before = float(projected[i] / squares[i]), float(X[:, -1] @ X[:, -1])
-        is_step = before - projected[i] ** 2 / squares[i] < tol.SEVERE * before
+        step = float(projected[i] / squares[i])
+        is_step = step * projected[i] > (1 - tol.SEVERE) * float(X[:, -1] @ X[:, -1])
         if is_step and abs(step) > tol.LEAST_OFFSET:
-            start, end = experiment.time[[i - 1, i], 0].tolist()
-            yield CODES["loose-encoder"].wrong(
-                f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
-                f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
-                experiment.robot.joint_names[j],
-                evidence={"step": step, "time [s]": end},
-                remedy="tighten it and repeat, or read the parts before and after as two logs, in "
-                f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, 1e9]",
-            )
+            findings.append(_slipped(experiment, j, i, step))
+            motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
+            counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
+    return findings, experiment.with_changes(
+        motor=motor, counted=counted
+    ) if findings else experiment
+
+
+def _slipped(experiment: Experiment, j: int, i: int, step: float) -> Finding:
+    """Return the finding that the encoders of joint j step before instant i by a step [rad]."""
+    joint, (start, end) = experiment.robot.joint_names[j], experiment.time[[i - 1, i], 0].tolist()
+    last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
+    return CODES["loose-encoder"].wrong(
+        f"the encoders of {joint} step against each other by {1e3 * step:.3g} mrad at the joint "
+        f"between {start:.2f} and {end:.2f} s",
+        joint,
+        evidence={"step": step, "time [s]": end},
+        remedy="tighten it and repeat, or read the parts before and after as two logs, in "
+        f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]",
+    )
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -579,7 +632,7 @@ def _turned(side: Side, joint: str) -> Array:
 
 
 _MOST_STEPS = 8
-"""Steps of the search of an offset, which is far below a radian."""
+"""Steps of a search by Gauss and Newton, which begins near its end."""
 
 
 def _searched_zero(side: Side, joint: str) -> tuple[float, float]:

@@ -695,6 +695,7 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
     _has_bodies: {
         _torque_scales: CODES["torque-scale"],
         _rotor_inertias: CODES["rotor-inertia"],
+        gears.ratios_by_bodies: CODES["gear-ratio"],
         _all_torque_scales: CODES["torque-scale"],
         bodies.gravities: CODES["gravity"],
         bodies.lengths: CODES["geometry"],
@@ -782,10 +783,10 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
     if of_logs & hiding or "no-measurement" in wrong:
         return []  # the torques show no other mistake
-    checks = [
-        Observation(CODES["encoder-offsets-differ"], channels.offset_findings),
-        Observation(CODES["loose-encoder"], gears.slips),
-    ]
+    slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
+    with guarded(CODES["loose-encoder"], notes):
+        slips, experiment = gears.without_slips(experiment)
+    checks = [Observation(CODES["encoder-offsets-differ"], channels.offset_findings)]
     if not experiment.robot.has_controllers:
         checks += [
             Observation(CODES["no-measurement"], commands.of_friction_alone),
@@ -793,13 +794,12 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
         ]
     elif not wrong:
         checks.append(Observation(CODES["gain-scale"], partial(_of_commands, known=known)))
-    findings, notes = list[Finding](), list[Finding]()
     for check in checks:  # the first one that finds something hides the others
         with guarded(check.code, notes):
             findings += check.look(experiment)
         if findings:
             break
-    return [*findings, *notes]
+    return [*slips, *findings, *notes]
 
 
 def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:

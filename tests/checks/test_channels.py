@@ -104,6 +104,17 @@ def test_a_coupling_that_slips_within_a_log_is_named_with_its_time(
     assert "loose-encoder" not in {code for code, _ in codes}
 
 
+def test_a_coupling_that_slips_hides_no_other_mistake() -> None:
+    log = leg_log()
+    motor, torque = log.motor_position.copy(), log.motor_torque.copy()
+    motor[log.time > log.time[0] + 2.5, 3] += 86.0 * 0.02
+    torque[:, 1] *= -1
+    shown = seaid.check(leg(TEST_MASS), replace(log, motor_position=motor, motor_torque=torque))
+    first, second = leg().joint_names[3], leg().joint_names[1]
+    codes = {(x.code, x.joint) for x in shown.warnings if x.severity != "note"}
+    assert codes == {("loose-encoder", first), ("sign", second)}
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_encoders_that_drift_against_each_other_do_not_step(case: str) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
