@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations, product
+from functools import partial
+from itertools import chain, combinations, product
 
 import numpy as np
 import scipy
@@ -13,8 +14,8 @@ import scipy
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, only_joint, zeros_in_description
-from seaid.checks.experiment import Experiment, Transform, moved, near
-from seaid.errors import Finding
+from seaid.checks.experiment import Experiment, Transform, best_value, moved, near, scaled
+from seaid.errors import Finding, listed
 from seaid.estimation import RANK_TOLERANCE, posterior, scaled_svd, triangle
 from seaid.regressor import regressor_at_drives
 
@@ -72,30 +73,22 @@ def _best_gravity(experiment: Experiment) -> Array | None:
     return np.asarray((now + change) / norm) if norm > tol.SEVERE else None
 
 
-def _first_order(experiment: Experiment, ahead: Experiment, step: float) -> float:
-    """Return the change of a value of the robot by its first-order effect on the nominal torque.
-
-    `ahead` is the experiment after a small `step` of it.
-    """
-    # d tau / d value by a difference quotient, times the change that explains most.
-    effect = (ahead.regressor - experiment.regressor) @ experiment.bodies / step
-    return experiment.multiple(effect)
-
-
 def lengths(experiment: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints."""
     for joint in experiment.robot.joint_names[1:]:
-        factor = 1 + _first_order(experiment, _with_length(experiment, joint, 1 + tol.FEW), tol.FEW)
-        if abs(factor - 1) >= tol.SLIGHT and tol.SEVERE < factor < 1 / tol.SEVERE:
+        change = partial(_with_length, joint)
+        log_factor, error = best_value(experiment, change)
+        if abs(log_factor) >= max(tol.SLIGHT, tol.SURE * error):
+            factor = math.exp(log_factor)
             yield Transform(
                 CODES["geometry"],
-                f"the distance of {joint} from the joint before it is {factor:.3g} times that of "
-                "the robot file",
-                _with_length(experiment, joint, factor),
+                f"the distance of {joint} from the joint before it is {factor:.3g} +- "
+                f"{factor * error:.2g} times that of the robot file",
+                change(experiment, log_factor),
                 joint,
                 f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
                 "wrong" if abs(factor - 1) > tol.POOR else "doubtful",
-                {"factor": factor},
+                {"factor": factor, "standard error": factor * error},
                 penalty=1.0,
             )
 
@@ -103,14 +96,38 @@ def lengths(experiment: Experiment) -> Iterator[Transform]:
 def zeros(experiment: Experiment) -> Iterator[Transform]:
     """Yield other zeros of joints."""
     for j in _turning(experiment):
-        ahead = _with_zeros(experiment, {j: _ZERO_STEP})
-        angle = _first_order(experiment, ahead, _ZERO_STEP)
-        if tol.POOR < abs(angle) < tol.MOST:  # farther the effect on the torque is not linear
-            yield _off(experiment, {j: angle}, 1.0)
+        yield from _zero(experiment, j, (0.0,))
+
+
+def _zero(
+    experiment: Experiment, j: int, starts: Sequence[float], reverses: Sequence[int] = ()
+) -> Iterator[Transform]:
+    """Yield the zeros of joint j that are found from several starts."""
+    for start in starts:
+        angle, error = best_value(experiment, partial(_with_zeros, [j]), start)
+        if max(tol.POOR, tol.SURE * error) < abs(angle) < math.pi + tol.POOR:
+            yield _off(experiment, {j: angle}, 1.0, reverses)
 
 
 _QUARTERS = (math.pi / 2, -math.pi / 2)
 """Angles by which an encoder or a horn is mounted off."""
+
+
+def poses(experiment: Experiment) -> Iterator[Transform]:
+    """Yield signs and zeros of joints with controllers, whose commands have the same ones.
+
+    Gravity on the known bodies shows them. Two signs of joints that both carry the load may do
+    nothing alone.
+    """
+    turning = _turning(experiment)
+    for j in turning:
+        yield from _zero(experiment, j, (0.0, *_QUARTERS, math.pi))
+    for joints in chain(combinations(turning, 1), combinations(turning, 2)):
+        reversed_ones = scaled(experiment, dict.fromkeys(joints, -1.0), "qmts")
+        yield _off(reversed_ones, dict.fromkeys(joints, 0.0), tol.MOST * len(joints), joints)
+        if len(joints) == 1:
+            starts = (0.0, *_QUARTERS, math.pi)
+            yield from _zero(reversed_ones, joints[0], starts, joints)
 
 
 def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
@@ -126,39 +143,46 @@ def _turning(experiment: Experiment) -> list[int]:
     return [j for j in experiment.used if not experiment.robot.is_prismatic[j]]
 
 
-def _off(experiment: Experiment, angles: dict[int, float], penalty: float) -> Transform:
-    """Return the transform that adds angles to the zeros of joints."""
+def _off(
+    experiment: Experiment, angles: dict[int, float], penalty: float, reverses: Sequence[int] = ()
+) -> Transform:
+    """Return the transform that adds angles to the zeros of joints.
+
+    The experiment has the positions of joints that are `reverses` with the opposite sign already.
+    """
     named = {experiment.robot.joint_names[j]: angle for j, angle in angles.items()}
-    words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in named.items())
+    off = {joint: angle for joint, angle in named.items() if angle}
+    words = " and ".join(f"{math.degrees(x):.3g} degrees at {joint}" for joint, x in off.items())
+    parts = [f"the zeros of joints are not those of the robot file, by {words}"] * bool(off)
+    signs = [experiment.robot.joint_names[j] for j in reverses]
+    parts += [f"the positions and commands of {listed(signs)} have the opposite sign"] * bool(signs)
     return Transform(
-        CODES["encoder-offset"],
-        f"the zeros of joints are not those of the robot file, by {words}",
-        _with_zeros(experiment, angles),
+        CODES["sign" if signs else "encoder-offset"],
+        " and ".join(parts),
+        _with_zeros([*angles], experiment, [*angles.values()]),
         only_joint([*named]),
-        zeros_in_description(experiment.robot, named, experiment.sources[0]),
+        zeros_in_description(experiment.robot, named, experiment.sources[0], signs),
         evidence={f"offset of {joint} [rad]": angle for joint, angle in named.items()},
         penalty=penalty,
     )
 
 
-_ZERO_STEP = 1e-4
-"""Step [rad] of the difference quotient by the zero of a joint."""
-
-
-def _with_zeros(experiment: Experiment, angles: dict[int, float]) -> Experiment:
+def _with_zeros(
+    joints: Sequence[int], experiment: Experiment, angles: float | Sequence[float]
+) -> Experiment:
+    """Return the experiment with angles added to the positions of joints."""
     joint = experiment.joint.copy()
-    for j, angle in angles.items():
-        joint[0, :, j] += angle
+    joint[0][:, joints] += angles
     return experiment.with_changes(joint=joint)
 
 
-def _with_length(experiment: Experiment, joint: str, factor: float) -> Experiment:
+def _with_length(joint: str, experiment: Experiment, log_factor: float) -> Experiment:
     """Return the experiment with another distance of a joint, unless it is next to none."""
     robot, model = experiment.robot, experiment.robot.model.copy()
     # Joint 0 of Pinocchio is the universe.
     placement = model.jointPlacements[robot.model_order.index(robot.index(joint)) + 1]
     if np.linalg.norm(placement.translation) >= tol.LEAST_OFFSET:
-        placement.translation = factor * placement.translation
+        placement.translation = math.exp(log_factor) * placement.translation
     return experiment.with_changes(robot=replace(robot, model=model))
 
 

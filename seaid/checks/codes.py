@@ -158,13 +158,21 @@ def in_description(
 
 
 def zeros_in_description(
-    robot: Robot, angles: Mapping[str, float], sources: Mapping[str, Mapping[str, Any]]
+    robot: Robot,
+    angles: Mapping[str, float],
+    sources: Mapping[str, Mapping[str, Any]],
+    reverses: Collection[str] = (),
 ) -> str:
     """Return the remedy that adds angles to the zeros of joints, and of the motors that turn them.
 
-    `sources` {joint: {quantity: column or entry of a description}} has what was logged.
+    Their commands move along. `sources` {joint: {quantity: column or entry of a description}} has
+    what was logged; the positions and commands of joints that are `reverses` change their sign.
     """
-    moved = {(joint, "joint_position"): angle for joint, angle in angles.items()}
+    moved = {
+        (joint, quantity): angle * ("position" in quantity)
+        for joint, angle in angles.items()
+        for quantity in ("joint_position", *_COMMANDS)
+    }
     added = np.array([angles.get(joint, 0.0) for joint in robot.joint_names])
     for turned, (joint, drive) in zip(
         robot.transmission @ added, robot.drives.items(), strict=True
@@ -173,11 +181,15 @@ def zeros_in_description(
         moved[joint, "motor_position"] = float(turned) * total_ratio(drive)
     entries: dict[str, dict[str, str]] = {}
     for (joint, quantity), offset in moved.items():
-        source = sources.get(joint, {}).get(quantity)
-        if offset and source:
-            changed = changed_source(source, offset=round(offset, 5))
+        source, factor = sources.get(joint, {}).get(quantity), -1.0 if joint in reverses else 1.0
+        if source and (offset or factor < 0):
+            changed = changed_source(source, factor=factor, offset=round(offset, 5))
             entries.setdefault(joint, {})[quantity] = changed
     return in_description(entries)
+
+
+_COMMANDS = ("position_command", "velocity_command", "torque_command")
+"""The commands of a joint, of which those of positions have its zero, and all have its sign."""
 
 
 def joints_of(findings: Iterable[Finding]) -> set[str]:

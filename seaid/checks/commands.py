@@ -2,9 +2,10 @@
 
 A controller takes the place of a torque sensor: what its commands, gains and limits contradict is
 seen in a log alone. Before a fit `setup` asks for `command_findings` and `no_measurements` of a
-log, for `hidden_limits` of an experiment, and if there are none for `gain_findings`, then for
-`pose_findings` with the gains that these return; `separation_findings` are those of all logs. After
-a fit there are `delay_estimate_findings`. A torque that is friction alone is seen by the bodies.
+log, for `hidden_limits` of an experiment, and if there are none for `gain_findings`, the
+experiment of which shows signs and zeros by `bodies.poses`; `separation_findings` are those of all
+logs. After a fit there are `delay_estimate_findings`. A torque that is friction alone is seen by
+the bodies.
 """
 
 from __future__ import annotations
@@ -12,9 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
 from itertools import chain, combinations, product
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -22,7 +21,6 @@ from scipy.ndimage import uniform_filter1d
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import (
-    AS_GIVEN,
     CODES,
     Channel,
     channels_of,
@@ -689,146 +687,3 @@ def _gain_finding(
 
 def _as_text(factor: float) -> str:
     return f"{factor:.3g}" if factor > 1 else f"1/{1 / factor:.3g}"
-
-
-Poses = dict[int, tuple[float, float]]
-"""{joint: sign and offset [rad] of its position}."""
-
-
-def pose_findings(experiment: Experiment) -> Iterator[Finding]:
-    """Yield signs and zeros of joints with position commands that gravity contradicts.
-
-    By gravity on the known bodies. Command and position have one sign and one zero, and the torque
-    between them has that sign.
-    """
-    robot = experiment.robot
-    joints = [j for j in _commanded_joints(experiment) if not robot.is_prismatic[j]]
-    if not (robot.known_bodies and joints and np.any(robot.model.gravity.linear)):
-        return
-    experiment = _thinned(experiment)
-    if not np.nanmax(experiment.nominal) > tol.POOR:
-        return
-    cost = partial(_pose_cost, experiment)
-    # two signs of joints that both carry the load do nothing alone
-    pairs: list[Poses] = [{i: (-1.0, 0.0), j: (-1.0, 0.0)} for i, j in combinations(joints, 2)]
-    poses = _searched(experiment, joints, {})
-    pair = min(pairs, key=cost, default=poses)
-    if cost(pair) <= cost({}):
-        poses = min(poses, _searched(experiment, joints, pair), key=cost)
-    for j in sorted(poses):
-        yield from _pose_finding(experiment, poses, j)
-
-
-def _thinned(experiment: Experiment) -> Experiment:
-    """Return the experiment at fewer instants, 50 of which decide between poses."""
-    part = slice(None, None, max(1, len(experiment.direction) // 50))
-    rows = ("log", "time", "direction", "torque", "torque_rate", "sensed", "counted")
-    changes: dict[str, Any] = {name: getattr(experiment, name)[part] for name in rows}
-    changes |= {name: getattr(experiment, name)[:, part] for name in ("motor", "joint")}
-    return experiment.with_changes(**changes)
-
-
-def _with_poses(experiment: Experiment, poses: Poses) -> Experiment:
-    """Return the experiment with sign * position + offset of joints, at both encoders."""
-    for j, (sign, offset) in poses.items():
-        changed = scaled(experiment, {j: -1.0}, "qmts") if sign < 0 else experiment
-        joint, motor = changed.joint.copy(), changed.motor.copy()
-        joint[0, :, j] += offset
-        motor[0, :, j] += changed.lever[j] * offset
-        experiment = changed.with_changes(joint=joint, motor=motor)
-    return experiment
-
-
-def _pose_cost(experiment: Experiment, poses: Poses) -> float:
-    """Return the cost of signs and zeros: that of the misfit, and a half of each change."""
-    changes = sum(0.5 * (sign < 0) + 0.5 * (offset != 0) for sign, offset in poses.values())
-    return _with_poses(experiment, poses).cost("nominal") + float(changes)
-
-
-def _searched(experiment: Experiment, joints: Sequence[int], poses: Poses) -> Poses:
-    """Return the signs and zeros that explain most, found joint by joint from a start."""
-    cost, before = partial(_pose_cost, experiment), math.inf
-    while before - cost(poses) >= tol.MATERIAL**2 / 2:  # of the log likelihood
-        before = cost(poses)
-        for j in joints:
-            others = {i: pose for i, pose in poses.items() if i != j}
-            tried = _turned(experiment, others, j, cost(poses))
-            poses = min([poses, others, *tried], key=cost)
-    return poses
-
-
-_GRID_DEG, _NEAREST_DEG = 30.0, 1.0
-"""First and last step of the search for the zero of a joint [degrees]."""
-
-
-def _turned(experiment: Experiment, others: Poses, j: int, most_cost: float) -> Iterator[Poses]:
-    """Yield the poses with the best zero of joint j within its limits, for each sign.
-
-    A grid that comes nowhere near `most_cost` has none, nor has a zero that is nearly that of the
-    robot file.
-    """
-    first, last = math.radians(_GRID_DEG), math.radians(_NEAREST_DEG)
-    lower, upper = experiment.robot.position_range(experiment.robot.joint_names[j])
-    for sign in (1.0, -1.0):
-        moved = sign * experiment.joint[0][:, j]
-        # The moved range has to stay within the limits of the robot file, or within half a turn.
-        least = max(lower - float(moved.min()) - tol.BEYOND_RAD, -math.pi)
-        most = min(upper - float(moved.max()) + tol.BEYOND_RAD, math.pi)
-
-        @cache
-        def cost(offset: float, sign: float = sign) -> float:
-            return _pose_cost(experiment, others | {j: (sign, offset)})
-
-        # From -180 to 180 degrees: a search by halves alone would end in the nearest minimum.
-        grid = [float(x) for x in np.arange(-6, 7) * first if least <= x <= most]
-        offset, step = min(grid, key=cost, default=0.0), 0.5 * first
-        if not grid or cost(offset) > most_cost + tol.MATERIAL**2 / 2:
-            continue
-        while step > 0.5 * last:
-            offset, step = min((offset, offset - step, offset + step), key=cost), 0.5 * step
-        # Zeros are often round: a whole degree, if it explains more.
-        offset = min(offset, math.radians(round(math.degrees(offset))), key=cost)
-        if sign < 0 or abs(offset) >= tol.SURE * last:
-            yield others | {j: (sign, offset)}
-
-
-def _pose_finding(experiment: Experiment, poses: Poses, j: int) -> Iterator[Finding]:
-    """Yield the finding of one joint, unless the others explain the torques without it."""
-    others = {i: pose for i, pose in poses.items() if i != j}
-    gain = _pose_cost(experiment, others) - _pose_cost(experiment, poses)
-    before, after = (_with_poses(experiment, each).nominal for each in (others, poses))
-    falls = (before > tol.POOR) & (after < tol.MOST * before)
-    if gain < tol.MATERIAL**2 / 2 or not np.any(falls):
-        return
-    (sign, offset), names = poses[j], experiment.robot.joint_names
-    worst = int(np.argmax(np.where(falls, before / np.maximum(after, 1e-9), 0.0)))
-    zero = f"its zero {math.degrees(offset):.0f} degrees from that of the robot file"
-    texts = {"the opposite sign": sign < 0, zero: offset != 0}
-    parts = [text for text, is_so in texts.items() if is_so]
-    code, same = CODES["encoder-offset"], ""
-    if sign < 0:
-        code = CODES["sign"]
-        same = "\n# the same sign for velocity_command and torque_command, if the log has them"
-    yield code.finding(
-        f"the position of {names[j]} has {' and '.join(parts)}: the part of the torque of "
-        f"{names[worst]} that gravity on the known bodies leaves unexplained falls from "
-        f"{before[worst]:.0%} to {after[worst]:.0%}",
-        names[j],
-        "wrong",
-        {
-            "offset [rad]": offset,
-            AS_GIVEN: float(before[worst]),
-            "misfit without it": float(after[worst]),
-        },
-        in_description({names[j]: _moved_sources(experiment, j, sign, offset)}) + same,
-    )
-
-
-def _moved_sources(experiment: Experiment, j: int, sign: float, offset: float) -> dict[str, str]:
-    """Return the positions and the command of joint j with a sign, and an offset at the joint."""
-    sources = {}
-    for quantity in (*experiment.logged(j, "qm"), "position_command"):
-        moved = offset * (float(experiment.ratio[j]) if quantity == "motor_position" else 1.0)
-        source = experiment.source(j, quantity)
-        sources[quantity] = changed_source(source, factor=sign, offset=round(moved, 4))
-    return sources

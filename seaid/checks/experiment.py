@@ -758,6 +758,18 @@ class Experiment:
         return float(x @ self.unexplained) / size if size > 0 else 0.0
 
     @cached_property
+    def computed(self) -> Experiment:
+        """The experiment with the torques of the bodies of the robot file in place of the logged.
+
+        Torques that were not logged stay unknown.
+        """
+        torque = self.of_file / self.lever + self.rotor * self.motor[2]
+        return self.with_changes(
+            torque=np.where(np.isnan(self.torque), np.nan, torque),
+            sensed=np.where(np.isnan(self.sensed), np.nan, self.of_file),
+        )
+
+    @cached_property
     def file(self) -> float:
         """Minus the log likelihood of what the bodies of the robot file leave.
 
@@ -828,6 +840,41 @@ class Experiment:
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
     return fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
+
+
+Change = Callable[[Experiment, float], Experiment]
+"""The experiment with another value of its set-up; 0 changes nothing, and changes add up."""
+
+_STEP, _MOST_STEPS = 1e-3, 8
+"""Step of a difference quotient, and steps of a search."""
+
+
+def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tuple[float, float]:
+    """Return the value of a change with which the bodies of the file explain most, and its error.
+
+    That is the standard error, with the errors of these bodies; a value that the torques do not
+    show, or that is not found, is zero with an infinite one. The steps are those of Gauss and
+    Newton. Computed torques in place of the logged ones are the instruments, because noise of a
+    torque that is changed would bias least squares.
+    """
+    value, steps = start, _MOST_STEPS if np.all(np.isfinite(experiment.bodies)) else 0
+    for _ in range(steps):
+        changed = change(experiment, value)
+        ahead, of_file = change(changed, _STEP), changed.of_file
+        x, z = (
+            changed.weighed(change(each, _STEP).target - each.target - ahead.of_file + of_file)
+            for each in (changed, changed.computed)
+        )
+        # z . (u + d x / _STEP) = 0 for a step d, where u is unexplained: z . u has the variance z.z
+        slope, size = float(z @ x) / _STEP, float(np.linalg.norm(z))
+        if size >= tol.MOST * abs(slope):  # also if the change has no effect on any torque
+            break
+        error = size / abs(slope)
+        step = -float(z @ changed.unexplained) / slope
+        value += float(np.clip(step, -tol.MOST, tol.MOST))
+        if abs(step) < tol.POOR * max(error, tol.SLIGHT):
+            return value, error
+    return 0.0, math.inf
 
 
 def _slope(columns: Array, y: Array) -> tuple[float, float]:

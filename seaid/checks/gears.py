@@ -37,7 +37,15 @@ from seaid.checks.engine import (
     Selection,
     linear_candidate,
 )
-from seaid.checks.experiment import Experiment, Transform, fitted, multiplied, near, with_constant
+from seaid.checks.experiment import (
+    Experiment,
+    Transform,
+    best_value,
+    fitted,
+    multiplied,
+    near,
+    with_constant,
+)
 from seaid.checks.terms import DriveRows
 from seaid.drives import IDEAL_DRIVE, AngleRatio, Ratios
 from seaid.errors import Finding, listed
@@ -159,9 +167,9 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
     return size / given if is_off else None
 
 
-def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
-    """Return the experiment with a factor on the gear ratio of joint j."""
-    factors = np.where(np.arange(experiment.robot.n) == j, factor, 1.0)
+def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment:
+    """Return the experiment with a factor on the gear ratio of joint j, by its logarithm."""
+    factors = np.exp(np.where(np.arange(experiment.robot.n) == j, log_factor, 0.0))
     changes = {"ratio": experiment.ratio * factors}
     # the side without an encoder was computed from the other one
     if not experiment.both[j] and "motor_position" in experiment.logged(j, "m"):
@@ -171,74 +179,32 @@ def _with_ratio(experiment: Experiment, j: int, factor: float) -> Experiment:
     return experiment.with_changes(**changes)
 
 
-def _ratio_by_bodies(experiment: Experiment, j: int) -> tuple[float, float]:
-    """Return the factor on the gear ratio of joint j that the bodies of the file suggest.
-
-    The second value is its relative standard error, with the errors of these bodies. Gauss and
-    Newton's steps, with the computed torques as instruments: noise of the logged ones would bias
-    least squares. A factor that no torque shows, or that is not found, is 1.
-    """
-    changed, is_own, log_factor = experiment, np.arange(experiment.robot.n) == j, 0.0
-    for _ in range(_MOST_STEPS):
-        ahead = _with_ratio(changed, j, 1 + tol.FEW)
-        # By the logarithm of the ratio: the torque behind the gear is in proportion to it.
-        slope = (ahead.of_file - changed.of_file) / tol.FEW
-        z, x = (changed.weighed(is_own * y - slope) for y in (changed.of_file, changed.target))
-        # z . (u + d x) = 0 for a step d, where u is unexplained; z . u has the variance |z|^2.
-        step = -float(z @ changed.unexplained) / float(z @ x)
-        error = float(np.linalg.norm(z)) / abs(float(z @ x))
-        if error > tol.MOST:
-            break
-        log_factor += float(np.clip(step, -tol.MOST, tol.MOST))
-        if abs(step) < tol.POOR * max(error, tol.SLIGHT):
-            return math.exp(log_factor), error
-        changed = _with_ratio(experiment, j, math.exp(log_factor))
-    return 1.0, math.inf
-
-
-def ratios_by_bodies(experiment: Experiment) -> Iterator[Transform]:
-    """Yield gear ratios of joints with one encoder, by their motion and the torque behind them."""
-    for j in experiment.used:
-        factor, error = (1.0, 0.0) if experiment.both[j] else _ratio_by_bodies(experiment, j)
-        if abs(math.log(factor)) > max(tol.SLIGHT, tol.SURE * error):
-            for choice in near(factor):
-                spread = f" +- {experiment.ratio[j] * choice * error:.2g}" * (choice == factor)
-                yield from _other_ratio(experiment, j, choice, spread, choice == factor, {})
-
-
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
-    """Yield gear ratios by the slope between two encoders."""
+    """Yield gear ratios: by the slope of two encoders, or by the torque and the motion of one."""
     for j in experiment.used:
-        slope = other_slope(experiment, j)
-        evidence = {"slope between the encoders over the gear ratio": slope or math.nan}
-        for factor in near(slope) if slope else ():
-            by = " by its two encoders"
-            yield from _other_ratio(experiment, j, factor, by, factor == slope, evidence)
-
-
-def _other_ratio(
-    experiment: Experiment,
-    j: int,
-    factor: float,
-    words: str,
-    is_fitted: bool,
-    evidence: Mapping[str, float],
-) -> Iterator[Transform]:
-    """Yield the transform to another gear ratio, with `words` next to its value."""
-    joint, is_linear = experiment.robot.joint_names[j], experiment.robot.is_prismatic[j]
-    is_per_m = is_linear and not experiment.robot.drives[joint].is_elastic
-    key = "gear_ratio_rad_per_m" if is_per_m else "gear_ratio"
-    ratio = float(experiment.ratio[j])
-    if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
-        yield Transform(
-            CODES["gear-ratio"],
-            f"the gear ratio of {joint} is {ratio * factor:.4g}{words}, not {ratio:.4g}",
-            _with_ratio(experiment, j, factor),
-            joint,
-            in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
-            evidence={"given ratio": ratio, **evidence},
-            penalty=float(is_fitted),
-        )
+        joint, ratio = experiment.robot.joint_names[j], float(experiment.ratio[j])
+        is_linear = experiment.robot.is_prismatic[j]
+        is_per_m = is_linear and not experiment.robot.drives[joint].is_elastic
+        key = "gear_ratio_rad_per_m" if is_per_m else "gear_ratio"
+        factor, by, evidence = other_slope(experiment, j) or 1.0, " by its two encoders", {}
+        if experiment.both[j]:
+            evidence = {"slope between the encoders over the gear ratio": factor}
+        else:
+            log_factor, error = best_value(experiment, partial(_with_ratio, j))
+            is_shown = abs(log_factor) > max(tol.SLIGHT, tol.SURE * error)
+            factor = math.exp(log_factor) if is_shown else 1.0
+            by = f" +- {ratio * factor * error:.2g}"
+        for choice in near(factor) if factor != 1 else ():
+            if ratio * choice <= tol.LARGEST_RATIO[is_linear]:
+                yield Transform(
+                    CODES["gear-ratio"],
+                    f"the gear ratio of {joint} is {ratio * choice:.4g}{by}, not {ratio:.4g}",
+                    _with_ratio(j, experiment, math.log(choice)),
+                    joint,
+                    in_drives({(joint,): f"{key} = {ratio * choice:.6g}"}),
+                    evidence={"given ratio": ratio, **evidence},
+                    penalty=float(choice == factor),
+                )
 
 
 def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
@@ -632,7 +598,7 @@ def _turned(side: Side, joint: str) -> Array:
 
 
 _MOST_STEPS = 8
-"""Steps of a search by Gauss and Newton, which begins near its end."""
+"""Steps of the search of an offset, which is far below a radian."""
 
 
 def _searched_zero(side: Side, joint: str) -> tuple[float, float]:

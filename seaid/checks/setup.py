@@ -39,6 +39,7 @@ from seaid.checks.experiment import (
     KINDS,
     Experiment,
     Transform,
+    best_value,
     multiplied,
     near,
     scaled,
@@ -148,11 +149,16 @@ def _is_contradicted(before: Experiment, transform: Transform) -> bool:
     return False
 
 
-def mistakes(experiment: Experiment) -> tuple[list[Finding], Experiment]:
-    """Return the mistakes that explain an experiment far better, and it without them."""
+def mistakes(
+    experiment: Experiment, possible: Possible | None = None
+) -> tuple[list[Finding], Experiment]:
+    """Return the mistakes that explain an experiment far better, and it without them.
+
+    Those of `MISTAKES`, or others that are `possible`.
+    """
     findings, notes = list[Finding](), list[Finding]()
     while len(findings) < _MOST_MISTAKES:
-        trials = _trials(experiment, notes)
+        trials = _trials(experiment, possible or MISTAKES, notes)
         if any(finding.severity != "note" for finding in findings):
             # its value has an error, which makes others small ones that are none
             trials = [trial for trial in trials if trial.falls]
@@ -182,20 +188,22 @@ def _described(experiment: Experiment, remedy: str) -> Experiment:
     return experiment.with_changes(sources=tuple(sources))
 
 
-def transforms(experiment: Experiment, notes: list[Finding]) -> Iterator[Transform]:
+def transforms(
+    experiment: Experiment, possible: Possible, notes: list[Finding]
+) -> Iterator[Transform]:
     """Yield what undoes each mistake that is possible, and add the `notes` on checks that raise."""
-    for is_shown, generators in MISTAKES.items():
+    for is_shown, generators in possible.items():
         for generator, code in generators.items():
             with guarded(code, notes):
                 if is_shown(experiment):
                     yield from generator(experiment)
 
 
-def _trials(experiment: Experiment, notes: list[Finding]) -> list[_Trial]:
+def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
     """Return the transforms that the log demands, the best first, and add `notes` as above."""
     costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
     has_bodies = _has_bodies(experiment)
-    for transform in transforms(experiment, notes):
+    for transform in transforms(experiment, possible, notes):
         with guarded(transform.code, notes):
             changed = transform.changed
             cost = changed.file if has_bodies else changed.cost("free", rows)
@@ -383,6 +391,19 @@ def _positions(experiment: Experiment) -> Iterator[Transform]:
             yield from _in_units(experiment, [j], channel, words, slope or 0.0)
 
 
+def _position_scales(experiment: Experiment) -> Iterator[Transform]:
+    """Yield factors on the positions of joints with one encoder, as by other counts per turn."""
+    for j in (j for j in experiment.used if not experiment.both[j]):
+        log_factor, error = best_value(experiment, partial(_rescaled, j, "qm"))
+        if abs(log_factor) <= max(tol.SLIGHT, tol.SURE * error):
+            continue
+        for factor in near(math.exp(log_factor)):
+            words = f"positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
+            words += f"{error / factor:.2g} times too large, as by other counts per turn"
+            penalty = float(factor == math.exp(log_factor))
+            yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, penalty=penalty)
+
+
 def _all_channels(experiment: Experiment) -> Iterator[Transform]:
     """Yield the sign of all torques, and units of all angles, at both sides or at one."""
     used = experiment.used
@@ -418,8 +439,11 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
         # beyond, one of the torques is nothing but rounding next to the other
         if is_reversed_only or not rounding < abs(slope) < 1 / rounding:
             continue
-        factor, error = _refinement(scaled(experiment, {j: 1 / slope}, "t"), j)
-        slope *= factor
+        # those of the bodies of all joints suggest another factor
+        log_factor, error = best_value(
+            scaled(experiment, {j: 1 / slope}, "t"), partial(_rescaled, j, "t")
+        )
+        slope *= math.exp(-log_factor)
         if abs(slope - 1) > tol.SLIGHT:
             words = f"the torque of {experiment.robot.joint_names[j]} is"
             yield _scale(experiment, [j], slope, words, error=error)
@@ -461,23 +485,9 @@ def _scale(
     )
 
 
-def _refinement(experiment: Experiment, j: int) -> tuple[float, float]:
-    """Return the factor on the torque of a joint that the nominal bodies of all joints suggest.
-
-    The second value is its standard error, with the errors of these bodies. Nominal torques are the
-    instrument: noise of the logged one would bias least squares.
-    """
-    nominal, is_own = experiment.of_file, np.arange(experiment.robot.n) == j
-    of_motors = experiment.lever * experiment.torque
-    torque = np.where(np.isnan(of_motors), experiment.sensed, of_motors)
-    z, x = experiment.weighed(is_own * nominal), experiment.weighed(is_own * torque)
-    size = float(z @ x)
-    # z . (u + (f - 1) x) = 0 for a factor f on the torque x, of which u is unexplained now:
-    # f = 1 - z . u / z . x.
-    inverse = 1 - float(z @ experiment.unexplained) / size if size else 1.0
-    factor = 1 / inverse if 1 / tol.TWICE < inverse < tol.TWICE else 1.0
-    # z . n has the variance |z|^2 for what is unexplained, of variance 1.
-    return factor, factor * float(np.linalg.norm(z)) / abs(size) if size else 0.0
+def _rescaled(j: int, channels: str, experiment: Experiment, log_factor: float) -> Experiment:
+    """Return the experiment with a factor on channels of joint j, by its logarithm."""
+    return scaled(experiment, {j: math.exp(log_factor)}, channels)
 
 
 def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -658,8 +668,12 @@ def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experim
 # What shows that a mistake is possible
 
 
+def _has_torques(experiment: Experiment) -> bool:
+    return bool(experiment.used)
+
+
 def _has_bodies(experiment: Experiment) -> bool:
-    return bool(experiment.used) and bool(np.all(np.isfinite(experiment.bodies)))
+    return _has_torques(experiment) and bool(np.all(np.isfinite(experiment.bodies)))
 
 
 def _is_severe(experiment: Experiment) -> bool:
@@ -674,13 +688,6 @@ def _is_severe_by_joint(experiment: Experiment) -> bool:
     return np.array_equal(robot.transmission, np.eye(robot.n)) and _is_severe(experiment)
 
 
-def _has_other_ratios(experiment: Experiment) -> bool:
-    """Whether the slope between the encoders of a joint is not that of its gear."""
-    both = np.flatnonzero(experiment.both).tolist()
-    is_other = any(gears.other_slope(experiment, j) for j in both if j in experiment.used)
-    return is_other or _is_severe_by_joint(experiment)
-
-
 def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
     """Whether the misfit of a kind is larger than `least` at some joint."""
     return bool(np.nanmax(experiment.misfit(kind), initial=0.0) > least)
@@ -690,16 +697,18 @@ _has_encoders_apart = partial(_is_off, kind="encoders", least=tol.FEW)
 _has_sensors_apart = partial(_is_off, kind="sensors", least=tol.SLIGHT)
 
 Generator = Callable[[Experiment], Iterator[Transform]]
+Possible = Mapping[Callable[[Experiment], bool], Mapping[Generator, Code]]
+"""{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
 
-MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
+MISTAKES: Possible = {
     _has_bodies: {
         _torque_scales: CODES["torque-scale"],
         _rotor_inertias: CODES["rotor-inertia"],
-        gears.ratios_by_bodies: CODES["gear-ratio"],
         _all_torque_scales: CODES["torque-scale"],
         bodies.gravities: CODES["gravity"],
         bodies.lengths: CODES["geometry"],
         bodies.zeros: CODES["encoder-offset"],
+        _position_scales: CODES["unit"],
         _parallel_springs: CODES["missing-term"],
         bodies.payloads: CODES["payload"],
     },
@@ -712,14 +721,27 @@ MISTAKES: dict[Callable[[Experiment], bool], dict[Generator, Code]] = {
     },
     _is_severe_by_joint: {_positions: CODES["unit"], _exchanges: CODES["swapped-joints"]},
     _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
-    _has_other_ratios: {gears.gear_ratios: CODES["gear-ratio"]},
+    _has_torques: {gears.gear_ratios: CODES["gear-ratio"]},
     _has_encoders_apart: {
         gears.coupled_motors: CODES["coupled-joints"],
         gears.differentials: CODES["coupled-joints"],
         gears.linkages: CODES["varying-ratio"],
     },
 }
-"""{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
+"""The mistakes that torques show."""
+
+
+def _contradicts_known_bodies(experiment: Experiment) -> bool:
+    """Whether gravity acts on known bodies whose torques are not those of the joints."""
+    robot = experiment.robot
+    has_gravity = bool(robot.known_bodies) and bool(np.any(robot.model.gravity.linear))
+    return has_gravity and _is_off(experiment, "nominal", tol.POOR)
+
+
+OF_COMMANDS: Possible = {
+    _contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]},
+}
+"""The mistakes that the torques of controllers show."""
 
 
 def log_findings(
@@ -831,8 +853,7 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
     gains, without = list[Finding](), experiment
     with guarded(CODES["gain-scale"], notes):
         gains, without = commands.gain_findings(experiment)
-    poses = Observation(CODES["encoder-offset"], commands.pose_findings)
-    findings = [*gains, *observed([_BEYOND_LIMITS, poses], without)]
+    findings = [*gains, *observed([_BEYOND_LIMITS], without), *mistakes(without, OF_COMMANDS)[0]]
     return [*(finding for finding in findings if finding.joint not in stopped), *notes]
 
 

@@ -340,14 +340,22 @@ def test_signs_and_zeros_are_found_by_gravity(
     found = [x for x in wrong_of(robot, other) if x.code in ("sign", "encoder-offset")]
     wanted = {f"j{k}": pair for k, pair in enumerate(zip(signs, zeros, strict=True))}
     wanted = {joint: pair for joint, pair in wanted.items() if pair != (1, 0.0)}
-    assert {one.joint for one in found} == set(wanted)
-    for one in found:
-        sign, zero = wanted[one.joint]
+    offsets = {
+        name.split()[2]: (one, angle)
+        for one in found
+        for name, angle in one.evidence.items()
+        if name.startswith("offset of ")
+    }
+    assert set(offsets) == set(wanted)
+    for joint, (sign, zero) in wanted.items():
+        one, offset = offsets[joint]
         assert one.code == ("sign" if sign < 0 else "encoder-offset")
-        assert one.evidence["offset [rad]"] == pytest.approx(zero, abs=0.03)
-        assert f"[joints.{one.joint}]" in one.remedy
-        assert one.remedy.count("sign = -1") == (2 if sign < 0 else 0)
-        assert one.remedy.count("offset") == (2 if zero else 0)
+        assert offset == pytest.approx(zero, abs=0.03)
+        table = tomllib.loads(one.remedy.partition("\n")[2])["joints"][joint]
+        assert [entry.get("sign", 1) for entry in table.values()] == [sign, sign]
+        assert [entry.get("offset", 0.0) for entry in table.values()] == [
+            pytest.approx(offset, abs=1e-5)
+        ] * 2
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.checks import CODES
 from seaid.checks.experiment import _slope, experiment_of, fitted
-from seaid.checks.setup import transforms
+from seaid.checks.setup import MISTAKES, transforms
 from seaid.errors import Finding, SeaidError, by_severity
 from seaid.identification.checking import check
 from seaid.legged import load_robot
@@ -201,7 +201,9 @@ def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
     robot, log = arm(), arm_log()
     given = experiment_of(with_gravity(robot, 9.81, 0, 0), [[seaid.reconstruct_motion(robot, log)]])
     penalties = {
-        one.remedy: one.penalty for one in transforms(given, []) if one.code == CODES["gravity"]
+        one.remedy: one.penalty
+        for one in transforms(given, MISTAKES, [])
+        if one.code == CODES["gravity"]
     }
     down = "option: --gravity 0,0,-9.81"
     assert all(penalties[down] < one for remedy, one in penalties.items() if remedy != down)
@@ -333,11 +335,13 @@ def test_joints_that_move_by_a_radian_are_not_in_degrees() -> None:
     """In degrees they would hardly move, so that bodies in the fit explain less, not more."""
     log = of_joint(leg_log(), 2, motor_torque=1000.0)
     given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), log)])
-    messages = [one.message for one in transforms(given, [])]
+    messages = [one.message for one in transforms(given, MISTAKES, [])]
     assert not [one for one in messages if "positions" in one and one.endswith(" in deg")]
     slow = of_joint(leg_log(), 2, motor_position=180 / np.pi, joint_position=180 / np.pi)
     given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), slow)])
-    assert "the positions of hip_pitch are in deg" in [one.message for one in transforms(given, [])]
+    assert "the positions of hip_pitch are in deg" in [
+        one.message for one in transforms(given, MISTAKES, [])
+    ]
 
 
 @pytest.mark.slow  # several checks of the leg or the arm
