@@ -444,13 +444,23 @@ def _behind_linkage(experiment: Experiment, j: int, mean: float, linkage: AngleR
 
 
 def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
-    """Yield the slope of the motor torque: one late by d is tau - d tau' to first order."""
-    drive = side.robot.drives[joint]
-    if drive.motor_input != "torque" or (drive.is_elastic and not side.is_motor):
-        return
-    index = side.robot.index(joint)
-    if all(np.all(np.isfinite(motion.motor_torque[:, index])) for motion in side.motions):
-        yield linear_candidate(joint, "delay", "motor_torque", partial(_slope, side, joint))
+    """Yield the slope of a torque: one that is late by d is tau - d tau' to first order."""
+    channel = _torque_channel(side, joint)
+    if channel:
+        yield linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+
+
+def _torque_channel(side: Side, joint: str) -> str:
+    """Return the torque in the equation of a joint, "" if it is one of commands or of no sensor."""
+    drive, index = side.robot.drives[joint], side.robot.index(joint)
+    is_behind_spring = drive.is_elastic and not side.is_motor
+    channels = ("motor_torque",) if drive.is_elastic else ("motor_torque", "joint_torque")
+    logged = (
+        channel
+        for channel in channels
+        if all(np.all(np.isfinite(getattr(x, channel)[:, index])) for x in side.motions)
+    )
+    return "" if drive.motor_input != "torque" or is_behind_spring else next(logged, "")
 
 
 def _slope(side: Side, joint: str) -> Array:
@@ -464,13 +474,13 @@ def _slope(side: Side, joint: str) -> Array:
 
 
 def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
-    """Return -tau' (R, 1) of a motor at the rows, and what resembles it in another drive (R, c).
+    """Return -tau' (R, 1) of a torque at the rows, and what resembles it in another drive (R, c).
 
     Friction that changes gradually near reversals resembles an early torque. What is in the model
     already is zero.
     """
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
-    is_ideal = drive == IDEAL_DRIVE
+    is_ideal, channel = drive == IDEAL_DRIVE, _torque_channel(side, joint)
     is_open = is_ideal or drive.motor_inertia_kg_m2 is None
     fastest = max(float(np.max(np.abs(x.motor_velocity[:, index]))) for x in side.motions)
 
@@ -488,7 +498,7 @@ def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     # of which is as large as its first difference.
     slopes = [
         np.gradient(
-            low_pass(x.motor_torque[:, [index]], x.rate_hz, POSITION_BAND * x.cutoff_hz),
+            low_pass(getattr(x, channel)[:, [index]], x.rate_hz, POSITION_BAND * x.cutoff_hz),
             x.time,
             axis=0,
         )
@@ -502,7 +512,7 @@ _ROUNDING = 1e-3
 
 
 def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
-    """Return the finding of a motor torque that is late or early against the positions."""
+    """Return the finding of a torque that is late or early against the positions."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
     return _late_torques(side, [joint], delay, error, share, abs(delay) - tol.SURE * error)
 
@@ -510,17 +520,18 @@ def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) ->
 def _late_torques(
     side: Side, joints: Sequence[str], delay: float, error: float, explained: float, surely: float
 ) -> Finding:
-    """Return the finding that the motor torques of joints are late by a delay [s], or early.
+    """Return the finding that the torques of joints are late by a delay [s], or early.
 
     It matters by the part [s] of it that is `surely` there: of one joint what is beyond its error,
     of many all, because how they differ is in the error already.
     """
     entries = {}
     for joint in joints:
-        source = side.sources.get(joint, {}).get("motor_torque", "")
-        entries[joint] = {"motor_torque": changed_source(source, delay_s=round(delay, 5))}
+        channel = _torque_channel(side, joint)
+        source = side.sources.get(joint, {}).get(channel, "")
+        entries[joint] = {channel: changed_source(source, delay_s=round(delay, 5))}
     return CODES["delay"].finding(
-        f"the motor torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
+        f"the torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
         only_joint(joints),
         "doubtful" if surely > tol.LEAST_DELAY_S else "note",
@@ -671,7 +682,7 @@ GEAR_CHECKS = (
         _late_torque,
         _late,
         "torque and position that are stamped by one clock have no delay",
-        "a motor torque that is late or early",
+        "a torque that is late or early",
     ),
     ColumnCheck(
         CODES["encoder-offset"],

@@ -398,7 +398,7 @@ def _position_scales(experiment: Experiment) -> Iterator[Transform]:
         if abs(log_factor) <= max(tol.SLIGHT, tol.SURE * error):
             continue
         for factor in near(math.exp(log_factor)):
-            words = f"positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
+            words = f"the positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
             words += f"{error / factor:.2g} times too large, as by other counts per turn"
             penalty = float(factor == math.exp(log_factor))
             yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, penalty=penalty)
@@ -609,26 +609,35 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
 
 
 def _times(experiment: Experiment) -> Iterator[Transform]:
-    """Yield clocks that run too fast or too slowly by a round factor."""
-    for factor in (0.1, 0.5, 2.0, 10.0):
+    """Yield clocks that run too fast or too slowly, by a round factor or another one."""
+    log_factor, error = best_value(experiment, _with_clock)
+    is_shown = abs(log_factor) > max(tol.SLIGHT, tol.SURE * error)
+    others = near(math.exp(log_factor)) if is_shown else []
+    for factor in dict.fromkeys([0.1, 0.5, 2.0, 10.0, *others]):
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
-        # Position, velocity and acceleration in a time t / factor; the torques stay.
-        powers = np.array([1.0, factor, factor**2])[:, None, None]
-        rate_hz = experiment.rate_hz * factor
+        changed = _with_clock(experiment, math.log(factor))
         yield Transform(
             CODES["time-unit"],
-            f"the time of the log is {max(factor, 1 / factor):.0f} times too {times}, so that "
+            f"the time of the log is {max(factor, 1 / factor):.3g} times too {times}, so that "
             f"speeds are too {speeds}",
-            experiment.with_changes(
-                joint=powers * experiment.joint,
-                motor=powers * experiment.motor,
-                torque_rate=factor * experiment.torque_rate,
-                rate_hz=rate_hz,
-            ),
-            remedy=f"in the description of the log:\ntime = {{ rate_hz = {rate_hz:.6g} }}",
+            changed,
+            remedy=f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}",
             evidence={"factor": factor},
             penalty=1.0,
         )
+
+
+def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
+    """Return the experiment with speeds by a factor, by its logarithm; the torques stay."""
+    factor = math.exp(log_factor)
+    # Position, velocity and acceleration in a time t / factor.
+    powers = np.array([1.0, factor, factor**2])[:, None, None]
+    return experiment.with_changes(
+        joint=powers * experiment.joint,
+        motor=powers * experiment.motor,
+        torque_rate=factor * experiment.torque_rate,
+        rate_hz=factor * experiment.rate_hz,
+    )
 
 
 # Channels of two joints exchanged

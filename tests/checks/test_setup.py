@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from itertools import chain, islice
@@ -55,6 +56,41 @@ def test_a_rough_robot_file_is_no_mistake(case: str, seed: int, common: float) -
     robot, log = CASES[case][0](), CASES[case][1]()
     findings, _ = mistakes(experiment(rough(robot, seed, common), log))
     assert [finding for finding in findings if finding.severity != "note"] == []
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+@pytest.mark.parametrize("what", ["gear-ratio", "unit", "torque-scale"])
+def test_a_ratio_an_encoder_and_a_torque_off_by_a_factor_are_told_apart(
+    what: str, side: str
+) -> None:
+    """Next to a rough robot file: each changes positions, torques and rotors in its own way."""
+    truth, log, factor = true_geared_arm(), geared_arm_log(), 1.3
+    elbow, name = 2, "elbow_joint"
+    robot, of_elbow = rough(truth, 0), np.where(np.arange(6) == elbow, factor, 1.0)
+    if what == "gear-ratio":
+        drive = truth.drives[name]
+        robot = robot.with_drives({name: replace(drive, gear_ratio=factor * drive.ratio)})
+    positions = log.joint_position * (of_elbow if what == "unit" else 1.0)
+    torques = log.motor_torque * (of_elbow if what == "torque-scale" else 1.0)
+    log = replace(log, joint_position=positions, motor_torque=torques)
+    if side == "motor":
+        log = replace(log, motor_position=positions, joint_position=log.motor_position)
+    findings, _ = mistakes(experiment(robot, log))
+    (finding,) = (x for x in findings if x.severity != "note")
+    assert (finding.code, finding.joint) == (what, name)
+    source = toml_of_remedy(finding.remedy)
+    if what == "gear-ratio":
+        assert source["gear_ratio"] == pytest.approx(1.0, abs=0.05)
+    else:
+        quantity = "motor_torque" if what == "torque-scale" else f"{side}_position"
+        assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
+
+
+def toml_of_remedy(remedy: str) -> dict[str, Any]:
+    """Return the only table of a joint in a remedy."""
+    tables = tomllib.loads(remedy.partition("\n")[2])
+    (table,) = tables.get("joints", tables).values()
+    return dict(table)
 
 
 def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> None:
