@@ -569,52 +569,71 @@ def forward_selection(
 ) -> Selection:
     """Accept the best candidate, test all others next to it, and so on, until nothing matters.
 
-    `asked` is the number of all tests of all equations, which the criterion allows for (Chen and
-    Chen 2008); `least_gain` is its least decrease.
+    What was accepted is tested again, too: next to its cause an echo vanishes, whichever came
+    first. `asked` is the number of all tests of all equations, which the criterion allows for (Chen
+    and Chen 2008); `least_gain` is its least decrease.
     """
     least_bic = least_gain + 2 * math.log(max(asked, 1))
-    first: list[Trial] = []
-    steps: list[Accepted] = []
-    current, remaining, p = equation, list(candidates), len(equation.rows.names)
+    first, kept, remaining = list[Trial](), list[Trial](), list(candidates)
+    rivals = dict[Candidate, list[Trial]]()
     # With as few rows as parameters no block can be predicted, and nothing more is accepted. The
     # fit itself has the finding `few-rows` then.
     with suppress(IdentificationError):
-        while len(steps) < MOST_ACCEPTED:
+        while len(kept) < MOST_ACCEPTED:
             # Asked for one test: the 2 log(asked) of the criterion is in `least_bic` already. The
             # trials of the first step are returned as `Selection.first`, and callers judge them
             # with a penalty for fewer tests. So all with a criterion above zero are compared in
             # full.
             least = least_bic if first else 0.0
+            current = equation.with_alternatives(trial.alternative for trial in kept)
             compared = compared_candidates(current, remaining, 1, least_bic=least)
             first = first or compared
             strong = [trial for trial in compared if trial.comparison.bic > least_bic]
             best = best_trial(strong)
             if best is None:
                 break
-            larger = current.with_alternatives([best.alternative])
-            rows = np.any(best.alternative.columns != 0, axis=1)
-            whole, before, after = (model.squares(rows) for model in (equation, current, larger))
-            # Over the residual of the fit, not of this step: the shares at the same rows add up.
-            share = (before - after) / max(whole, 1e-300)
-            is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
-            change = np.where(is_fitted, larger.values[:p] - current.values[:p], 0.0)
-            rivals = tuple(_rivals(best, strong, least_gain))
-            steps.append(Accepted(best, share=share, change=change, rivals=rivals))
-            current = larger
+            rivals[best.candidate] = _rivals(best, strong, least_gain)
+            # What is accepted or an echo is not tried again, so that the search ends.
             remaining = [candidate for candidate in remaining if candidate is not best.candidate]
-    return Selection(tuple(_accepted(steps, current)), current, tuple(first))
+            kept = [*_without_echoes(equation, kept, best, least_bic), best]
+    after = equation.with_alternatives(trial.alternative for trial in kept)
+    return Selection(tuple(_accepted(equation, kept, rivals, after)), after, tuple(first))
 
 
-def _accepted(steps: Sequence[Accepted], after: Equation) -> Iterator[Accepted]:
-    """Yield the candidates of steps with their coefficients in the equation with all of them."""
-    if not steps:
+def _without_echoes(
+    equation: Equation, kept: Sequence[Trial], best: Trial, least_bic: float
+) -> Iterator[Trial]:
+    """Yield the trials that are supported next to the others and to the best one."""
+    for trial in kept:
+        others = [other.alternative for other in (*kept, best) if other is not trial]
+        without = equation.with_alternatives(others)
+        again = compared_candidates(without, [trial.candidate], 1, least_bic=least_bic)
+        if best_trial(x for x in again if x.comparison.bic > least_bic):
+            yield trial
+
+
+def _accepted(
+    equation: Equation,
+    kept: Sequence[Trial],
+    rivals: Mapping[Candidate, Sequence[Trial]],
+    after: Equation,
+) -> Iterator[Accepted]:
+    """Yield the trials that were kept, with their coefficients in the equation `after` all."""
+    if not kept:
         return
-    ends = np.cumsum([step.trial.alternative.columns.shape[1] for step in steps])
+    ends, p = np.cumsum([x.alternative.columns.shape[1] for x in kept]), len(equation.rows.names)
     parts = (np.split(numbers, ends[:-1]) for numbers in after.last(ends[-1]))
-    names = {step.trial.candidate.name for step in steps}
-    for step, values, errors in zip(steps, *parts, strict=True):
-        rivals = tuple(rival for rival in step.rivals if rival.candidate.name not in names)
-        yield replace(step, coefficients=values, errors=errors, rivals=rivals)
+    names, before = {trial.candidate.name for trial in kept}, equation
+    for trial, values, errors in zip(kept, *parts, strict=True):
+        larger = before.with_alternatives([trial.alternative])
+        rows = np.any(trial.alternative.columns != 0, axis=1)
+        # Over the residual of the fit, not of this step: the shares at the same rows add up.
+        share = (before.squares(rows) - larger.squares(rows)) / max(equation.squares(rows), 1e-300)
+        is_fitted = np.any(larger.rows.H[:, :p] != 0, axis=0)
+        change = np.where(is_fitted, larger.values[:p] - before.values[:p], 0.0)
+        others = tuple(x for x in rivals[trial.candidate] if x.candidate.name not in names)
+        yield Accepted(trial, values, errors, share, change, others)
+        before = larger
 
 
 def _rivals(best: Trial, supported: Iterable[Trial], least_gain: float) -> list[Trial]:

@@ -27,6 +27,7 @@ from seaid.estimation import (
     RANK_TOLERANCE,
     correlated_rows,
     fitted_columns,
+    fitted_slope,
     scaled_svd,
     shrunk,
     triangle,
@@ -580,7 +581,7 @@ class Experiment:
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
-                slope, error = _slope(columns[rows], y[rows])
+                slope, error = fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
             else:
                 columns = np.column_stack([joint, np.ones(len(joint)), zeros])
                 x = scaled_svd(columns).solve(motor)
@@ -875,36 +876,6 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
         if abs(step) < tol.POOR * max(error, tol.SLIGHT):
             return value, error
     return 0.0, math.inf
-
-
-def _slope(columns: Array, y: Array) -> tuple[float, float]:
-    """Return -b/a of the first columns, motor and joint angle, and its standard error.
-
-    That of the fit, or of the halves of the rows if they differ by more; and, as in `gear_ratio`,
-    the error of the gear, the smooth part of the residual: what rows that are no neighbours share,
-    in time or in the angle, beyond the standard error of such a correlation of noise.
-    """
-
-    def part(rows: slice) -> tuple[float, float, Array]:
-        used = columns[rows][:, np.any(columns[rows] != 0, axis=0)]  # zeros of encoders of its logs
-        x, covariance = fitted(used, y[rows])
-        # The gradient of -x_1 / x_0, for the error to first order.
-        slopes = np.array([x[1] / x[0] ** 2, -1 / x[0]])
-        error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
-        return float(-x[1] / x[0]), error, (y[rows] - used @ x) / x[1]
-
-    slope, error, residual = part(slice(None))
-    count, joint = len(y), columns[:, 1]
-    if count > 6 * columns.shape[1]:
-        (first, e, _), (second, f, _) = part(slice(count // 2)), part(slice(count // 2, None))
-        # The error e f / sqrt(e^2 + f^2) of the weighted mean of both halves, times their Birge
-        # ratio |first - second| / sqrt(e^2 + f^2).
-        error = max(error, abs(first - second) * e * f / max(e**2 + f**2, _LEAST))
-    by_angle = residual[np.argsort(joint)]
-    shared = max(float(residual[2:] @ residual[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
-    # Of white noise a mean of products has the standard deviation sigma^2 / sqrt(count).
-    smooth = np.sqrt(max(shared - float(residual @ residual) / count**1.5, 0.0))
-    return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), _LEAST)))
 
 
 _TINY, _LEAST = 1e-9, 1e-300

@@ -79,6 +79,7 @@ from .qr_factor import directions as directions
 from .qr_factor import explained_squares as explained_squares
 from .qr_factor import first_term as first_term
 from .qr_factor import fitted_columns as fitted_columns
+from .qr_factor import fitted_slope as fitted_slope
 from .qr_factor import posterior as posterior
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import scaled_svd as scaled_svd

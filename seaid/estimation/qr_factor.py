@@ -4,7 +4,7 @@ The factor is second moments as one triangle per equation, which adds up. All de
 made here, on columns scaled to unit norm: by `RANK_TOLERANCE` where a parameter is called
 identifiable or not, by `ROUNDING` where directions of rounding are dropped. That is why the fits of
 columns without names or weights stand here, too: with errors (`fitted_columns`), of all rows but
-some (`deleted_residual`), and with errors of known variance in the columns (`posterior`,
+some (`deleted_residual`), of a slope (`fitted_slope`), and with errors of known variance in the columns (`posterior`,
 `whitened`).
 """
 
@@ -416,6 +416,38 @@ def fitted_columns(columns: Array, y: Array, inflation: float, count: int) -> tu
     size[:count] = sizes
     scaled = inflation * inverse * size
     return x, np.asarray(scaled.T @ scaled)
+
+
+def fitted_slope(columns: Array, y: Array, inflation: float) -> tuple[float, float]:
+    """Return -b/a of the parameters a, b of the first two columns, and its standard error.
+
+    Between a motor and a joint angle it is the gear ratio. The error is that of the fit, `inflation`
+    times as for white noise, or of the halves of the rows if they differ by more; and, as in
+    `gear_ratio`, the error of the gear, the smooth part of the residual: what rows that are no
+    neighbours share, in time or in the angle, beyond the standard error of such a correlation of
+    noise.
+    """
+
+    def part(rows: slice) -> tuple[float, float, Array]:
+        used = columns[rows][:, np.any(columns[rows] != 0, axis=0)]  # zeros of encoders of its logs
+        x, covariance = fitted_columns(used, y[rows], inflation, 1)
+        # The gradient of -x_1 / x_0, for the error to first order.
+        slopes = np.array([x[1] / x[0] ** 2, -1 / x[0]])
+        error = float(np.sqrt(slopes @ covariance[:2, :2] @ slopes))
+        return float(-x[1] / x[0]), error, (y[rows] - used @ x) / x[1]
+
+    slope, error, residual = part(slice(None))
+    count, joint = len(y), columns[:, 1]
+    if count > 6 * columns.shape[1]:
+        (first, e, _), (second, f, _) = part(slice(count // 2)), part(slice(count // 2, None))
+        # The error e f / sqrt(e^2 + f^2) of the weighted mean of both halves, times their Birge
+        # ratio |first - second| / sqrt(e^2 + f^2).
+        error = max(error, abs(first - second) * e * f / max(e**2 + f**2, 1e-300))
+    by_angle = residual[np.argsort(joint)]
+    shared = max(float(residual[2:] @ residual[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
+    # Of white noise a mean of products has the standard deviation sigma^2 / sqrt(count).
+    smooth = np.sqrt(max(shared - float(residual @ residual) / count**1.5, 0.0))
+    return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), 1e-300)))
 
 
 def explained_squares(columns: Array, y: Array) -> float:
