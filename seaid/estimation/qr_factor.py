@@ -4,8 +4,8 @@ The factor is second moments as one triangle per equation, which adds up. All de
 made here, on columns scaled to unit norm: by `RANK_TOLERANCE` where a parameter is called
 identifiable or not, by `ROUNDING` where directions of rounding are dropped. That is why the fits of
 columns without names or weights stand here, too: with errors (`fitted_columns`), of all rows but
-some (`deleted_residual`), of a slope (`fitted_slope`), and with errors of known variance in the columns (`posterior`,
-`whitened`).
+some (`deleted_residual`), of a slope (`fitted_slope`), and with errors of known variance in the
+columns (`posterior`, `whitened`).
 """
 
 from __future__ import annotations
@@ -421,10 +421,10 @@ def fitted_columns(columns: Array, y: Array, inflation: float, count: int) -> tu
 def fitted_slope(columns: Array, y: Array, inflation: float) -> tuple[float, float]:
     """Return -b/a of the parameters a, b of the first two columns, and its standard error.
 
-    Between a motor and a joint angle it is the gear ratio. The error is that of the fit, `inflation`
-    times as for white noise, or of the halves of the rows if they differ by more; and, as in
-    `gear_ratio`, the error of the gear, the smooth part of the residual: what rows that are no
-    neighbours share, in time or in the angle, beyond the standard error of such a correlation of
+    Between a motor and a joint angle it is the gear ratio. The error is that of the fit,
+    `inflation` times as for white noise, or of the halves of the rows if they differ by more; and,
+    as in `gear_ratio`, the error of the gear, the smooth part of the residual: what rows that are
+    no neighbours share, in time or in the angle, beyond the standard error of such a correlation of
     noise.
     """
 
