@@ -170,10 +170,13 @@ def _off(
 def _with_zeros(
     joints: Sequence[int], experiment: Experiment, angles: float | Sequence[float]
 ) -> Experiment:
-    """Return the experiment with angles added to the positions of joints."""
-    joint = experiment.joint.copy()
-    joint[0][:, joints] += angles
-    return experiment.with_changes(joint=joint)
+    """Return the experiment with angles added to the positions of joints, and of their motors."""
+    added = np.zeros(experiment.robot.n)
+    added[joints] = angles
+    joint, motor = experiment.joint.copy(), experiment.motor.copy()
+    joint[0] += added
+    motor[0] += experiment.lever * (experiment.robot.transmission @ added)
+    return experiment.with_changes(joint=joint, motor=motor)
 
 
 def _with_length(joint: str, experiment: Experiment, log_factor: float) -> Experiment:

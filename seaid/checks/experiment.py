@@ -35,7 +35,7 @@ from seaid.estimation import (
 )
 from seaid.log import Motion, changed_source, in_band_at, moving, row_samples
 from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
-from seaid.robot import Robot, at_drives, torques_at_drives
+from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 
 INSTANTS = 200
 """Instants at which hypotheses are compared."""
@@ -204,7 +204,22 @@ class Experiment:
         changes = {name: change(getattr(self, name)) for name in names}
         if "t" in channels and "s" not in channels:
             changes["sensed"] = np.where(self.has_both_torques, self.sensed, change(self.sensed))
-        return self.with_changes(**changes)
+        changed = self.with_changes(**changes)
+        return changed.consistent if {*channels} & {"q", "m"} else changed
+
+    @property
+    def consistent(self) -> Experiment:
+        """The experiment in which the joints without encoders follow from the motors.
+
+        The motors without encoders follow from the joints.
+        """
+        names, sources = self.robot.joint_names, self.sources[0]
+        is_alone = np.array(["joint_position" not in sources.get(x, {}) for x in names])
+        of_motors = at_joints(self.robot.transmission, self.motor / self.lever)
+        joint = np.where(is_alone & ~self.both, of_motors, self.joint)
+        changed = self.with_changes(joint=joint)
+        motor = np.where(is_alone | self.both, self.motor, changed.lever * changed.turned)
+        return changed.with_changes(motor=motor)
 
     @derived("robot", "joint")
     def turned(self) -> Array:

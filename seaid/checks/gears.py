@@ -170,13 +170,7 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
 def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment:
     """Return the experiment with a factor on the gear ratio of joint j, by its logarithm."""
     factors = np.exp(np.where(np.arange(experiment.robot.n) == j, log_factor, 0.0))
-    changes = {"ratio": experiment.ratio * factors}
-    # the side without an encoder was computed from the other one
-    if not experiment.both[j] and "motor_position" in experiment.logged(j, "m"):
-        changes["joint"] = experiment.joint / factors
-    elif not experiment.both[j]:
-        changes["motor"] = experiment.motor * factors
-    return experiment.with_changes(**changes)
+    return experiment.with_changes(ratio=experiment.ratio * factors).consistent
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:

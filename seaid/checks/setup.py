@@ -665,13 +665,7 @@ def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experim
     """Return the experiment with channels (q, m, t, s) of two joints exchanged."""
     order = np.arange(experiment.robot.n)
     order[[i, j]] = j, i
-    changed = experiment.with_channels(channels, lambda values: values[..., order])
-    if not channels.startswith("qm"):
-        return changed
-    # the side without an encoder was computed from the motor's
-    is_computed = np.isin(order, [i, j]) & ~experiment.both
-    joint = np.where(is_computed, changed.motor / experiment.ratio, changed.joint)
-    return changed.with_changes(joint=joint)
+    return experiment.with_channels(channels, lambda values: values[..., order])
 
 
 # What shows that a mistake is possible
@@ -689,12 +683,6 @@ def _is_severe(experiment: Experiment) -> bool:
     """Whether a misfit is as large as that of a wrong sign, unit, clock or place."""
     misfits = [np.nanmax(misfit, initial=0.0) for misfit in experiment.misfits.values()]
     return float(max(misfits)) >= tol.SEVERE
-
-
-def _is_severe_by_joint(experiment: Experiment) -> bool:
-    """Whether a misfit is so large, and each joint has its motor."""
-    robot = experiment.robot
-    return np.array_equal(robot.transmission, np.eye(robot.n)) and _is_severe(experiment)
 
 
 def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
@@ -727,8 +715,9 @@ MISTAKES: Possible = {
         _times: CODES["time-unit"],
         gears.geared_encoders: CODES["unit"],
         _signs: CODES["sign"],
+        _positions: CODES["unit"],
+        _exchanges: CODES["swapped-joints"],
     },
-    _is_severe_by_joint: {_positions: CODES["unit"], _exchanges: CODES["swapped-joints"]},
     _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
     _has_torques: {gears.gear_ratios: CODES["gear-ratio"]},
     _has_encoders_apart: {
