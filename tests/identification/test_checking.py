@@ -16,9 +16,10 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.checks import CODES
-from seaid.checks.experiment import _slope, experiment_of, fitted
+from seaid.checks.experiment import experiment_of, fitted
 from seaid.checks.setup import MISTAKES, transforms
 from seaid.errors import Finding, SeaidError, by_severity
+from seaid.estimation import fitted_slope
 from seaid.identification.checking import check
 from seaid.legged import load_robot
 from seaid.log.log import Log
@@ -379,13 +380,13 @@ def test_the_error_of_a_gear_ratio_has_that_of_the_gear() -> None:
     off = []
     for seed in range(60):
         rows = spring_rows(1.5e-3, seed)
-        slope, error = _slope(*rows)
+        slope, error = fitted_slope(*rows, 1.5)
         off.append((abs(slope - 700) / error, abs(slope - 700) / fit_error(*rows)))
     covered, by_fit = np.mean(np.array(off) < 2, axis=0)
     assert covered > 0.8 > 0.6 > by_fit
     for seed in range(20):  # of a gear without an error it is hardly above that of the noise
         rows = spring_rows(0.0, seed)
-        assert _slope(*rows)[1] < 3 * fit_error(*rows)
+        assert fitted_slope(*rows, 1.5)[1] < 3 * fit_error(*rows)
 
 
 def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> None:
