@@ -887,8 +887,10 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
             break
         error = size / abs(slope)
         step = -float(z @ changed.unexplained) / slope
+        # a first step that is no more than its error needs no second one
+        enough = tol.POOR * max(error, tol.SLIGHT) if value else tol.SURE * error
         value += float(np.clip(step, -tol.MOST, tol.MOST))
-        if abs(step) < tol.POOR * max(error, tol.SLIGHT):
+        if abs(step) < enough:
             return value, error
     return 0.0, math.inf
 
