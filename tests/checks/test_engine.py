@@ -26,6 +26,7 @@ from seaid.estimation.estimate import term_test
 from seaid.estimation.fitting import ESTIMATORS, fit
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
+from tests.plants import regression
 
 NAMES = ("a", "b", "c", "d")
 
@@ -35,17 +36,9 @@ def rows(
 ) -> Regression:
     rng = np.random.default_rng(seed)
     H = rng.normal(size=(count, 4))
-    return Regression(
-        names=NAMES,
-        units=("1",) * 4,
-        H=H,
-        y=H @ values + 0.1 * rng.normal(size=count),
-        joint=np.arange(count, dtype=float) % 2,
-        time=np.arange(count, dtype=float) // 2 * 0.01,
-        run=np.zeros(count),
-        excluded=0,
-        propagated=np.empty((count, 0)),
-    )
+    y = H @ values + 0.1 * rng.normal(size=count)
+    instants = np.arange(count, dtype=float)
+    return regression(H, y, unit="1", joint=instants % 2, time=instants // 2 * 0.01)
 
 
 def test_an_equation_without_rows_takes_its_weight_with_it() -> None:

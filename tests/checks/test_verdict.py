@@ -15,9 +15,9 @@ from seaid.checks.verdict import _blocks
 from seaid.estimation import FittedRows, ordinary, qr_factor_of
 from seaid.export import content_of
 from seaid.log.reading import Log
-from seaid.regressor import Regression
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
+from tests.plants import regression
 
 
 def leg_log(seed: int = 1) -> Log:
@@ -175,17 +175,7 @@ def test_contacts_of_several_logs_have_their_own_times() -> None:
     H = rng.normal(size=(len(time), 2))
     after = time - np.array(starts_s)[run.astype(int)]
     y = H @ np.ones(2) + 0.1 * rng.normal(size=len(time)) + 3.0 * ((after > 0) & (after < 2.0))
-    rows = Regression(
-        names=("a", "b"),
-        units=("", ""),
-        H=H,
-        y=y,
-        joint=np.zeros(len(y)),
-        time=time,
-        run=run,
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
+    rows = regression(H, y, time=time, run=run)
     fit = FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
     whole = RobotFit(("knee",), fit, logs={0: 1, 1: 2})
     assert [contact.run for contact in whole.contacts] == [0, 1]
@@ -211,17 +201,8 @@ def test_slow_motion_within_the_dry_friction_is_no_contact(push: float, times: i
     speed = np.where(is_slow, 0.05, np.sin(time))
     H = np.column_stack([speed, np.sign(speed), rng.normal(size=len(time))])
     y = H @ (0.5, 1.0, 2.0) + 0.1 * rng.normal(size=len(time)) - push * is_slow
-    rows = Regression(
-        names=("viscous_friction of knee", "coulomb_friction of knee", "m"),
-        units=("", "", ""),
-        H=H,
-        y=y,
-        joint=np.zeros(len(y)),
-        time=time,
-        run=np.zeros(len(y)),
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
+    names = ("viscous_friction of knee", "coulomb_friction of knee", "m")
+    rows = regression(H, y, names=names, time=time)
     fit = FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
     assert len(RobotFit(("knee",), fit, logs={0: 1}).contacts) == times
 
@@ -247,17 +228,7 @@ def fitted(count: int, p: int, seed: int, alone: bool = False) -> FittedRows:
         H[:, 1] = H[:, 0] + 0.02 * H[:, 1]
     y = H @ np.ones(p) + rng.normal(size=count)
     H, y = np.repeat(H, 20, axis=0), np.repeat(y, 20)
-    rows = Regression(
-        names=tuple(f"p{k}" for k in range(p)),
-        units=("",) * p,
-        H=H,
-        y=y,
-        joint=np.zeros(len(y)),
-        time=np.arange(len(y), dtype=float),
-        run=np.zeros(len(y)),
-        excluded=0,
-        propagated=np.empty((len(y), 0)),
-    )
+    rows = regression(H, y, time=np.arange(len(y), dtype=float))
     return FittedRows(ordinary(rows), qr_factor_of(rows), rows, None)
 
 

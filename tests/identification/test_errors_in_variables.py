@@ -15,6 +15,7 @@ from seaid.identification.drive_estimates import noise_ratio
 from seaid.log.motion import reconstruct_motion
 from seaid.regressor.regression import Regression
 from tests.experiments import leg, leg_motion, perfect_log
+from tests.plants import regression
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -27,17 +28,8 @@ def rows(torque_std: float, deflection_std: float, seed: int = 0, count: int = 2
     time = np.arange(count, dtype=float) * 0.02
     d = 0.05 * np.sin(time) + 0.02 * np.sin(2.7 * time)
     torque = STIFFNESS * d + OFFSET + torque_std * rng.normal(size=count)
-    return Regression(
-        names=("stiffness", "spring_offset"),
-        units=("N m/rad", "N m"),
-        H=np.column_stack([d + deflection_std * rng.normal(size=count), np.ones(count)]),
-        y=torque,
-        joint=np.zeros(count),
-        time=time,
-        run=np.zeros(count),
-        excluded=0,
-        propagated=np.empty((count, 0)),
-    )
+    H = np.column_stack([d + deflection_std * rng.normal(size=count), np.ones(count)])
+    return regression(H, torque, names=("stiffness", "spring_offset"), time=time)
 
 
 def spring_estimate(noisy: Regression, ratio: float) -> Estimate:

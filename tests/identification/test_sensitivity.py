@@ -25,6 +25,7 @@ from seaid.report import save_sensitivity_figure
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
+from tests.plants import regression
 from tests.standard_errors import check_scores
 
 CODES = ("homogeneous", "estimator-disagrees", "cutoff-sensitive")
@@ -143,15 +144,11 @@ def rows(seed: int, every: int) -> Regression:
     by = np.random.default_rng(2).normal(size=(600, 2, 2))
     y = H @ np.ones(3) + noise + by @ known
     picked = slice(None, None, every)
-    return Regression(
-        names=("a", "b", "c"),
-        units=("",) * 3,
-        H=H[picked].reshape(-1, 3),
-        y=y[picked].ravel(),
+    return regression(
+        H[picked].reshape(-1, 3),
+        y[picked].ravel(),
         joint=np.tile([0.0, 1.0], len(H[picked])),
         time=np.repeat(np.arange(600)[picked] * 0.1, 2),
-        run=np.zeros(2 * len(H[picked])),
-        excluded=0,
         propagated=by[picked].reshape(-1, 2),
     )
 

@@ -21,13 +21,15 @@ from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
 from seaid.legged import load_robot
-from seaid.log.motion import reconstruct_motion
+from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.project.saved import load_run, save_run
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import wiggle
+
+pytestmark = pytest.mark.usefixtures("estimates_only")
 
 STIFF = {
     "type": "stiff",
@@ -62,20 +64,29 @@ def pendulums(*drives: Mapping[str, Any]) -> Robot:
         return load_robot(path, named)
 
 
-def log_of(robot: Robot, seed: int = 1, duration: float = 5.0) -> Log:
+@cache
+def plant(*springs: float) -> tuple[Robot, Motion]:
+    """Return pendulums with the stiffness of each spring, zero for none, and their motion."""
+    drives = [ELASTIC | {"stiffness_Nm_per_rad": spring} if spring else STIFF for spring in springs]
+    robot = pendulums(*drives)
+    motion = wiggle(robot, 5.0, (0.2,) * robot.n, (0.9,) * robot.n)
+    same = np.repeat(motion.coefficients[:, :1], robot.n, axis=1)
+    return robot, simulate_motion(robot, replace(motion, coefficients=same))
+
+
+def log_of(*springs: float, seed: int = 1) -> Log:
     """Return a log in which all joints make the same motion, with noise of their own.
 
     Rounding of encoders would be nearly the same at all joints, so that they are fine.
     """
-    motion = wiggle(robot, duration, (0.2,) * robot.n, (0.9,) * robot.n)
-    same = np.repeat(motion.coefficients[:, :1], robot.n, axis=1)
+    robot, motion = plant(*springs)
     sensors = Noise(
         motor_resolution_rad=2 * np.pi / 2**16,
         joint_resolution_rad=1e-7,
         motor_offset_rad=(1.0, -2.0, 0.5, 3.0)[: robot.n],
         torque_std_Nm=0.01,
     )
-    return measure(robot, simulate_motion(robot, replace(motion, coefficients=same)), sensors, seed)
+    return measure(robot, motion, sensors, seed)
 
 
 def found(robot: Robot, log: Log, *joints: str, **options: Any) -> Identification:
@@ -88,8 +99,8 @@ def found(robot: Robot, log: Log, *joints: str, **options: Any) -> Identificatio
 @cache
 def both_ways(kind: str = "series_elastic") -> tuple[Identification, Identification]:
     """Return four equal drives identified alone, and as one group."""
-    robot = pendulums(*[ELASTIC if kind == "series_elastic" else STIFF] * 4)
-    log = log_of(robot)
+    springs = [120.0 if kind == "series_elastic" else 0.0] * 4
+    robot, log = plant(*springs)[0], log_of(*springs)
     return found(robot, log), found(robot, log, *JOINTS)
 
 
@@ -123,8 +134,7 @@ def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> No
 
 def test_the_shared_values_are_those_of_one_regression_with_their_columns_summed() -> None:
     """By another route: all motor equations at once, each weighted by its residual alone."""
-    robot = pendulums(*[ELASTIC] * 3)
-    log = log_of(robot)
+    robot, log = plant(120.0, 120.0, 60.0)[0], log_of(120.0, 120.0, 60.0)
     shared = found(robot, log, *JOINTS[:3])
     motion = reconstruct_motion(robot.without_nominal(), log, 5.0)
     blocks, targets = [], []
@@ -148,8 +158,7 @@ def differing(result: Identification) -> list[Finding]:
 
 def test_drives_that_are_not_of_one_type_are_named() -> None:
     """With a spring of half the stiffness in the group, and with the other joints alone."""
-    robot = pendulums(ELASTIC, ELASTIC, ELASTIC | {"stiffness_Nm_per_rad": 60.0})
-    log = log_of(robot)
+    robot, log = plant(120.0, 120.0, 60.0)[0], log_of(120.0, 120.0, 60.0)
     wrong, right = found(robot, log, *JOINTS[:3]), found(robot, log, *JOINTS[:2])
     (finding,) = differing(wrong)
     assert finding.severity == "doubtful"
@@ -184,14 +193,13 @@ def test_what_is_shared_is_in_the_summary_the_files_and_a_saved_run(tmp_path: Pa
 
 def test_a_group_of_the_drives_file_is_that_of_the_option() -> None:
     robot = pendulums(*[ELASTIC | {"shared": "calf_motor"}] * 4)
-    by_file = found(robot, log_of(pendulums(*[ELASTIC] * 4)))
+    by_file = found(robot, log_of(*[120.0] * 4))
     for joint, estimate in both_ways()[1].drives.items():
         np.testing.assert_array_equal(by_file.drives[joint].values, estimate.values)
 
 
 def test_conditions_share_what_their_drives_share() -> None:
-    robot = pendulums(ELASTIC, ELASTIC)
-    first, second = (log_of(robot, seed) for seed in (1, 2))
+    first, second = (log_of(120.0, 120.0, seed=seed) for seed in (1, 2))
     grouped = pendulums(*[ELASTIC | {"shared": "motor"}] * 2).without_nominal()
     both = identify_conditions(
         {"cold": (grouped, first), "warm": (grouped, second)},
@@ -207,8 +215,7 @@ def test_conditions_share_what_their_drives_share() -> None:
 
 
 def test_methods_that_cannot_share_refuse() -> None:
-    robot = pendulums(ELASTIC, ELASTIC)
-    log = log_of(robot)
+    robot, log = plant(120.0, 120.0)[0], log_of(120.0, 120.0)
     identified = partial(found, robot, log, *JOINTS[:2])
     with pytest.raises(IdentificationError, match=r'method="simultaneous" .*\(calf_motor\)'):
         identified(method="simultaneous")
@@ -254,8 +261,7 @@ def test_drives_that_cannot_be_of_one_type_are_refused_with_file_and_joint(
 
 
 def test_groups_that_cannot_be_are_refused_by_name() -> None:
-    robot = pendulums(ELASTIC, ELASTIC)
-    log = log_of(robot, duration=3.0)
+    robot, log = plant(120.0, 120.0)[0], log_of(120.0, 120.0)
     with pytest.raises(RobotError, match=r"share=: no joint is named 'elbo'.*'elbow'"):
         found(robot, log, "ankle", "elbo")
     with pytest.raises(RobotError, match=r"share=: \[ankle\] is alone"):
