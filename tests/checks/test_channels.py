@@ -24,7 +24,7 @@ from tests.commanded_joint import SOFT, URDF, mujoco_log, robot_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.mistakes import CASES, described, worst
 from tests.one_joint import one_joint
-from tests.representatives import quick_only
+from tests.representatives import quick_first, quick_only
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_coupling_that_slips_hides_no_other_mistake() -> None:
     assert codes == {("loose-encoder", first), ("sign", second)}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", quick_only(CASES, ["arm"]))  # 0.9 s each
 def test_encoders_that_drift_against_each_other_do_not_step(case: str) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
     t = (log.time - log.time[0]) / np.ptp(log.time)
@@ -270,7 +270,7 @@ def test_the_channels_of_right_logs_are_silent(case: str) -> None:
     assert found_in(case, ROBOTS[case][1]()) == []
 
 
-@pytest.mark.parametrize("case", ROBOTS)
+@pytest.mark.parametrize("case", quick_only(ROBOTS, ["leg", "arm"]))  # 2 s of the UR10
 def test_lost_samples_are_seen_where_the_time_is_a_counter(case: str) -> None:
     """A clock shows them as gaps; a few are not distinguished from a jerk."""
     log, rng = ROBOTS[case][1](), np.random.default_rng(1)
@@ -308,7 +308,7 @@ WRAPPED = [
 ]
 
 
-@pytest.mark.parametrize(("case", "joint", "field", "crossing"), WRAPPED)
+@pytest.mark.parametrize(("case", "joint", "field", "crossing"), quick_first(WRAPPED, 5))
 def test_encoders_that_wrap_around_are_named(
     case: str, joint: str, field: str, crossing: float
 ) -> None:

@@ -249,6 +249,13 @@ SLOW += [  # the same remedies, of one joint instead of all or in another unit
     ("custom columns", "torque with another sign"),
     ("both positions", "torque in mN m with another sign"),
     ("both positions", "zero of a joint"),
+    ("joint positions", "torques in mN m"),
+    ("both positions", "joint encoders times the gear"),
+    ("both positions", "joint encoders in counts"),
+    ("both positions", "rotated torques"),
+    ("both positions", "ratio off by 2 %"),
+    ("both torques", "exchanged torque sensors"),
+    ("both torques", "both torques with another sign"),
 ]
 
 

@@ -24,7 +24,7 @@ from seaid.log.motion import reconstruct_motions
 from seaid.regressor import BaseParameters
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
-from tests.representatives import quick_first
+from tests.representatives import quick_first, quick_only
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Log]]] = {
     "leg": (lambda: leg(TEST_MASS), leg_log),
@@ -129,7 +129,7 @@ def test_currents_are_compared_as_torques_are_if_their_constants_are_known(
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("factor", [0.75, 1.25])
+@pytest.mark.parametrize("factor", quick_first([1.25, 0.75]))
 def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: float) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()
     other = robot.with_values(robot.parameters / factor, robot.drives)
@@ -202,7 +202,7 @@ def test_a_named_payload_was_weighed_and_is_contradicted_before_the_bodies_are(
     assert (finding.code, finding.severity) == ("payload", "wrong")
 
 
-@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("joint", quick_first([2, 1]))  # 1.3 s each
 def test_a_spring_that_is_not_declared_is_neither_a_payload_nor_gravity(joint: int) -> None:
     """Near the middle of its range a joint shows a spring as well as a heavy body near its axis."""
     robot, log = CASES["ur10"][0](), geared_arm_log()
@@ -239,7 +239,7 @@ def test_misfits_do_not_depend_on_the_unit_of_torques(factor: float) -> None:
     np.testing.assert_allclose(free(factor), free(1.0), rtol=1e-6)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", quick_only(CASES, ["arm"]))  # 0.7 s each
 def test_what_stays_of_a_transformed_experiment_is_what_a_new_one_derives(case: str) -> None:
     """A property that depends on a field which it does not declare would keep an old value."""
     before = experiment(CASES[case][0](), CASES[case][1]())

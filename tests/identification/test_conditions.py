@@ -133,6 +133,7 @@ def test_all_shared_is_one_identification_of_both_logs() -> None:
             np.testing.assert_allclose(found.drives[joint].values, estimate.values, rtol=1e-9)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
     robot, log = arm().without_nominal(), perfect_log(arm(), arm_motion())
     stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)

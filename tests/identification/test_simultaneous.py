@@ -456,8 +456,8 @@ def test_missing_friction_at_the_hip_converges(sensors: Noise) -> None:
 
 def test_a_complete_model_has_both_sides_at_once_by_default() -> None:
     known = leg(TEST_MASS).without_nominal()
-    by_data = identify(known, leg_log(), encoder_offset_std=0.002)
-    chosen = identify(known, leg_log(), encoder_offset_std=0.002, method="simultaneous")
+    by_data = identify(known, leg_log())
+    chosen = identify(known, leg_log(), method="simultaneous")
     assert by_data.method == chosen.method == "simultaneous"
     assert by_data.not_shared == ""
     np.testing.assert_array_equal(by_data.load.values, chosen.load.values)
@@ -475,6 +475,7 @@ def knee_torque(change: Callable[[Array, Array], Array]) -> Log:
     return replace(log, motor_torque=torque)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_a_torque_offset_is_found_with_the_springs() -> None:
     """b_0 is what (7) has next to the spring offset of (8)."""
     known, off_Nm = leg(TEST_MASS).without_nominal(), 0.004

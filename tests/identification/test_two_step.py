@@ -217,6 +217,7 @@ def test_bodies_without_mass_keep_their_first_moments(massless: tuple[str, ...])
 # Other sensors, other knowledge.
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
     truth, motion = arm(), arm_motion()
     zeros = (0.7, -0.4, 2.0, 0.1)
@@ -234,6 +235,7 @@ def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
     assert found.load.values == pytest.approx(plain.load.values, abs=1e-6)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_unknown_rotor_inertias_are_found() -> None:
     truth, motion = arm(), arm_motion()
     known = truth.without_nominal()
@@ -259,6 +261,7 @@ def with_torques(truth: Robot, motion: Motion, joint_torque: Array, motor_torque
     return replace(perfect_log(truth, motion), joint_torque=joint_torque, motor_torque=motor_torque)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> None:
     truth, motion = arm(), arm_motion()
     joint_torque = motion.joint_torque.copy()
@@ -271,6 +274,7 @@ def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> N
     assert load_error(found, truth) < 0.005
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
     truth, motion = arm(), arm_motion()
     stiff = np.array([joint not in truth.elastic_joints for joint in truth.joint_names])
