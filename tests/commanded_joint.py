@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -11,6 +10,7 @@ from mujoco.rollout import rollout as mujoco_rollout
 
 import seaid
 from seaid._arrays import Array
+from tests.plants import kept
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
 <mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -78,7 +78,7 @@ def mujoco_log(
     return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
 
 
-@cache
+@kept
 def mujoco_positions(
     gains: tuple[float, float], delay_s: float, slope: float, stiffness: float
 ) -> Array:

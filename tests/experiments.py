@@ -23,6 +23,7 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from tests.plants import kept
 
 MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"
@@ -74,7 +75,7 @@ def leg_trajectory(seed: int = 0) -> Trajectory:
     return wiggle(leg(), 6.0, middle, reach, seed=seed)
 
 
-@cache
+@kept
 def leg_motion(*payloads: Payload, seed: int = 0) -> Motion:
     """Return the true motion of six seconds with the leg."""
     return simulate_motion(leg(*payloads), leg_trajectory(seed))
@@ -91,7 +92,7 @@ def arm_motion(seed: int = 0) -> Motion:
     return _arm_motion(seed)
 
 
-@cache
+@kept
 def _arm_motion(seed: int) -> Motion:
     middle, reach = (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)
     return simulate_motion(arm(), wiggle(arm(), 6.0, middle, reach, seed=seed))
@@ -213,7 +214,7 @@ def true_geared_arm() -> Robot:
     return load_robot("ur10", drives, snap_tolerance_rad=0)
 
 
-@cache
+@kept
 def geared_arm_log() -> Log:
     """Return the log of an arm: torques of its motors at the joints, and no motor encoders."""
     truth = true_geared_arm()

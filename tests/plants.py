@@ -1,15 +1,65 @@
-"""What many tests measure: trees of joints, rows of equations, and files of columns."""
+"""What many tests measure: trees of joints, rows of equations, files of columns, simulations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import os
+import pickle
+import shutil
+from collections.abc import Callable, Mapping
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.regressor.regression import Regression
+
+ROOT = Path(__file__).parents[1]
+KEPT = ROOT / ".pytest_cache" / "simulations"
+P, T = ParamSpec("P"), TypeVar("T")
+
+
+@cache
+def _folder_of_sources() -> Path:
+    """Return the folder of results of these sources, without those of any others."""
+    digest = hashlib.sha256()
+    for folder, pattern in (("seaid", "*.py"), ("tests", "*.py"), ("models", "*.*ml")):
+        for path in sorted((ROOT / folder).rglob(pattern)):
+            if not path.name.startswith("test_"):
+                digest.update(path.read_bytes())
+    folder = KEPT / digest.hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    for older in set(KEPT.iterdir()) - {folder}:
+        shutil.rmtree(older, ignore_errors=True)
+    return folder
+
+
+def kept(simulate: Callable[P, T]) -> Callable[P, T]:
+    """Keep what a function returns for its arguments, for all processes that run tests.
+
+    Simulations of whole robots take seconds, and each process would need them. A change of any
+    source or model makes them anew.
+    """
+
+    @cache
+    @wraps(simulate)
+    def result(*arguments: P.args, **options: P.kwargs) -> T:
+        call = (
+            f"{simulate.__module__}.{simulate.__qualname__}{arguments!r}{sorted(options.items())}"
+        )
+        file = _folder_of_sources() / hashlib.sha256(call.encode()).hexdigest()[:32]
+        if file.exists():
+            found: T = pickle.loads(file.read_bytes())
+            return found
+        made = simulate(*arguments, **options)
+        unfinished = file.with_suffix(f".{os.getpid()}")
+        unfinished.write_bytes(pickle.dumps(made))
+        unfinished.replace(file)
+        return made
+
+    return result  # type: ignore[return-value]
 
 
 def write_columns(path: Path, columns: Mapping[str, Array], fmt: str = "%.12g") -> Path:

@@ -364,6 +364,7 @@ def test_speed_is_measured_again_while_the_answer_is_open(
     assert speed_held.ratios("identify", tree, tree) == measured
 
 
+@pytest.mark.slow  # 3 s: a process and its worker
 def test_fuzzer_runs_two_cases(tmp_path: Path) -> None:
     cases = ("--target", "urdf", "--cases", "2", "--workers", "1", "--output", str(tmp_path))
     done = run("scripts/fuzz.py", *cases)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +10,7 @@ from typer.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app
+from tests.plants import kept
 
 URDF = """<robot name="small_arm">
 <!-- kept -->
@@ -74,7 +74,7 @@ def refused(*arguments: str | Path) -> str:
     return lines[-1]
 
 
-@cache
+@kept
 def experiment() -> dict[str, bytes]:
     """Return the files of a small arm, of motions planned for it and of their logs."""
     with TemporaryDirectory() as folder:

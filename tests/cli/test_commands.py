@@ -9,6 +9,7 @@ import runpy
 import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,6 +22,7 @@ from seaid._files import plain
 from seaid.cli.commands import COMMANDS, command_of
 from seaid.export import content_of
 from tests.cli.small_arm import done, log_of, refused, robot_and_drives, robot_of, run
+from tests.representatives import quick_only
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -32,6 +34,7 @@ def results(arm: Path) -> None:
         seaid.write_parameters(run.identification, arm / f"{name}.json")
 
 
+@cache
 def identified(arm: Path, name: str = "run.csv") -> seaid.Identification:
     return seaid.identify(robot_of(arm), log_of(arm, name))
 
@@ -225,7 +228,7 @@ def test_every_command_but_the_view_is_tried_here() -> None:
 def test_a_command_is_the_call_of_the_library(
     arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
-    """With --json stdout has the JSON, with `-o -` what the file has; else nothing is written."""
+    """With --json stdout has the JSON, and nothing is written but the output."""
     monkeypatch.chdir(arm)
     arguments, suffix, of_library = LINES[command]
     before = {*arm.iterdir()}
@@ -241,12 +244,24 @@ def test_a_command_is_the_call_of_the_library(
     assert (content["verdict"] is not None) == (command in VERDICTS)
     if suffix:
         assert said.err.splitlines()[-1].startswith(f"Results: {file}")
-        check_stdout(command, line, file)
     assert {*arm.iterdir()} == before
 
 
-def check_stdout(command: str, line: list[str], file: Path) -> None:
-    """Check that `-o -` writes the result to stdout and the text to stderr."""
+@pytest.mark.parametrize(
+    "command",
+    quick_only(
+        [name for name, (_, suffix, _) in LINES.items() if suffix],
+        ["simulate", "describe", "identify", "export --format python"],
+    ),
+)
+def test_a_result_on_stdout_is_that_of_the_file(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """With `-o -` the text goes to stderr."""
+    monkeypatch.chdir(arm)
+    arguments, suffix, _ = LINES[command]
+    line, file = [*command.split(), *arguments.split()], tmp_path / f"out.{suffix}"
+    done(*line, "-o", file)
     printed = done(*line, "-o", "-")
     if command != "report":
         written = [re.sub(r"\d\d:\d\d UTC", "", x) for x in (printed.out, file.read_text())]

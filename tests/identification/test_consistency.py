@@ -101,7 +101,7 @@ def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -
 
 
 @pytest.mark.rounding
-@pytest.mark.parametrize("weight", [None, 0.0])
+@pytest.mark.parametrize("weight", quick_first([None, 0.0]))
 def test_without_noise_the_base_parameters_are_the_truth(
     robot: Robot, weight: float | None
 ) -> None:

@@ -20,6 +20,7 @@ from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.plant import plant_of
 from tests.experiments import arm, arm_log, arm_motion
+from tests.representatives import quick_first
 
 GEAR = 4000.0
 
@@ -174,7 +175,9 @@ def log_with_deflection(joint: str = "shoulder", gear: float = GEAR) -> Log:
     return replace(log(), deflection=deflection)
 
 
-@pytest.mark.parametrize(("joint", "gear"), [("shoulder", 4000.0), ("telescope", 20.0)])
+@pytest.mark.parametrize(
+    ("joint", "gear"), quick_first([("telescope", 20.0), ("shoulder", 4000.0)])
+)
 def test_deflection_separates_spring_and_gear(joint: str, gear: float) -> None:
     truth = with_gear(arm(), gear, joint).drives[joint]
     one = identify(arm().without_nominal(), log_with_deflection(joint, gear))

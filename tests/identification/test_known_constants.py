@@ -59,6 +59,7 @@ def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None
 
 @pytest.mark.slow  # several identifications of the leg
 @pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+@pytest.mark.usefixtures("estimates_only")
 def test_errors_of_constants_and_of_encoder_offsets_add_up(method: str) -> None:
     constants: dict[str, Any] = {"known_std": {"torque": 0.02, "payload": 0.01}}
     offsets = {"encoder_offset_std": 2e-3}
@@ -95,6 +96,7 @@ def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
         ({"torque": 2.0}, "known_std of 'torque' must be a relative standard deviation from 0 to"),
     ],
 )
+@pytest.mark.usefixtures("estimates_only")
 def test_impossible_standard_deviations_are_refused(
     known_std: dict[str, float], message: str
 ) -> None:
@@ -157,6 +159,7 @@ def test_constants_of_motors_are_as_well_known_as_the_bodies() -> None:
 
 @pytest.mark.slow  # several identifications of the leg
 @pytest.mark.parametrize("estimator", ["wls", "huber"])
+@pytest.mark.usefixtures("estimates_only")
 def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) -> None:
     """The currents of the wrist are mostly friction and noise; robust weights are biased."""
     log, constants = geared_arm_log(), np.array([13.0, 13.2, 9.5, 7.4, 7.3, 7.5])
@@ -320,7 +323,7 @@ MOVED: list[tuple[Callable[[], Experiment], str, str, Options]] = [
 """Experiments with a constant of a joint, "" for all, and how they are identified."""
 
 
-@pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED, 2))
+@pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED))
 def test_errors_of_a_constant_are_those_of_whole_identifications(
     experiment: Callable[[], Experiment], name: str, joint: str, options: Options
 ) -> None:
@@ -329,13 +332,14 @@ def test_errors_of_a_constant_are_those_of_whole_identifications(
 
 
 @pytest.mark.parametrize("name", quick_first(CONSTANTS, 1))
-@pytest.mark.parametrize("own", [(), ("bodies", "spring_offset", "stiffness")])
+@pytest.mark.parametrize("own", quick_first([(("bodies", "spring_offset", "stiffness"),), ((),)]))
 def test_errors_of_a_constant_in_several_conditions(name: str, own: tuple[str, ...]) -> None:
     joint = "" if name in ("torque", "payload") else "knee_pitch"
     options: dict[str, Any] = {"estimator": "ols", "condition_specific": own}
     check_moved(by_torque(), name, joint, estimates_of_halves, **options)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_conditions_with_different_standard_deviations_are_refused() -> None:
     robot, log = by_torque()
     doubted, _ = stated(by_torque(), "gear_ratio", "knee_pitch")
@@ -345,6 +349,7 @@ def test_conditions_with_different_standard_deviations_are_refused() -> None:
 
 
 @pytest.mark.slow  # identifications of a log in pieces
+@pytest.mark.usefixtures("estimates_only")
 def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None:
     """A scale of the torques needed logs in memory while it repeated the identification."""
     robot, log = TRUTH.without_nominal(), measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
@@ -360,6 +365,7 @@ def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None
 
 
 @pytest.mark.slow  # refinements of the leg
+@pytest.mark.usefixtures("estimates_only")
 def test_a_refinement_has_the_errors_of_known_constants() -> None:
     robot = TRUTH.without_nominal()
     noisy = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)

@@ -116,6 +116,7 @@ RATES: dict[str, Any] = {
 
 
 @pytest.mark.slow  # 3.0 s
+@pytest.mark.usefixtures("estimates_only")
 def test_positions_velocities_and_torques_are_one_command(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
@@ -146,6 +147,7 @@ def test_a_command_that_is_left_out_shows(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # a simulation under commands and its identification
+@pytest.mark.usefixtures("estimates_only")
 def test_velocity_commands_alone(urdf: Path) -> None:
     wanted = 2.5 * np.cos(2 * np.pi * (0.1 * TIME + 0.12 * TIME**2)) + 0.8 * np.cos(2.3 * TIME)
     position = moved((0.0, 6.0), np.zeros_like(TIME), wanted, np.zeros_like(TIME))
@@ -157,6 +159,7 @@ def test_velocity_commands_alone(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # a simulation under commands and its identification
+@pytest.mark.usefixtures("estimates_only")
 def test_a_supply_that_sags_scales_a_duty_cycle(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY, SUPPLY / 24.0)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}

@@ -34,6 +34,7 @@ from tests.experiments import (
     perfect_log,
     true_value,
 )
+from tests.representatives import quick_first
 
 CONSTANTS = {"hip_pitch": 0.03, "knee_pitch": 0.026, "ankle_pitch": 0.04}
 SENSOR_STD_NM = 0.02
@@ -107,6 +108,7 @@ def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
 
 
 @pytest.mark.slow  # ten identifications of the leg
+@pytest.mark.usefixtures("estimates_only")
 def test_standard_errors_contain_those_of_the_sensor() -> None:
     """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
     scores = []
@@ -130,7 +132,7 @@ def with_known_bodies() -> Robot:
     )
 
 
-@pytest.mark.parametrize("is_sensed", [False, True])
+@pytest.mark.parametrize("is_sensed", quick_first([False, True]))
 def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> None:
     """The load side has no parameter then; what it explains is the torque of the known bodies."""
     log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
@@ -147,6 +149,7 @@ def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> 
 
 
 @pytest.mark.slow  # identifications of two logs of the leg
+@pytest.mark.usefixtures("estimates_only")
 def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
     """The currents alone leave every torque up to scale, in each log."""
     both = identify_conditions(
@@ -165,6 +168,7 @@ def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None
     assert set(both.differences) == {f"spring_offset of {joint}" for joint in ELASTIC}
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() -> None:
     """An equation without a known torque gets a larger weight the closer all of it is to zero."""
     robot = arm().without_nominal()
@@ -252,6 +256,7 @@ def log_of(seed: int, noise: float) -> seaid.Log:
     )
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_a_current_is_scaled_by_the_mass_that_the_spring_moves(urdf: Path) -> None:
     found = seaid.identify(robot_of(urdf), log_of(0, 0.0), cutoff_hz=8.0).drives["x_axis"]
     for name, value in TRUTH.items():
@@ -259,6 +264,7 @@ def test_a_current_is_scaled_by_the_mass_that_the_spring_moves(urdf: Path) -> No
 
 
 @pytest.mark.slow  # 1.7 s
+@pytest.mark.usefixtures("estimates_only")
 def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Path) -> None:
     """Scores of all values; without the error of the spring in (7) that of the constant is 2500."""
     scores = []
@@ -393,6 +399,7 @@ def test_what_holds_an_output_may_yield(tmp_path: Path) -> None:
     assert found.drives["elbow"].value("stiffness") == pytest.approx(K / 0.99, rel=2e-3)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_an_encoder_that_does_not_follow_a_wide_motion_is_dead(tmp_path: Path) -> None:
     log = bench_log()
     wide = replace(log, motor_position=5 * log.motor_position)
@@ -400,6 +407,7 @@ def test_an_encoder_that_does_not_follow_a_wide_motion_is_dead(tmp_path: Path) -
         identify(bench(tmp_path), wide)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_a_current_alone_gives_no_scale(tmp_path: Path) -> None:
     log = bench_log()
     unknown = np.full_like(log.motor_torque, np.nan)

@@ -21,6 +21,7 @@ from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot
+from tests.representatives import quick_only
 
 PENDULUM = """
 <robot name="pendulum">
@@ -133,17 +134,10 @@ TIMES: dict[str, Callable[[Array], Array]] = {
 
 
 @pytest.mark.parametrize(
-    ("way", "time"),  # all ways at two times, and two ways at all times are quick
-    [
-        pytest.param(
-            way,
-            time,
-            marks=()
-            if time in ("even", "jitter") or way in ("constant", "noise")
-            else pytest.mark.slow,
-        )
-        for way, time in product(ODD, TIMES)
-    ],
+    ("way", "time"),  # all ways at one time, and one way at all times are quick
+    quick_only(
+        product(ODD, TIMES), [(x, y) for x, y in product(ODD, TIMES) if y == "even" or x == "noise"]
+    ),
 )
 def test_odd_channels_give_an_error_of_ours_or_numbers(
     pendulum: Robot, way: str, time: str

@@ -108,6 +108,7 @@ QUICK = ("cubic", "beside")
     "case",
     [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES],
 )
+@pytest.mark.usefixtures("estimates_only")
 def test_perfect_sensors_lead_to_the_truth(case: str) -> None:
     truth = robot(case)
     log = log_of(truth, None)
@@ -166,6 +167,7 @@ def test_a_dead_zone_that_the_load_does_not_cross_is_a_doubt() -> None:
 
 
 @pytest.mark.slow  # a refinement of a joint with other terms
+@pytest.mark.usefixtures("estimates_only")
 def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
     truth = with_drive(
         arm("rail", "shoulder"),
@@ -183,6 +185,7 @@ def test_a_stiff_joint_with_a_width_of_friction_is_linearised_again() -> None:
 
 
 @pytest.mark.slow  # a refinement of a joint with other terms
+@pytest.mark.usefixtures("estimates_only")
 def test_errors_of_the_gear_are_refined() -> None:
     wrong = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
     truth = with_drive(SPRINGS, "shoulder", {"transmission_error": wrong}, {})
@@ -206,6 +209,7 @@ def test_a_speed_without_its_friction_is_fixed() -> None:
 
 
 @pytest.mark.slow  # three logs of six seconds, refined
+@pytest.mark.usefixtures("estimates_only")
 def test_the_loop_of_a_spring_is_better_than_that_of_the_regression() -> None:
     """And its standard errors have the noise of the deflections, which the states add up."""
     truth = robot("spring, dahl")

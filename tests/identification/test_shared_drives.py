@@ -28,6 +28,7 @@ from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import wiggle
+from tests.representatives import quick_first
 
 pytestmark = pytest.mark.usefixtures("estimates_only")
 
@@ -111,7 +112,7 @@ def white_error(estimate: Estimate, name: str) -> float:
     return float(errors[estimate.names.index(name)])
 
 
-@pytest.mark.parametrize("kind", ["series_elastic", "stiff"])
+@pytest.mark.parametrize("kind", quick_first(["series_elastic", "stiff"]))
 def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> None:
     """Of equal excitation, 1/sqrt(k): the errors of their equations are independent."""
     alone, shared = both_ways(kind)

@@ -105,6 +105,7 @@ def test_without_a_temperature_no_such_term_is_compared() -> None:
 
 
 @pytest.mark.parametrize("last", [31.4, 31.0])
+@pytest.mark.usefixtures("estimates_only")
 def test_a_temperature_that_does_not_change_is_named_with_its_range(last: float) -> None:
     text = rf"ranges from 31 to {last:g} degC: friction by temperature needs a range of 2 K"
     with pytest.raises(IdentificationError, match=text):
@@ -112,6 +113,7 @@ def test_a_temperature_that_does_not_change_is_named_with_its_range(last: float)
 
 
 @pytest.mark.slow  # 1 s
+@pytest.mark.usefixtures("estimates_only")
 def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
     both = [log_at(ramp(20.0, 20.5)), log_at(ramp(45.0, 45.5), seed=2)]
     estimate = seaid.identify(robot_of(), both).drives[KNEE]
@@ -119,6 +121,7 @@ def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
     assert abs(estimate.value(name) - SLOPES[name]) < 3 * estimate.standard_error(name)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_a_log_without_the_temperature_is_refused() -> None:
     with pytest.raises(IdentificationError, match="or remove its terms viscous_temperature"):
         seaid.identify(robot_of(), replace(log_at(ramp()), motor_temperature=None))
@@ -312,6 +315,7 @@ def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(tmp_path: Pa
     )
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_long_logs_have_the_range_of_their_temperature_and_no_search_of_a_warm_up(
     tmp_path: Path,
 ) -> None:

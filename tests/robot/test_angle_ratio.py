@@ -243,6 +243,7 @@ def test_a_replay_follows_the_log_in_the_angles_of_the_joints() -> None:
 
 
 @pytest.mark.slow  # 15 s
+@pytest.mark.usefixtures("estimates_only")
 def test_springs_are_refined_by_output_errors() -> None:
     """The simulation of the joints by the motors is one behind the gears, too."""
     found = identify(robot().without_nominal(), noisy(true_log(), 1))
@@ -308,6 +309,7 @@ def test_a_joint_that_slides_has_no_angle() -> None:
         load_robot(DATA / "mixed_arm.urdf", drives)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_what_such_joints_do_not_have_is_said(tmp_path: Path) -> None:
     needs = "needs constant gear ratios, and that of 'elbow' depends on its angle"
     with pytest.raises(ExcitationError, match=f"design_excitation {needs}"):

@@ -538,6 +538,7 @@ def test_the_count_of_base_parameters_does_not_change(case: Case) -> None:
         ]
     ),
 )
+@pytest.mark.usefixtures("estimates_only")
 def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     case = CASES[name]()
     log = log_of(true_motion(case))
@@ -569,6 +570,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     check_scores(scores, band=1.2)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
     case = stiff_differential()
     log = without(log_of(true_motion(case)), "motor_torque", 2)
@@ -592,6 +594,7 @@ def sensed(case: Case, motion: Motion) -> Array:
 
 
 @pytest.mark.parametrize("name", quick_first(["stiff differential", "elastic differential"]))
+@pytest.mark.usefixtures("estimates_only")
 def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> None:
     case = CASES[name]()
     motion = true_motion(case)
@@ -612,6 +615,7 @@ def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> Non
         np.testing.assert_allclose(measured[:, index], torque, atol=0.02 * np.ptp(torque))
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
     case, motion = stiff_differential(), true_motion(stiff_differential())
     log = replace(log_of(motion), joint_torque=sensed(case, motion))
@@ -701,6 +705,7 @@ def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
     assert again.motor_position[0] == pytest.approx(log.motor_position[0], abs=1e-9)
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> None:
     found = identify(case.robot.without_nominal(), log_of(true_motion(case)), cutoff_hz=12.0)
     told = validate(found, log_of(true_motion(case, 5)))
@@ -762,6 +767,7 @@ def test_the_complete_model_is_zero_along_a_motion() -> None:
 # What cannot be done is said.
 
 
+@pytest.mark.usefixtures("estimates_only")
 def test_what_coupled_joints_do_not_have_is_said() -> None:
     case = elastic_differential()
     log = log_of(true_motion(case))
