@@ -6,6 +6,7 @@ import hashlib
 import os
 import pickle
 import shutil
+import time
 from collections.abc import Callable, Mapping
 from functools import cache, wraps
 from pathlib import Path
@@ -18,12 +19,13 @@ from seaid.regressor.regression import Regression
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / ".pytest_cache" / "simulations"
+DAY_S = 86400.0
 P, T = ParamSpec("P"), TypeVar("T")
 
 
 @cache
 def _folder_of_sources() -> Path:
-    """Return the folder of results of these sources, without those of any others."""
+    """Return the folder of results of these sources; those of others stay for a day."""
     digest = hashlib.sha256()
     for folder, pattern in (("seaid", "*.py"), ("tests", "*.py"), ("models", "*.*ml")):
         for path in sorted((ROOT / folder).rglob(pattern)):
@@ -31,8 +33,9 @@ def _folder_of_sources() -> Path:
                 digest.update(path.read_bytes())
     folder = KEPT / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
-    for older in set(KEPT.iterdir()) - {folder}:
-        shutil.rmtree(older, ignore_errors=True)
+    for other in set(KEPT.iterdir()) - {folder}:
+        if other.stat().st_mtime < time.time() - DAY_S:
+            shutil.rmtree(other, ignore_errors=True)
     return folder
 
 

@@ -201,6 +201,7 @@ for number in range(40):
 """
 
 
+@pytest.mark.slow  # processes that import seaid
 def test_two_processes_write_into_one_folder_of_runs(tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
     root = str(Path(__file__).parents[2])

@@ -498,84 +498,6 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
 
 # By solving: a pendulum with analytic motion, columns and noise-free signals written here
 
-K, F_0, N, I_M, F_V, F_C, K_T = 30.0, 0.4, 20.0, 3e-5, 2e-4, 0.01, 0.05
-TRUE = np.array([0.35, -0.6, 0.21])  # mx, mz, Iyy
-G = 9.81
-
-
-def signals(body: Array, seed: int) -> dict[str, Array]:
-    """Return a motion of the pendulum about y, differentiated exactly by polynomials."""
-    rng = np.random.default_rng(seed)
-    q, v, a, jerk, snap = rng.normal(size=(5, 400))
-    mx, mz, inertia = body
-    c, s = np.cos(q), np.sin(q)
-    torque = inertia * a - G * (mx * c + mz * s)
-    rate = inertia * jerk - G * (-mx * s + mz * c) * v
-    bend = inertia * snap - G * ((-mx * s + mz * c) * a - (mx * c + mz * s) * v**2)
-    stretch, w = (torque - F_0) / K, N * (rate / K + v)
-    turning = N * (bend / K + a)
-    motor = I_M * turning + F_V * w + F_C * np.sign(w) + torque / N
-    Y = np.stack([-G * c, -G * s, a], axis=1)
-    return {"Y": Y, "d": stretch, "w": w, "w_dot": turning, "tau": torque, "tau_M": motor}
-
-
-def load_rows(one: dict[str, Array]) -> Array:
-    """(8): k d + f_0 - Y theta = 0, columns k, f_0, theta."""
-    return np.column_stack([one["d"], np.ones_like(one["d"]), -one["Y"]])
-
-
-def told_by_solving(H: Array, y: Array) -> tuple[Array, int]:
-    """Return the least-squares solution on unit columns and the number of free directions."""
-    scale = np.linalg.norm(H, axis=0)
-    solution, _, rank, _ = np.linalg.lstsq(H / scale, y, rcond=1e-10)
-    return solution / scale, H.shape[1] - int(rank)
-
-
-@pytest.mark.rounding
-def test_what_is_identifiable_comes_out_of_least_squares(write_chain: Chain) -> None:
-    robot = pendulum(write_chain)
-    one = signals(TRUE, seed=0)
-    still = np.zeros(400)
-    load = load_rows(one)
-    motor = np.column_stack([one["w"], np.sign(one["w"]), one["d"] / N, np.ones(400) / N])
-    H = np.zeros((800, 7))
-    H[:400, :4], H[400:, 2:] = motor, load
-    y = np.concatenate([one["tau_M"] - I_M * one["w_dot"], still])
-    solution, free = told_by_solving(H, y)
-    assert free == 0
-    np.testing.assert_allclose(solution, [F_V, F_C, K, F_0, *TRUE], rtol=1e-8)
-    assert identifiability(robot, (*BOTH, "motor_torque")).rank == 7
-    by_current = np.column_stack([H, np.concatenate([-one["tau_M"] / K_T, still])])
-    known = np.concatenate([-I_M * one["w_dot"], still])
-    solution, free = told_by_solving(by_current, known)
-    assert free == 0
-    np.testing.assert_allclose(solution[[2, 7]], [K, K_T], rtol=1e-8)
-    rotor = np.column_stack([by_current, np.concatenate([one["w_dot"], still])])
-    assert told_by_solving(rotor, np.zeros(800))[1] == 1
-
-
-@pytest.mark.rounding
-def test_null_space_of_least_squares_is_the_common_factor() -> None:
-    H = load_rows(signals(TRUE, seed=1))
-    scale = np.linalg.norm(H, axis=0)
-    _, sizes, directions = np.linalg.svd(H / scale)
-    assert sizes[-2] > 1e-3 * sizes[0]
-    assert sizes[-1] < 1e-12 * sizes[0]
-    factor = directions[-1] / scale
-    np.testing.assert_allclose(factor / factor[0], np.array([K, F_0, *TRUE]) / K, rtol=1e-8)
-
-
-@pytest.mark.rounding
-def test_known_payload_by_least_squares() -> None:
-    payload = np.array([0.2, 0.1, 0.05])
-    loaded, bare = signals(TRUE + payload, seed=2), signals(TRUE, seed=3)
-    held = told_by_solving(load_rows(loaded), loaded["Y"] @ payload)
-    assert held[1] == 1
-    rows = np.vstack([load_rows(loaded), load_rows(bare)])
-    solution, free = told_by_solving(rows, np.concatenate([loaded["Y"] @ payload, np.zeros(400)]))
-    assert free == 0
-    np.testing.assert_allclose(solution, [K, F_0, *TRUE], rtol=1e-8)
-
 
 @pytest.mark.rounding
 def test_null_space_of_an_arm_on_springs_without_torques() -> None:
@@ -651,14 +573,6 @@ def test_script_compares_choices_of_sensors() -> None:
     counts = {line[0]: [cell.strip() for cell in line[1:] if cell] for line in cells}
     assert counts["both positions, motor torque"][0] == "29"
     assert counts["the same, no torque at stiff joints"][0] == "21"
-
-
-@pytest.mark.slow  # a script in a process of its own
-def test_script_refuses_an_unknown_sensor_in_one_line() -> None:
-    done = script("--sensors", "motor_position", "--of", "hip_pitch", "motor_tork")
-    assert done.returncode == 1
-    assert "did you mean 'motor_torque'" in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 # What motor angle and motor torque determine with their derivatives, against simulations

@@ -80,7 +80,7 @@ from tests.experiments import (
     true_value,
     with_named_friction,
 )
-from tests.representatives import quick_first
+from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")
@@ -325,7 +325,7 @@ def test_encoders_of_coupled_joints_agree_in_every_pose() -> None:
 # Laws of the matrix.
 
 
-@pytest.mark.parametrize("name", ["stiff differential", "elastic differential"])
+@pytest.mark.parametrize("name", quick_first(["elastic differential", "stiff differential"]))
 def test_the_sign_of_an_encoder_behind_a_differential_is_found(name: str) -> None:
     case = CASES[name]()
     log, joint = log_of(true_motion(case)), case.robot.joint_names[-1]
@@ -336,7 +336,7 @@ def test_the_sign_of_an_encoder_behind_a_differential_is_found(name: str) -> Non
     assert "sign = -1" in finding.remedy
 
 
-@pytest.mark.parametrize("name", ["stiff differential", "elastic differential"])
+@pytest.mark.parametrize("name", quick_first(["stiff differential", "elastic differential"]))
 def test_a_differential_that_is_not_declared_is_named_with_both_lines(name: str) -> None:
     """One row alone looks like an encoder that measures its angle against another link."""
     case = CASES[name]()
@@ -705,6 +705,9 @@ def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
     assert again.motor_position[0] == pytest.approx(log.motor_position[0], abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "case", quick_only(CASES, ["mixed differential", "sliding"]), indirect=True
+)  # 0.5 s each
 @pytest.mark.usefixtures("estimates_only")
 def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> None:
     found = identify(case.robot.without_nominal(), log_of(true_motion(case)), cutoff_hz=12.0)
