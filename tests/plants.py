@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import os
 import pickle
 import shutil
@@ -27,7 +28,12 @@ P, T = ParamSpec("P"), TypeVar("T")
 def _folder_of_sources() -> Path:
     """Return the folder of results of these sources; those of others stay for a day."""
     digest = hashlib.sha256()
-    for folder, pattern in (("seaid", "*.py"), ("tests", "*.py"), ("models", "*.*ml")):
+    for folder, pattern in (
+        ("seaid", "*.py"),
+        ("scripts", "*.py"),
+        ("tests", "*.py"),
+        ("models", "*.*ml"),
+    ):
         for path in sorted((ROOT / folder).rglob(pattern)):
             if not path.name.startswith("test_"):
                 digest.update(path.read_bytes())
@@ -43,16 +49,15 @@ def kept(simulate: Callable[P, T]) -> Callable[P, T]:
     """Keep what a function returns for its arguments, for all processes that run tests.
 
     Simulations of whole robots take seconds, and each process would need them. A change of any
-    source or model makes them anew.
+    source or model makes them anew. The arguments are distinguished by their `repr`.
     """
 
     @cache
     @wraps(simulate)
     def result(*arguments: P.args, **options: P.kwargs) -> T:
-        call = (
-            f"{simulate.__module__}.{simulate.__qualname__}{arguments!r}{sorted(options.items())}"
-        )
-        file = _folder_of_sources() / hashlib.sha256(call.encode()).hexdigest()[:32]
+        module = Path(inspect.getfile(simulate)).read_bytes()
+        call = f"{simulate.__qualname__}{arguments!r}{sorted(options.items())}"
+        file = _folder_of_sources() / hashlib.sha256(module + call.encode()).hexdigest()[:32]
         if file.exists():
             found: T = pickle.loads(file.read_bytes())
             return found

@@ -28,6 +28,7 @@ from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import wiggle
+from tests.plants import kept
 from tests.representatives import quick_first
 
 pytestmark = pytest.mark.usefixtures("estimates_only")
@@ -66,13 +67,18 @@ def pendulums(*drives: Mapping[str, Any]) -> Robot:
 
 
 @cache
-def plant(*springs: float) -> tuple[Robot, Motion]:
-    """Return pendulums with the stiffness of each spring, zero for none, and their motion."""
+def plant(*springs: float) -> Robot:
+    """Return pendulums with the stiffness of each spring, zero for none."""
     drives = [ELASTIC | {"stiffness_Nm_per_rad": spring} if spring else STIFF for spring in springs]
-    robot = pendulums(*drives)
+    return pendulums(*drives)
+
+
+@kept
+def motion_of(*springs: float) -> Motion:
+    robot = plant(*springs)
     motion = wiggle(robot, 5.0, (0.2,) * robot.n, (0.9,) * robot.n)
     same = np.repeat(motion.coefficients[:, :1], robot.n, axis=1)
-    return robot, simulate_motion(robot, replace(motion, coefficients=same))
+    return simulate_motion(robot, replace(motion, coefficients=same))
 
 
 def log_of(*springs: float, seed: int = 1) -> Log:
@@ -80,7 +86,7 @@ def log_of(*springs: float, seed: int = 1) -> Log:
 
     Rounding of encoders would be nearly the same at all joints, so that they are fine.
     """
-    robot, motion = plant(*springs)
+    robot, motion = plant(*springs), motion_of(*springs)
     sensors = Noise(
         motor_resolution_rad=2 * np.pi / 2**16,
         joint_resolution_rad=1e-7,
@@ -101,7 +107,7 @@ def found(robot: Robot, log: Log, *joints: str, **options: Any) -> Identificatio
 def both_ways(kind: str = "series_elastic") -> tuple[Identification, Identification]:
     """Return four equal drives identified alone, and as one group."""
     springs = [120.0 if kind == "series_elastic" else 0.0] * 4
-    robot, log = plant(*springs)[0], log_of(*springs)
+    robot, log = plant(*springs), log_of(*springs)
     return found(robot, log), found(robot, log, *JOINTS)
 
 
@@ -135,7 +141,7 @@ def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> No
 
 def test_the_shared_values_are_those_of_one_regression_with_their_columns_summed() -> None:
     """By another route: all motor equations at once, each weighted by its residual alone."""
-    robot, log = plant(120.0, 120.0, 60.0)[0], log_of(120.0, 120.0, 60.0)
+    robot, log = plant(120.0, 120.0, 60.0), log_of(120.0, 120.0, 60.0)
     shared = found(robot, log, *JOINTS[:3])
     motion = reconstruct_motion(robot.without_nominal(), log, 5.0)
     blocks, targets = [], []
@@ -159,7 +165,7 @@ def differing(result: Identification) -> list[Finding]:
 
 def test_drives_that_are_not_of_one_type_are_named() -> None:
     """With a spring of half the stiffness in the group, and with the other joints alone."""
-    robot, log = plant(120.0, 120.0, 60.0)[0], log_of(120.0, 120.0, 60.0)
+    robot, log = plant(120.0, 120.0, 60.0), log_of(120.0, 120.0, 60.0)
     wrong, right = found(robot, log, *JOINTS[:3]), found(robot, log, *JOINTS[:2])
     (finding,) = differing(wrong)
     assert finding.severity == "doubtful"
@@ -216,7 +222,7 @@ def test_conditions_share_what_their_drives_share() -> None:
 
 
 def test_methods_that_cannot_share_refuse() -> None:
-    robot, log = plant(120.0, 120.0)[0], log_of(120.0, 120.0)
+    robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
     identified = partial(found, robot, log, *JOINTS[:2])
     with pytest.raises(IdentificationError, match=r'method="simultaneous" .*\(calf_motor\)'):
         identified(method="simultaneous")
@@ -262,7 +268,7 @@ def test_drives_that_cannot_be_of_one_type_are_refused_with_file_and_joint(
 
 
 def test_groups_that_cannot_be_are_refused_by_name() -> None:
-    robot, log = plant(120.0, 120.0)[0], log_of(120.0, 120.0)
+    robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
     with pytest.raises(RobotError, match=r"share=: no joint is named 'elbo'.*'elbow'"):
         found(robot, log, "ankle", "elbo")
     with pytest.raises(RobotError, match=r"share=: \[ankle\] is alone"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ from seaid.log.reading import Log
 from seaid.report.text import short_text
 from seaid.robot.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
+from tests.plants import kept
 
 HEAVIER = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
 DAMPED = replace(ANYDRIVE, damping=0.04 * float(np.sqrt(ANYDRIVE.k * ANYDRIVE.load)))
@@ -57,7 +58,7 @@ ONCE_WRONG = (4, 5, 6)
 OF_QUICK_TESTS = ((ANYDRIVE, 0), (ANYDRIVE, 1), (HEAVIER, 1))
 
 
-@cache
+@kept
 def together(of_quick_tests: bool) -> dict[tuple[Joint, int], Log]:
     """Return the logs of the quick tests, or of most others, which are integrated at once."""
     cases = [(DAMPED, 0), (PERFECT, 0), (WIDE, 0), (THREE, 0)]
