@@ -10,6 +10,7 @@ import warnings
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,8 +22,10 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, plant
 from scripts.legged_plant import simulate as simulate_legged
+from seaid.log.motion import Motion
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
+from tests.plants import kept
 
 MODELS = Path(__file__).parents[1] / "models"
 SLOW_PACKAGES = ("simulation", "excitation", "export", "report")
@@ -115,16 +118,27 @@ def custom_columns(text: str) -> str:
     return "\n".join(map(",".join, [header, *rows]))
 
 
+def load_leg(place: Path) -> seaid.Robot:
+    """Write the files of the leg, and load it."""
+    links = [LINK.format("thigh", "hip", "base", 0), LINK.format("shank", "knee", "thigh", -0.4)]
+    (place / "leg.urdf").write_text(LEG.format(links="\n".join(links)))
+    (place / "leg.toml").write_text(DRIVES)
+    return seaid.load_robot(place / "leg.urdf", place / "leg.toml")
+
+
+@kept
+def motion_of_the_leg() -> Motion:
+    with TemporaryDirectory() as folder:
+        robot = load_leg(Path(folder))
+        return simulate_motion(robot, wiggle(robot, 12.0, (0.0,) * 2, (0.7,) * 2), rate_hz=200.0)
+
+
 @pytest.fixture(scope="module")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """A folder with the files of the examples, and the names that they start from."""
     place = tmp_path_factory.mktemp("functions")
-    links = [LINK.format("thigh", "hip", "base", 0), LINK.format("shank", "knee", "thigh", -0.4)]
-    (place / "leg.urdf").write_text(LEG.format(links="\n".join(links)))
-    (place / "leg.toml").write_text(DRIVES)
-    robot = seaid.load_robot(place / "leg.urdf", place / "leg.toml")
+    robot, motion = load_leg(place), motion_of_the_leg()
     wiggle(robot, 1.0, (0.0, 0.0), (0.1, 0.1)).save(place / "plan.json")
-    motion = simulate_motion(robot, wiggle(robot, 12.0, (0.0, 0.0), (0.7, 0.7)), rate_hz=200.0)
     logs = [measure(robot, motion, seaid.Noise(torque_std_Nm=1e-3), seed) for seed in range(2)]
     for log, name in zip(logs * 2, ("run.csv", "other.csv", "day.parquet"), strict=False):
         seaid.write_log(log, place / name)
@@ -165,6 +179,7 @@ OTHER_ROBOTS = {"find_contacts": walking}
 SLOW = (
     *("add_run_in", "compare_replays", "frequency_response", "replay"),  # simulate in small steps
     *("cross_validate", "find_contacts"),  # identify from each log, and simulate a quadruped
+    *("cutoff_sensitivity", "run", "simulate", "write_randomization"),  # half a second and more
 )
 
 

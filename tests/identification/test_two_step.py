@@ -42,6 +42,7 @@ from tests.experiments import (
     wiggle,
     with_named_friction,
 )
+from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness", "motor_inertia")
@@ -135,6 +136,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 # Real sensors: inside the intervals.
 
 
+@pytest.mark.parametrize("experiment", quick_first([1, 0]), indirect=True)
 def test_findings_change_no_estimate(
     experiment: Experiment, request: pytest.FixtureRequest
 ) -> None:
