@@ -187,14 +187,7 @@ def test_a_resonance_that_the_log_cannot_show_is_said_with_the_remedy(tmp_path: 
     assert "the antiresonance is at 4.09 Hz, and the motion excites up to" in one.message
     assert one.remedy == "excite up to 6.13 Hz"
 
-    every = slice(None, None, 160)
-    slow = Log(
-        time=low.time[every],
-        joint_names=low.joint_names,
-        motor_position=low.motor_position[every],
-        joint_position=low.joint_position[every],
-        motor_torque=low.motor_torque[every],
-    )
+    slow = low.at(np.arange(len(low.time)) % 160 == 0)
     (one,) = frequency_response(robot, slow, period_s=4.0).warnings
     assert "half of the rate (Nyquist) is 3.125 Hz" in one.message
     assert one.remedy == "log at 15.3 Hz or more, and excite up to 6.13 Hz"
@@ -466,13 +459,7 @@ def test_a_spring_with_negative_damping_is_not_determined(tmp_path: Path) -> Non
     from scripts.benchmarks.motor_side import ANYDRIVE, robot_of, simulated
 
     log = simulated(replace(ANYDRIVE, highest_hz=2.0))
-    rare = seaid.Log(
-        time=log.time[::80],
-        joint_names=log.joint_names,
-        motor_position=log.motor_position[::80],
-        joint_position=log.joint_position[::80],
-        motor_torque=log.motor_torque[::80],
-    )
+    rare = log.at(np.arange(len(log.time)) % 80 == 0)
     found = seaid.frequency_response(robot_of(ANYDRIVE, tmp_path), rare, period_s=10.0)
     assert found.drives["arm"].value("antiresonance_damping") < -0.05
     assert [one.code for one in found.warnings] == ["hidden-resonance"]

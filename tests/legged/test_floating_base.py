@@ -352,44 +352,34 @@ def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
 
 @pytest.mark.slow  # fits of a whole quadruped
 def test_forces_of_feet_are_predicted_with_what_they_rest_on() -> None:
-    log = swayed()
-    assert log.base is not None
-    assert STANDING.floating_base is not None
-    states = seaid.reconstruct_motion(STANDING, log, cutoff_hz=4.0)
-    assert states.base is not None
-    rows = floating_regressor(STANDING, *states.joint_states, states.base.states)
-    A = contact_map(STANDING, log.joint_position, STANDING.floating_base.contacts, own_frame=True)
-    held = (rows @ STANDING.parameters)[:, :6]
-    forces = np.einsum("tkr,tr->tk", np.linalg.pinv(A[:, :6]), held)
-    torque = rows @ STANDING.parameters - np.einsum("trk,tk->tr", A, forces)
-    wrenches = {x: forces[:, 3 * k : 3 * k + 3] for k, x in enumerate(GO2.feet)}
-    base = replace(log.base, contacts={}, wrenches=wrenches)
-    measured = replace(log, motor_torque=torque[:, 6:], base=base)
+    log, felt_log = swayed(), measured()
+    base = felt_log.base
+    assert base is not None
     # the identified parameters lack the mass at a foot that always stands
     for robot, basis in ((STANDING, "robot file"), (STANDING.without_nominal(), "none")):
         found = seaid.identify(robot, log, cutoff_hz=4.0)
-        contacts = validated(found, measured).contacts
+        contacts = validated(found, felt_log).contacts
         assert contacts is not None
         assert contacts.basis == (basis,) * 4
         assert (basis == "none") == bool(np.all(np.isnan(contacts.predicted)))
         if basis != "none":
             assert np.max(contacts.relative_error) < 2e-3
             np.testing.assert_allclose(contacts.scale, 1.0, atol=2e-3)
-    found = seaid.identify(STANDING.without_nominal(), measured, cutoff_hz=4.0)
-    validation = validated(found, measured)
+    found = seaid.identify(STANDING.without_nominal(), felt_log, cutoff_hz=4.0)
+    validation = validated(found, felt_log)
     assert validation.contacts is not None
     assert validation.contacts.basis == ("identified",) * 4
     assert np.max(validation.contacts.relative_error) < 2e-3
     # the torque is that of the joint, not what the measured force leaves of it
     inside = np.isfinite(validation.load.measured[:, 2])
-    both = validation.load.measured[inside, 2], torque[inside, 8]
+    both = validation.load.measured[inside, 2], felt_log.motor_torque[inside, 2]
     assert np.corrcoef(*both)[0, 1] > 0.9
     assert np.std(both[0]) > 0.8 * np.std(both[1])
     assert "identified" in str(validation.summary())
     assert "predicted_force" not in validation.to_dict()["contacts"]["feet"]["FL_foot"]
     # a sensor with the opposite sign, and a foot that would have to pull
-    turned = {x: -y for x, y in wrenches.items()}
-    wrong = seaid.validate(found, replace(measured, base=replace(base, wrenches=turned)))
+    turned = {x: -y for x, y in base.wrenches.items()}
+    wrong = seaid.validate(found, replace(felt_log, base=replace(base, wrenches=turned)))
     texts = [str(one) for one in wrong.warnings if one.code == "contact-forces"]
     assert sum("least with the measured one times -1" in text for text in texts) == 4
 

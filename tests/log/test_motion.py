@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -118,8 +117,7 @@ def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
     kept = np.ones(len(source.time), dtype=bool)
     for start, end in holes:
         kept &= (source.time <= start) | (source.time >= end)
-    parts: dict[str, Any] = {name: one[kept] for name, one in source.sensors().items()}
-    return replace(source, time=source.time[kept], **parts)
+    return source.at(kept)
 
 
 def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
@@ -168,8 +166,7 @@ def without_samples(share: float) -> Log:
     """Return the log without a random share of its samples."""
     kept = np.random.default_rng(0).random(len(log().time)) >= share
     kept[[0, -1]] = True
-    sensors: dict[str, Any] = {field: values[kept] for field, values in log().sensors().items()}
-    return replace(log(), time=log().time[kept], **sensors)
+    return log().at(kept)
 
 
 def test_irregular_times_are_resampled_without_bias() -> None:

@@ -558,8 +558,7 @@ Damage = Callable[[str, Array, Array, np.random.Generator], Damaged]
 @cache
 def clean() -> Log:
     log = measure(leg(), leg_motion(), LEG_SENSORS, 0)
-    part: dict[str, Any] = {name: one[::2] for name, one in log.sensors().items()}
-    return replace(log, time=log.time[::2], **part)
+    return log.at(np.arange(len(log.time)) % 2 == 0)
 
 
 @cache
@@ -568,9 +567,7 @@ def undamaged() -> seaid.Identification:
 
 
 def with_hole(start: float, end: float) -> Log:
-    kept = (clean().time <= start) | (clean().time >= end)
-    sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}
-    return replace(clean(), time=clean().time[kept], **sensors)
+    return clean().at((clean().time <= start) | (clean().time >= end))
 
 
 TERMS = ("viscous_friction", "coulomb_friction", "stiffness")
