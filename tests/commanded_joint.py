@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -50,15 +51,18 @@ def robot_of(
     return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
 
 
-def log_of(position: Array) -> seaid.Log:
-    unknown = np.full((len(TIME), 1), np.nan)
+def log_of(position: Array, time: Array = TIME, **commands: Array) -> seaid.Log:
+    """Return the log of positions (T,) and commands (T,), CHIRP if none is given."""
+    unknown = np.full((len(time), 1), np.nan)
+    given = commands or {"position_command": CHIRP}
+    columns: dict[str, Any] = {name: values[:, None] for name, values in given.items()}
     return seaid.Log(
-        time=TIME,
+        time=time,
         joint_names=("j",),
         joint_position=position[:, None],
         motor_position=unknown,
         motor_torque=unknown,
-        position_command=CHIRP[:, None],
+        **columns,
     )
 
 

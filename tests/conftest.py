@@ -142,6 +142,16 @@ def tulip_leg(tulip_urdf: Path) -> Robot:
     return load_robot(tulip_urdf, drives=MODELS / "tulip_leg.toml")
 
 
+@pytest.fixture(scope="session")
+def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of the arm that commands move, of tests/commanded_joint.py."""
+    from tests.commanded_joint import URDF
+
+    path = tmp_path_factory.mktemp("commands") / "one.urdf"
+    path.write_text(URDF)
+    return path
+
+
 @pytest.fixture
 def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out findings that need fits or spectra of their own, for statistics over many draws.

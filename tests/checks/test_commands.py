@@ -41,13 +41,6 @@ SO101 = Path(__file__).parents[3] / "shared" / "data" / "so101_commands"
 """Measured logs that are not shipped."""
 
 
-@pytest.fixture(scope="module")
-def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("commands") / "one.urdf"
-    path.write_text(URDF)
-    return path
-
-
 def test_what_is_wrong_with_commands_is_said(urdf: Path) -> None:
     robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
     blind = replace(log, position_command=None)

@@ -14,12 +14,8 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError, RobotError
 from seaid.log.commands import commanded_torque
+from tests.commanded_joint import TRUTH, log_of
 
-URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
-<mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
-</link><joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint></robot>"""
-TRUTH = {"viscous_friction": 0.12, "coulomb_friction": 0.18, "motor_inertia": 0.0243}
 TIME = np.arange(0, 10, 0.005)
 REFERENCE = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.12 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
 VELOCITY = np.gradient(REFERENCE, TIME)
@@ -32,13 +28,6 @@ NOISE = 5e-5
 """Standard deviation of the encoder [rad]."""
 
 
-@pytest.fixture(scope="module")
-def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("commands") / "one.urdf"
-    path.write_text(URDF)
-    return path
-
-
 def robot_of(urdf: Path, motor_input: str = "position_command", **gains: Any) -> seaid.Robot:
     drive = seaid.StiffDrive(
         friction=("viscous", "coulomb"),
@@ -46,19 +35,6 @@ def robot_of(urdf: Path, motor_input: str = "position_command", **gains: Any) ->
         controller=seaid.Controller(**gains),
     )
     return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
-
-
-def log_of(position: Array, **commands: Array) -> seaid.Log:
-    unknown = np.full((len(TIME), 1), np.nan)
-    columns: dict[str, Any] = {name: values[:, None] for name, values in commands.items()}
-    return seaid.Log(
-        time=TIME,
-        joint_names=("j",),
-        joint_position=position[:, None],
-        motor_position=unknown,
-        motor_torque=unknown,
-        **columns,
-    )
 
 
 def moved(
@@ -120,7 +96,7 @@ RATES: dict[str, Any] = {
 def test_positions_velocities_and_torques_are_one_command(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
-    robot, log = robot_of(urdf, **ALL), log_of(position, **sent)
+    robot, log = robot_of(urdf, **ALL), log_of(position, TIME, **sent)
     found = seaid.identify(robot, log)
     assert_true(found)
     refined = seaid.refine(found, log, iterations=1)
@@ -134,10 +110,10 @@ def test_a_command_that_is_left_out_shows(urdf: Path) -> None:
     """Without its feed-forward torque the friction is not that of the plant."""
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY)
     robot = robot_of(urdf, **ALL)
-    found = seaid.identify(robot, log_of(position, position_command=REFERENCE))
+    found = seaid.identify(robot, log_of(position, TIME, position_command=REFERENCE))
     assert found.load_side.residual_std > 0.5
     quiet: dict[str, Any] = {key: x for key, x in ALL.items() if not key.startswith("command")}
-    log = log_of(position, position_command=REFERENCE, velocity_command=VELOCITY)
+    log = log_of(position, TIME, position_command=REFERENCE, velocity_command=VELOCITY)
     (finding,) = (
         one
         for one in seaid.check(robot_of(urdf, **quiet), log).warnings
@@ -151,7 +127,7 @@ def test_a_command_that_is_left_out_shows(urdf: Path) -> None:
 def test_velocity_commands_alone(urdf: Path) -> None:
     wanted = 2.5 * np.cos(2 * np.pi * (0.1 * TIME + 0.12 * TIME**2)) + 0.8 * np.cos(2.3 * TIME)
     position = moved((0.0, 6.0), np.zeros_like(TIME), wanted, np.zeros_like(TIME))
-    log = log_of(position, velocity_command=wanted)
+    log = log_of(position, TIME, velocity_command=wanted)
     found = seaid.identify(robot_of(urdf, "velocity_command", **RATES), log)
     assert_true(found)
     error = seaid.replay(found.robot, log).joint_position - log.joint_position
@@ -164,23 +140,22 @@ def test_a_supply_that_sags_scales_a_duty_cycle(urdf: Path) -> None:
     position = moved((30.0, 1.5), REFERENCE, VELOCITY, GRAVITY, SUPPLY / 24.0)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
     robot = robot_of(urdf, **ALL, nominal_supply_V=24.0, is_duty=True)
-    found = seaid.identify(robot, log_of(position, **sent, supply_voltage=SUPPLY))
+    found = seaid.identify(robot, log_of(position, TIME, **sent, supply_voltage=SUPPLY))
     assert_true(found)
-    constant = seaid.identify(robot_of(urdf, **ALL), log_of(position, **sent))
+    constant = seaid.identify(robot_of(urdf, **ALL), log_of(position, TIME, **sent))
     assert constant.load_side.residual_std > 3 * found.load_side.residual_std
     with pytest.raises(LogError, match=r"has nominal_supply_V, and the log has no column 'j\.supp"):
-        seaid.identify(robot, log_of(position, **sent))
+        seaid.identify(robot, log_of(position, TIME, **sent))
     with pytest.raises(LogError, match=r"is -1 V at 0\.5 s: it must be more than zero"):
         wrong = np.where(np.arange(len(TIME)) == 100, -1.0, SUPPLY)
-        seaid.identify(robot, log_of(position, **sent, supply_voltage=wrong))
+        seaid.identify(robot, log_of(position, TIME, **sent, supply_voltage=wrong))
 
 
 def test_the_limit_of_a_motor_falls_with_supply_and_speed(urdf: Path) -> None:
     gains: dict[str, Any] = {"position_gain_Nm_per_rad": 100.0, "torque_limit_Nm": 4.0}
     robot = robot_of(urdf, **gains, no_load_speed_rad_per_s=10.0, nominal_supply_V=24.0)
-    moving = log_of(
-        np.sin(TIME), position_command=np.sin(TIME) + 1.0, supply_voltage=np.full_like(TIME, 18.0)
-    )
+    supply = np.full_like(TIME, 18.0)
+    moving = log_of(np.sin(TIME), TIME, position_command=np.sin(TIME) + 1.0, supply_voltage=supply)
     signals = moving.sensors()
     torque = commanded_torque(robot, TIME, signals)[0][:, 0]
     speed = np.cos(TIME)
@@ -220,7 +195,7 @@ def test_controllers_and_motor_inputs_that_do_not_fit(
 def test_a_log_keeps_all_its_commands(urdf: Path, tmp_path: Path) -> None:
     robot = robot_of(urdf, **ALL)
     sent = {"position_command": REFERENCE, "velocity_command": VELOCITY, "torque_command": GRAVITY}
-    log = log_of(REFERENCE, **sent, supply_voltage=SUPPLY)
+    log = log_of(REFERENCE, TIME, **sent, supply_voltage=SUPPLY)
     seaid.write_log(log, tmp_path / "log.csv")
     header = (tmp_path / "log.csv").read_text().split("\n")[0]
     assert header.split(",")[2:] == [
@@ -260,7 +235,7 @@ def test_the_model_of_a_velocity_controller_moves_as_its_replay(urdf: Path, tmp_
     )
     robot = robot.with_drives({"j": drive})
     wanted = 2.0 * np.cos(2 * TIME)
-    log = log_of(np.zeros_like(TIME), velocity_command=wanted)
+    log = log_of(np.zeros_like(TIME), TIME, velocity_command=wanted)
     replayed = seaid.replay(robot, log).joint_position[:, 0]
     seaid.write_mjcf(robot, tmp_path / "one.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "one.xml"))

@@ -32,20 +32,12 @@ from tests.commanded_joint import (
     SOFT,
     TIME,
     TRUTH,
-    URDF,
     log_of,
     mujoco_log,
     robot_of,
     values_of,
 )
 from tests.representatives import quick_only
-
-
-@pytest.fixture(scope="module")
-def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("commands") / "one.urdf"
-    path.write_text(URDF)
-    return path
 
 
 @pytest.mark.slow  # 1.9 s
