@@ -110,13 +110,15 @@ def arm_log(seed: int = 1, *, motion_seed: int = 0) -> Log:
     return measure(arm(), arm_motion(motion_seed), ARM_SENSORS, seed)
 
 
-@cache
+@kept
 def arm_found() -> Identification:
     """Return the mixed arm identified from a simulated log: stiff, elastic, sliding joints."""
-    return identify(arm().without_nominal(), arm_log())
+    found = identify(arm().without_nominal(), arm_log())
+    assert found.setup, "it is kept for all tests, and a test that leaves out findings made it"
+    return found
 
 
-@cache
+@kept
 def arm_result() -> Validation:
     """Return its validation on another motion."""
     return validate(arm_found(), arm_log(2, motion_seed=5))

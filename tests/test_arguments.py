@@ -28,7 +28,7 @@ from seaid.excitation.criteria import CRITERIA, CriterionName
 from seaid.identification import Identification, Validation
 from seaid.log import Log
 from seaid.robot import Robot
-from tests.experiments import arm, arm_log
+from tests.experiments import arm, arm_found, arm_log, arm_result
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,10 @@ class Given:
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Given:
-    log = arm_log()
-    found = seaid.identify(arm().without_nominal(), log)
     basis = seaid.excitation.make_basis("bspline", 2.0, 9)
     plan = seaid.Trajectory(arm().joint_names, basis, np.zeros((9, arm().n)))
     path = tmp_path_factory.mktemp("wrong") / "leg.urdf"
-    return Given(arm(), log, found, seaid.validate(found, log), plan, path)
+    return Given(arm(), arm_log(), arm_found(), arm_result(), plan, path)
 
 
 FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]

@@ -187,6 +187,7 @@ def test_letter_of_a_case(
         assert outcome.repaired_error < 0.05
 
 
+@pytest.mark.slow  # 2 s
 def test_right_set_up_predicts_the_unseen_motion(arm: Subject) -> None:
     errors = gauntlet.right_errors(arm.name, 0)
     assert np.max(errors) < 0.03

@@ -21,7 +21,7 @@ from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot
-from tests.representatives import quick_only
+from tests.representatives import quick_first, quick_only
 
 PENDULUM = """
 <robot name="pendulum">
@@ -86,7 +86,10 @@ def test_a_time_in_another_unit_is_named() -> None:
         log_of(ANGLE, 1.7e18 + 1e9 * TIME, motor_torque=ANGLE)
 
 
-@pytest.mark.parametrize("friction", [("viscous", "smooth_coulomb"), ("viscous", "stribeck")])
+@pytest.mark.usefixtures("estimates_only")
+@pytest.mark.parametrize(
+    "friction", quick_first([(("viscous", "smooth_coulomb"),), (("viscous", "stribeck"),)])
+)
 def test_nonlinear_friction_from_a_sensor_at_the_joint(
     pendulum: Robot, friction: tuple[FrictionTerm, ...]
 ) -> None:

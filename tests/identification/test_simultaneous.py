@@ -52,7 +52,7 @@ from tests.experiments import (
     true_value,
     wiggle,
 )
-from tests.representatives import quick_first
+from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
 
 LEG, IN_MOTION = leg(TEST_MASS), leg()
@@ -202,6 +202,7 @@ def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None
 
 
 @pytest.mark.rounding
+@pytest.mark.parametrize("case", quick_only(CASES, [*CASES][-3:]), indirect=True)
 def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
     robot, _, rows, truth = case
     stiff = np.array([name.startswith("stiffness") for name in rows.names])
