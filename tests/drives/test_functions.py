@@ -36,7 +36,6 @@ from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
 
 ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
-RIPPLE = {"motor": {2: (5e-4, 0.0)}}
 BARE = {
     "type": "series_elastic",
     "gear_ratio": 100.0,

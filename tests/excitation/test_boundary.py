@@ -148,7 +148,6 @@ def test_a_start_at_the_very_end_of_the_range_leaves_room_elsewhere() -> None:
 
 
 SLOW = "'rail': no motion between these ends keeps its acceleration limit .* uses 17.6 of it; give"
-FEW = r"7 coefficients per joint are too few for the 6 conditions at the ends"
 
 
 @pytest.mark.parametrize(

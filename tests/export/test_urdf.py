@@ -476,10 +476,6 @@ def elements(draw: st.DrawFn, depth: int = 3) -> str:
     return f"<{tag}{attributes}>{content}</{tag}>"
 
 
-def canonical(text: bytes) -> str:
-    return str(etree.canonicalize(text.decode()))
-
-
 @given(inside=elements(), children=st.dictionaries(TAGS, ATTRIBUTES, min_size=1))
 def test_places_and_edits_are_what_a_parser_of_the_whole_file_sees(
     inside: str, children: dict[str, dict[str, str]]

@@ -40,23 +40,6 @@ from tests.commanded_joint import (
 from tests.representatives import quick_only
 
 
-@pytest.mark.slow  # 1.9 s
-@pytest.mark.parametrize("delay_s", [0.0, 0.007, 0.02])
-@pytest.mark.usefixtures("estimates_only")
-def test_two_gain_sets_separate_delay_armature_and_friction(urdf: Path, delay_s: float) -> None:
-    """The plant is MuJoCo's."""
-    logs = [mujoco_log(gains, delay_s, 2e-4, seed) for seed, gains in enumerate((SOFT, HARD))]
-    both = seaid.identify_conditions(
-        {"soft": (robot_of(urdf, SOFT), logs[0]), "hard": (robot_of(urdf, HARD), logs[1])},
-        condition_specific=(),
-    )
-    values = values_of(both.identifications["soft"])
-    assert abs(values["command_delay"][0] - delay_s) < 1e-4
-    for name, truth in TRUTH.items():
-        bound = 0.01 if name == "motor_inertia" else 0.018
-        assert values[name][0] == pytest.approx(truth, rel=bound), name
-
-
 @pytest.mark.slow  # 0.6 s
 @pytest.mark.usefixtures("estimates_only")
 def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path) -> None:

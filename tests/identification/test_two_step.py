@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,6 @@ from tests.experiments import (
     ARM_SENSORS,
     ELASTIC,
     LEG_SENSORS,
-    MODELS,
     TEST_MASS,
     arm,
     arm_motion,
@@ -328,34 +326,3 @@ def test_extra_term_is_found_with_its_value(write_chain: Callable[..., Path]) ->
     assert found.units[found.names.index("c")] == "N m/(theta_M_dot**3)"
     assert found.value("viscous_friction") == pytest.approx(8e-5, rel=0.05)
     assert found.value("stiffness") == pytest.approx(250.0, rel=0.01)
-
-
-# The free foot.
-
-
-@cache
-def ankle(with_mass: bool) -> tuple[Robot, Log]:
-    """Return the ankle alone, the rest of the leg locked, and its log."""
-    robot = load_robot(
-        MODELS / "tulip_leg.urdf",
-        MODELS / "tulip_leg.toml",
-        joints=("ankle_pitch",),
-        payloads=(TEST_MASS,) if with_mass else (),
-    )
-    noise = Noise(
-        motor_resolution_rad=2 * np.pi / 2000,
-        joint_resolution_rad=2 * np.pi / 2**14,
-        torque_std_Nm=0.006,
-    )
-    motion = simulate_motion(robot, wiggle(robot, 6.0, (0.0,), (1.1,)))
-    return robot, measure(robot, motion, noise)
-
-
-@pytest.mark.slow  # 2.0 s
-def test_spring_of_a_free_foot_is_flagged() -> None:
-    robot, log = ankle(with_mass=False)
-    found = identify(robot.without_nominal(), log)
-    assert any(
-        "stiffness of ankle_pitch is poorly identified" in one for one in map(str, found.warnings)
-    )
-    assert "stiffness of ankle_pitch is poorly identified" in found.summary()

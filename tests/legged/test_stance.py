@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -27,15 +26,6 @@ from seaid.legged.stance import (
 from seaid.robot import Robot
 
 CROUCH = np.tile([0.0, 0.8, -1.6], 4)
-
-
-class InThisProcess(concurrent.futures.Executor):
-    """Runs what is submitted at once."""
-
-    def submit(self, function: Callable[..., Any], /, *given: Any, **named: Any) -> Any:
-        done: concurrent.futures.Future[Any] = concurrent.futures.Future()
-        done.set_result(function(*given, **named))
-        return done
 
 
 @cache

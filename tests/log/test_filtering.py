@@ -48,17 +48,6 @@ def test_sine_keeps_its_phase_and_takes_the_gain_of_two_passes(frequency_hz: flo
     assert np.allclose(filtered[INSIDE], expected[INSIDE], rtol=0, atol=1e-6)
 
 
-def test_pass_band_is_untouched_to_a_thousandth() -> None:
-    for frequency_hz in np.linspace(0.2, 10 / 5.7, 5):
-        assert gain(frequency_hz, 10.0) > 1 - 1e-3
-        error = low_pass(sine(frequency_hz), RATE_HZ, 10.0) - sine(frequency_hz)
-        assert np.max(np.abs(error[INSIDE])) < 1e-3
-
-
-def test_stop_band_is_gone() -> None:
-    assert np.max(np.abs(low_pass(sine(100.0), RATE_HZ, 10.0)[INSIDE])) < 1e-4
-
-
 def test_time_backwards_gives_the_same_backwards() -> None:
     signal = np.random.default_rng(0).normal(size=(4000, 2)).cumsum(axis=0)
     forward, backward = low_pass(signal, RATE_HZ, 8.0), low_pass(signal[::-1], RATE_HZ, 8.0)[::-1]

@@ -11,7 +11,6 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
 from seaid.log.channels import column_names
-from seaid.log.describe import describe_log
 from seaid.log.log import MINIMUM_SAMPLES
 from seaid.log.readers.opening import _plain_numbers
 from seaid.log.reading import Log, read_log, write_log
@@ -81,17 +80,6 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
     assert names == [*header.split(",")[5:], *more]
 
 
-def test_prismatic_joint_has_metres_and_newtons(tmp_path: Path) -> None:
-    slide = one_joint(tmp_path, "prismatic")
-    names = ["time_s", "arm.joint_position_m", "arm.joint_force_N"]
-    np.savez(tmp_path / "log.npz", **dict(zip(names, VALUES.T, strict=False)))
-    log = read_log(tmp_path / "log.npz", slide)
-    assert log.joint_torque is not None
-    np.testing.assert_array_equal(log.joint_position[:, 0], VALUES[:, 1])
-    np.testing.assert_array_equal(log.joint_torque[:, 0], VALUES[:, 2])
-    assert np.all(np.isnan(log.motor_position))
-
-
 def test_log_cannot_be_written_in_an_unknown_format_or_place(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"cannot write '\.mat' logs; allowed: \.csv, \.npz"):
         write_log(log_of(), tmp_path / "log.mat")
@@ -130,17 +118,6 @@ def test_foreign_columns_come_in_by_name_unit_and_factor(
     np.testing.assert_allclose(log.motor_position[:, 0], 2 * np.pi * VALUES[:, 1], rtol=1e-15)
     np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(VALUES[:, 2]), rtol=1e-15)
     np.testing.assert_allclose(log.motor_torque[:, 0], -0.0302 * VALUES[:, 3], rtol=1e-15)
-
-
-def test_one_foreign_column_may_serve_two_sensors(
-    arm: Robot, write_csv: Callable[..., Path]
-) -> None:
-    columns: Columns = {
-        "arm.joint_position_rad": "arm.motor_position_rad",
-        "arm.motor_position_rad": ("arm.motor_position_rad", 50.0),
-    }
-    log = read_log(write_csv(), arm, columns=columns)
-    np.testing.assert_array_equal(log.motor_position, 50 * log.joint_position)
 
 
 @pytest.mark.parametrize(
@@ -306,17 +283,6 @@ def test_a_column_that_is_nearly_one_of_a_joint_is_said(
     path = write_csv([*NAMES, name], np.column_stack([VALUES, TIME]))
     with pytest.warns(SeaidWarning, match=words):
         read_log(path, arm)
-
-
-def test_what_describe_log_returns_is_a_description(
-    arm: Robot, write_csv: Callable[..., Path]
-) -> None:
-    path = write_csv(["t", "motor_pos", "joint_pos", "tau"])
-    guess = describe_log(path, arm)
-    log = read_log(path, arm, description=guess)
-    np.testing.assert_array_equal(
-        log.joint_position, read_log(path, arm, description=guess.description).joint_position
-    )
 
 
 def test_columns_in_memory_are_read_as_a_file(arm: Robot, write_csv: Callable[..., Path]) -> None:

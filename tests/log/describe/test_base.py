@@ -508,18 +508,6 @@ def test_a_contact_is_that_of_the_link_with_the_most_of_its_words(tmp_path: Path
     }
 
 
-def test_an_acceleration_without_gravity_may_be_in_g(tmp_path: Path) -> None:
-    one, columns = states(), {"time_s": states()["time"]}
-    up = np.einsum("tji,j->ti", one["R"], [0.0, 0.0, 9.81])
-    acceleration = (one["specific_force"] - up) / 9.80665
-    parts = {"imu_q_{}": one["orientation"], "imu_gyro_{}": one["w"], "imu_acc_{}_g": acceleration}
-    for head, values in parts.items():
-        columns |= of_axes(head, values)
-    columns |= of_feet("{}_contact") | of_joints()
-    path = write_columns(tmp_path / "walk.csv", columns)
-    check(described(path), "orientation", "angular_velocity", "specific_force", atol=1e-6)
-
-
 def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:
     one = states()
     columns = {"time": one["time"], "imu_acc_x": one["w"][:, 0], "imu_acc_z": one["w"][:, 2]}

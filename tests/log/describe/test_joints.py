@@ -224,26 +224,6 @@ def test_velocity_commands_alone(tmp_path: Path) -> None:
     assert any('motor_input = "velocity_command"' in one for one in found.unsure)
 
 
-def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
-    motor = wave(0.7, 80.0)
-    found = guess(
-        tmp_path,
-        time_ms=1e3 * TIME,
-        motor_pos_1=motor,
-        link_pos_1=motor / 100,
-        current_1=wave(1.0),
-        temp_1=wave(0.1) + 40,
-    )
-    assert plain(found)["joint_1"] == {
-        **{"motor_position": "motor_pos_1", "joint_position": "link_pos_1"},
-        **{"motor_current": "current_1", "motor_temperature": "temp_1"},
-    }
-    assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
-    assert "joint_1: the motor turns 100 times as far: check the gear ratio" in found.unsure
-    assert not found.unused
-    assert "temp_1: taken for the temperature of the motor" in found.assumed
-
-
 @pytest.mark.parametrize(
     ("names", "column", "unit", "level"),
     [
@@ -467,15 +447,6 @@ def test_many_texts_among_many_columns_are_not_looked_for_for_ever(
     assert len(reads) < 1000
     assert "joint_0" in found.description.joints
     assert "pos_7999" in found.unused
-
-
-def test_columns_of_arrays_are_described(tmp_path: Path) -> None:
-    sides = np.column_stack([wave(0.5), wave(0.7)])
-    for order in ("C", "F"):
-        found = guess(tmp_path, t=TIME, q=np.array(sides, order=order), tau=np.flip(sides))
-        sources = found.description.joints
-        assert sources["joint_1"]["joint_position"].column == "q[1]"
-        assert sources["joint_1"]["motor_torque"].column == "tau[1]"
 
 
 def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> None:
