@@ -153,12 +153,15 @@ def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def estimates_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out findings that need fits or spectra of their own, for statistics over many draws.
+def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Leave out findings that need fits or spectra of their own, for tests of estimates.
 
     They take up to half of the time of `identify`, and change no estimate: test_two_step.py.
-    Terms are selected only where nobody named those of a drive, which may add one to it.
+    Terms are selected only where nobody named those of a drive, which may add one to it. A test
+    marked `findings` keeps them, in a module whose other tests leave them out.
     """
+    if request.node.get_closest_marker("findings"):
+        return
     from seaid.checks import selections
     from seaid.drives import DefaultTerms
 

@@ -32,39 +32,6 @@ ROOT = Path(__file__).parents[2]
 HELP_SECONDS = 0.5
 
 
-def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> None:
-    robot, log = robot_and_drives(arm), arm / "run.csv"
-    points = np.genfromtxt(arm / "run_plan.csv", delimiter=",", names=True, deletechars="")
-    assert points["time_s"][-1] == 2.0
-
-    identified = done("identify", *robot, log, "-o", tmp_path / "parameters.json")
-    assert identified.out.splitlines()[-1] == f"Results: {tmp_path / 'parameters.json'}"
-    assert "small_arm: 6 base parameters" in identified.out
-    content = json.loads((tmp_path / "parameters.json").read_text())
-    stiffness = content["drives"]["elbow"]["stiffness"]
-    assert abs(stiffness["value"] - 250.0) < 4 * stiffness["standard_error"]
-    assert stiffness["standard_error"] < 10.0
-
-    validated = done("validate", *robot, "--from", log, arm / "other.csv", "--json")
-    errors = json.loads(validated.out)["result"]
-    assert errors["load"]["elbow"]["relative_error"] < 0.05
-    assert errors["actuator"]["shoulder"]["relative_error"] is None
-
-    exported = done("export", *robot, "--from", log, "-o", tmp_path / "found.urdf")
-    places = f"Results: {tmp_path / 'found.urdf'}, {tmp_path / 'found.toml'}"
-    assert exported.out.splitlines()[-1] == places
-    found = seaid.load_robot(tmp_path / "found.urdf", tmp_path / "found.toml")
-    truth = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
-    drive = found.drives["elbow"]
-    assert isinstance(drive, seaid.SeriesElasticDrive)
-    assert drive.stiffness_Nm_per_rad == pytest.approx(stiffness["value"], rel=0.01)
-    base = seaid.base_parameters(truth)
-    np.testing.assert_allclose(
-        base.project(found.parameters), base.project(truth.parameters), rtol=0.1
-    )
-    assert "<!-- kept -->" in (tmp_path / "found.urdf").read_text()
-
-
 def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: Path) -> None:
     robot, log, saved = robot_and_drives(arm), arm / "run.csv", tmp_path / "parameters.json"
     done("identify", *robot, log, "--feasible", "-o", saved)

@@ -43,6 +43,8 @@ from tests.terms import (
     with_terms,
 )
 
+pytestmark = pytest.mark.usefixtures("estimates_only")
+
 Case = tuple[dict[str, Any], dict[str, float]]
 
 FRICTION: dict[str, Case] = {
@@ -205,7 +207,6 @@ SLOW += [("spring of two", term) for term in ("cubic", "preload", "dead zone")]
 
 
 @pytest.mark.parametrize(("place", "term"), quick_only(EXACT, {*EXACT} - {*SLOW}))
-@pytest.mark.usefixtures("estimates_only")
 def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
     """Without noise, with the bodies where springs are loaded by them."""
     case, joint, is_free = EXACT[place, term], place.split()[-1], place.startswith("spring")
@@ -222,7 +223,6 @@ def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
 
 
 @pytest.mark.parametrize("zero", [-0.2, 0.2])
-@pytest.mark.usefixtures("estimates_only")
 def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its_motion(
     zero: float,
 ) -> None:
@@ -242,7 +242,6 @@ def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its
         {"known_bodies": ("upper", "lower")},
     ],
 )
-@pytest.mark.usefixtures("estimates_only")
 def test_motor_constants_of_stiff_drives_are_found(kind: str, options: dict[str, Any]) -> None:
     constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
     drive = with_terms(STIFF, {"motor_input": kind}, {constant: 0.05})
@@ -257,7 +256,6 @@ def test_motor_constants_of_stiff_drives_are_found(kind: str, options: dict[str,
 
 
 @pytest.mark.parametrize("kind", ["current", "voltage"])
-@pytest.mark.usefixtures("estimates_only")
 def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
     constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
     terms = {"motor_input": kind, "known": ("stiffness",)}
@@ -270,7 +268,6 @@ def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["current", "voltage"])
 @pytest.mark.parametrize("bodies", quick_first([((),), (("lower",),), (("upper", "lower"),)]))
-@pytest.mark.usefixtures("estimates_only")
 def test_the_load_gives_the_motor_constant_of_a_spring(kind: str, bodies: tuple[str, ...]) -> None:
     """`identifiability` and `identify` agree: known bodies do, or the torque of another joint."""
     constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
@@ -292,7 +289,6 @@ def test_the_load_gives_the_motor_constant_of_a_spring(kind: str, bodies: tuple[
         assert abs(error) < 3.3 * estimate.standard_error(name) < 0.5 * estimate.value(name)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_elastic_drives_alone_with_known_bodies_have_an_empty_load_side() -> None:
     truth = robot(ELASTIC, ELASTIC, known_bodies=("upper", "lower"))
     motion = exact_motion(truth)
@@ -302,7 +298,6 @@ def test_elastic_drives_alone_with_known_bodies_have_an_empty_load_side() -> Non
 
 
 @pytest.mark.parametrize("side", ["one", "two"])
-@pytest.mark.usefixtures("estimates_only")
 def test_nothing_known_leaves_no_scale(side: str) -> None:
     drive = with_terms(
         STIFF if side == "one" else ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05}
@@ -319,7 +314,6 @@ def test_nothing_known_leaves_no_scale(side: str) -> None:
         identified(unknown, motion)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_a_payload_that_is_always_there_leaves_no_scale() -> None:
     drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
     options = {"payloads": (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)}
@@ -343,7 +337,6 @@ NONLINEAR_SPRINGS = ("cubic", "dead zone", "damping")
 
 
 @pytest.mark.parametrize("term", quick_first(["dahl", *NONLINEAR_SPRINGS]))
-@pytest.mark.usefixtures("estimates_only")
 def test_springs_are_inside_their_intervals(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
     log = noisy_log(exact_motion(truth, {"two": free_stretch(0.15)}), 0.003, 2e-5)
@@ -351,7 +344,6 @@ def test_springs_are_inside_their_intervals(term: str) -> None:
 
 
 @pytest.mark.slow  # 20 searches for each of eight terms
-@pytest.mark.usefixtures("estimates_only")
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     """All but those of Stribeck friction behind a spring, which at times has two minima."""
     stretch = {"two": free_stretch(0.15)}
@@ -374,7 +366,6 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 
 
 @pytest.mark.slow  # 96 searches at each joint
-@pytest.mark.usefixtures("estimates_only")
 def test_errors_of_hysteresis_are_as_large_as_the_standard_errors_say() -> None:
     scores = []
     spring, stretch = with_terms(ELASTIC, *SPRINGS["dahl"]), {"two": free_stretch(0.15)}
@@ -417,6 +408,7 @@ ABSENT: list[tuple[str, str, str, tuple[str, ...]]] = [
 @pytest.mark.parametrize(
     ("field", "term", "name", "certain"), quick_only(ABSENT, [ABSENT[0], ABSENT[4]])
 )
+@pytest.mark.findings
 def test_a_term_that_is_not_there_is_found_to_be_nothing(
     field: str, term: str, name: str, certain: tuple[str, ...]
 ) -> None:
@@ -438,6 +430,7 @@ def test_a_term_that_is_not_there_is_found_to_be_nothing(
             assert abs(told.value(parameter) - true) < 3.3 * told.standard_error(parameter)
 
 
+@pytest.mark.findings
 def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
     found = identified(known, free_motion(), ["one"])
@@ -449,6 +442,7 @@ def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     assert "deflection_zero" in found.known.drives["two"].known
 
 
+@pytest.mark.findings
 def test_values_of_the_search_are_no_nominal_ones() -> None:
     """They stood as nominal values of their estimates in summaries of runs and in reports."""
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic"][0], {}))
@@ -462,6 +456,7 @@ def test_values_of_the_search_are_no_nominal_ones() -> None:
     assert by_name["cubic_stiffness"][2] == "-"
 
 
+@pytest.mark.findings
 def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyPatch) -> None:
     def holding(given: Robot, datasets: Any, rows: Any) -> tuple[Robot, Any]:
         drive = replace(given.drives["two"], known=("deflection_zero",))
@@ -478,7 +473,6 @@ def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyP
         )
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_found_terms_predict_another_log() -> None:
     truth = robot(
         with_terms(STIFF, *FRICTION["smooth"]), with_terms(ELASTIC, *FRICTION["stribeck"])
@@ -489,7 +483,6 @@ def test_found_terms_predict_another_log() -> None:
     assert np.all(fit.load.relative_error < 0.03)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_possible_bodies_beside_friction_at_the_joint() -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SMOOTH_JOINT), known_bodies=("upper",))
     log = noisy_log(exact_motion(truth), 0.003, 2e-5)
@@ -501,7 +494,6 @@ def test_possible_bodies_beside_friction_at_the_joint() -> None:
 
 
 @pytest.mark.parametrize("option", quick_first([{"method": "simultaneous"}, {"estimator": "iv"}]))
-@pytest.mark.usefixtures("estimates_only")
 def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str, str]) -> None:
     drive = with_terms(ELASTIC, *SMOOTH_JOINT)
     drive = with_terms(drive, *FRICTION["quadratic"])
@@ -527,7 +519,6 @@ def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str
         ({"estimator": "iv"}, SPRINGS["cubic"], r'spring of two has cubic.*estimator="wls"'),
     ],
 )
-@pytest.mark.usefixtures("estimates_only")
 def test_methods_that_cannot_take_a_spring_say_which_can(
     option: dict[str, str], terms: Case, message: str
 ) -> None:
@@ -536,7 +527,6 @@ def test_methods_that_cannot_take_a_spring_say_which_can(
         identify(known, noisy("plain"), cutoff_hz=10.0, **option)  # type: ignore[arg-type]
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_says_what_it_does_not_simulate() -> None:
     found = found_in(noisy("plain"), robot(STIFF, ELASTIC))
     drives = {"one": replace(found.known.drives["one"], friction=("viscous", "coulomb", "load"))}
@@ -545,7 +535,6 @@ def test_refine_says_what_it_does_not_simulate() -> None:
         refine(found, noisy("plain"))
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_an_input_that_was_not_logged_is_named() -> None:
     drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
     with pytest.raises(
@@ -563,7 +552,6 @@ def together(one: Drive, known: Drive) -> Identification:
     return identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
     drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
     found = together(drive, replace(drive, motor_inertia_kg_m2=None))
@@ -572,7 +560,6 @@ def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
 
 
 @pytest.mark.slow  # 0.5 s
-@pytest.mark.usefixtures("estimates_only")
 def test_conditions_share_what_bends() -> None:
     drive = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
     found = together(drive, drive)
@@ -581,7 +568,6 @@ def test_conditions_share_what_bends() -> None:
 
 
 @pytest.mark.parametrize("joint", ["one", "two"])
-@pytest.mark.usefixtures("estimates_only")
 def test_an_unknown_rotor_inertia_stays_a_parameter_beside_a_search(joint: str) -> None:
     one = with_terms(STIFF, *FRICTION["smooth"])
     two = with_terms(ELASTIC, *FRICTION["stribeck"])
@@ -617,6 +603,7 @@ def behind_the_friction() -> Log:
         (("viscous", "coulomb", "stribeck"), ("stribeck_speed",)),
     ],
 )
+@pytest.mark.findings
 def test_friction_that_a_torque_sensor_does_not_see_is_no_crash(
     terms: Any, names: tuple[str, ...]
 ) -> None:
@@ -639,7 +626,6 @@ def test_a_nonlinear_drive_without_values_names_its_joint() -> None:
         motor_regressor(known, "one").evaluate(by_name)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_a_motor_driven_by_current_that_stands_still_has_no_rows(tmp_path: Path) -> None:
     drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
     known = robot(STIFF, drive).without_nominal()
@@ -660,7 +646,6 @@ def test_a_motor_driven_by_current_that_stands_still_has_no_rows(tmp_path: Path)
         ("two", "spring", "its spring has hysteresis ('dahl'), and the deflection"),
     ],
 )
-@pytest.mark.usefixtures("estimates_only")
 def test_hysteresis_without_reversals_is_named(joint: str, field: str, words: str) -> None:
     terms = {"spring": ("linear", "dahl")} if field == "spring" else {"friction": ("dahl",)}
     known = robot(**{joint: with_terms(STIFF if joint == "one" else ELASTIC, terms, {})})
@@ -680,7 +665,6 @@ def test_hysteresis_without_reversals_is_named(joint: str, field: str, words: st
 
 
 @pytest.mark.slow  # 0.9 s
-@pytest.mark.usefixtures("estimates_only")
 def test_laws_of_known_and_unknown_shape_are_refined() -> None:
     shape = {"presliding_angle": 0.4}
     drive = with_terms(ELASTIC, {"friction": ("viscous", "dahl")}, shape)

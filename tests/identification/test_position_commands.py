@@ -39,9 +39,10 @@ from tests.commanded_joint import (
 )
 from tests.representatives import quick_only
 
+pytestmark = pytest.mark.usefixtures("estimates_only")
+
 
 @pytest.mark.slow  # 0.6 s
-@pytest.mark.usefixtures("estimates_only")
 def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path) -> None:
     """The drive's own encoder reads 0.01 rad too much: its torques are K_p times that smaller."""
     bias, conditions = 0.01, {}
@@ -59,7 +60,6 @@ def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path
 
 
 @pytest.mark.slow  # 0.5 s
-@pytest.mark.usefixtures("estimates_only")
 def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
     """One gain set tells a delay by the gravity and the higher frequencies of this motion."""
     log = mujoco_log(SOFT, 0.015, 0.0, 0)
@@ -72,7 +72,6 @@ def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 200,000 steps of a plant in Python
-@pytest.mark.usefixtures("estimates_only")
 def test_reversals_between_samples_do_not_bias_the_delay(
     urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,7 +145,6 @@ def joined(logs: list[seaid.Log]) -> seaid.Log:
 
 
 @pytest.mark.slow  # 1.4 s
-@pytest.mark.usefixtures("estimates_only")
 def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None:
     """The delay of two joints is between those of each alone, and its error less than either's."""
     logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
@@ -193,6 +191,7 @@ def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -
 
 
 @pytest.mark.slow  # 0.8 s
+@pytest.mark.findings
 def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> None:
     """The interval of the armature holds what every delay in the stated range gives."""
     rng = np.random.default_rng(3)
@@ -216,7 +215,6 @@ def test_a_delay_that_the_log_does_not_determine_is_as_stated(urdf: Path) -> Non
     assert values_of(narrow)["command_delay"][1] == pytest.approx(1e-3, rel=1e-3)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_a_stated_delay_stays_in_a_physically_consistent_fit(tmp_path: Path) -> None:
     """A friction that would be negative moves to zero, and no delay of the bus with it."""
     logs = [mujoco_log(HARD, 0.0, 0.0, seed) for seed in (1, 2)]
@@ -236,7 +234,6 @@ def test_a_stated_delay_stays_in_a_physically_consistent_fit(tmp_path: Path) -> 
         )
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
     """To first order a delay T adds (K_d + F_v) T to the armature."""
     log = mujoco_log(SOFT, 0.0, 1e-4, 0)
@@ -253,7 +250,6 @@ def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 1.0 s
-@pytest.mark.usefixtures("estimates_only")
 def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
     """The replay of the truth is MuJoCo's motion; identified from it, it is that once more."""
     log = mujoco_log(HARD, 0.01, 0.0, 0).between(2.0, 7.0)
@@ -276,6 +272,7 @@ def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 1.9 s
+@pytest.mark.findings
 def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
     """The finding names the term and the reference position; with it, the slope is the true one."""
     log = mujoco_log(SOFT, 0.004, 2e-4, 0, slope=0.25)
@@ -307,7 +304,6 @@ def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 20 simulations of 8 s
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_closes_the_loop(urdf: Path) -> None:
     """From values that are 10 % wrong the output error ends at the truth, within its intervals."""
     log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 9.0)
@@ -326,7 +322,6 @@ def test_refine_closes_the_loop(urdf: Path) -> None:
     assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
     """Positions on the line between the ends of a gap once counted as measured."""
     log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
@@ -342,6 +337,7 @@ def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 1.0 s
+@pytest.mark.findings
 def test_refine_returns_its_start_where_the_positions_get_worse(
     urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -359,6 +355,7 @@ def test_refine_returns_its_start_where_the_positions_get_worse(
 
 
 @pytest.mark.slow  # 1.1 s
+@pytest.mark.findings
 def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
     urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -382,7 +379,6 @@ def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
 
 
 @pytest.mark.slow  # 10 simulations of 4 s
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_takes_a_parallel_spring(urdf: Path) -> None:
     """From a stiffness that is 20 % wrong it ends at the true one."""
     log = mujoco_log(SOFT, 0.004, 2e-4, 0, stiffness=2.0).between(1.0, 5.0)
@@ -412,7 +408,6 @@ def test_commands_between_samples_are_those_of_straight_lines(urdf: Path, delay_
 
 
 @pytest.mark.slow  # 0.8 s
-@pytest.mark.usefixtures("estimates_only")
 def test_the_ends_of_a_moving_log_have_no_weight(urdf: Path) -> None:
     """Without noise and dry friction nothing but rounding is left, wherever the log is cut."""
     robot = robot_of(urdf, SOFT, 0.0025)
@@ -431,7 +426,6 @@ def test_the_ends_of_a_moving_log_have_no_weight(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 10 simulations of 4 s
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
     """Its range is in the error of the armature, as it is in that of `identify`."""
     log = mujoco_log(HARD, 0.006, 0.0, 0).between(1.0, 5.0)
@@ -446,7 +440,6 @@ def test_refine_keeps_a_delay_that_is_as_stated(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 20 simulations of 3 s
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_has_the_errors_of_known_constants(urdf: Path) -> None:
     """An error of all torques is one of all gains; the known bodies keep their masses."""
     log = mujoco_log(HARD, 0.006, 2e-4, 0).between(1.0, 4.0)
@@ -466,7 +459,6 @@ def test_refine_has_the_errors_of_known_constants(urdf: Path) -> None:
     assert stated["motor_inertia"][1] > 5 * plain["motor_inertia"][1]
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_refine_needs_stiff_drives_with_commands(urdf: Path) -> None:
     robot, log = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
     found = seaid.identify(robot, log)
@@ -478,7 +470,6 @@ def test_refine_needs_stiff_drives_with_commands(urdf: Path) -> None:
 
 
 @pytest.mark.slow  # 0.9 s
-@pytest.mark.usefixtures("estimates_only")
 def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> None:
     controller = seaid.Controller(
         position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0, torque_limit_Nm=50.0
@@ -692,7 +683,6 @@ LAWS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("law", quick_only(LAWS, ["held"]))  # 1 s each
-@pytest.mark.usefixtures("estimates_only")
 def test_parameters_behind_a_controller_with_more_terms(urdf: Path, law: str) -> None:
     """The plant is MuJoCo's, its motor driven by the law as it is written here."""
     gains = seaid.Controller(position_gain_Nm_per_rad=SOFT[0], velocity_gain_Nms_per_rad=SOFT[1])
@@ -761,6 +751,7 @@ def in_units_of_the_drive(robot: seaid.Robot, **changes: Any) -> seaid.Robot:
 
 
 @pytest.mark.slow  # 1.2 s
+@pytest.mark.findings
 def test_gains_in_units_of_the_drive(urdf: Path) -> None:
     """A known arm gives their scale, a rotor inertia does not; all are multiples without it."""
     log = mujoco_log(SOFT, 0.012, 2e-4, 0)
@@ -797,6 +788,7 @@ def test_gains_in_units_of_the_drive(urdf: Path) -> None:
 
 
 @pytest.mark.parametrize(("std_s", "delays"), [(0.005, 1), (1e-7, 0)], ids=["own", "stated"])
+@pytest.mark.findings
 def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, std_s: float, delays: int
 ) -> None:
@@ -831,7 +823,6 @@ def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
 
 @pytest.mark.slow  # a rollout of 40 s in which two joints stick
 @pytest.mark.parametrize("coulomb_friction_Nm", [0.8, 8.0])
-@pytest.mark.usefixtures("estimates_only")
 def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
     tmp_path: Path, coulomb_friction_Nm: float
 ) -> None:
@@ -873,7 +864,6 @@ def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
         assert values["coulomb_friction"] == pytest.approx(coulomb_friction_Nm, rel=0.01)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:
     """Solvers give their equal delays with other rounding; different ones stay apart."""
     robot = two_joints(tmp_path, (0.0, 0.0))
@@ -912,7 +902,6 @@ def test_the_delay_of_a_bus_is_one_parameter_that_moves_all_of_its_joints(tmp_pa
 
 
 @pytest.mark.slow  # 2.8 s
-@pytest.mark.usefixtures("estimates_only")
 def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
     """A regression may find a negative armature, with which nothing can be simulated."""
     log = mujoco_log(SOFT, 0.0, 1e-4, 0).between(0, 3)
