@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 
@@ -21,20 +21,17 @@ from seaid.regressor.regression import Regression
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / ".pytest_cache" / "simulations"
 DAY_S = 86400.0
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @cache
 def _folder_of_sources() -> Path:
     """Return the folder of results of these sources; those of others stay for a day."""
     digest = hashlib.sha256()
-    for folder, pattern in (
-        ("seaid", "*.py"),
-        ("scripts", "*.py"),
-        ("tests", "*.py"),
-        ("models", "*.*ml"),
-    ):
-        for path in sorted((ROOT / folder).rglob(pattern)):
+    patterns = {"seaid": "*.py", "scripts": "*.py", "tests": "*.py", "models": "*.*ml"}
+    for name, pattern in patterns.items():
+        for path in sorted((ROOT / name).rglob(pattern)):
             if not path.name.startswith("test_"):
                 digest.update(path.read_bytes())
     folder = KEPT / digest.hexdigest()[:16]
@@ -67,7 +64,7 @@ def kept(simulate: Callable[P, T]) -> Callable[P, T]:
         unfinished.replace(file)
         return made
 
-    return result  # type: ignore[return-value]
+    return cast(Callable[P, T], result)
 
 
 def write_columns(path: Path, columns: Mapping[str, Array], fmt: str = "%.12g") -> Path:
