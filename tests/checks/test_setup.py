@@ -50,7 +50,7 @@ def rough(robot: Robot, seed: int, common: float = 1.0) -> Robot:
     return robot.with_values(bodies.ravel(), robot.drives)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", quick_only(CASES, ["leg", "arm"]))
 @pytest.mark.parametrize(("seed", "common"), quick_first([(0, 1.0), (1, 0.6), (2, 1.6)]))
 def test_a_rough_robot_file_is_no_mistake(case: str, seed: int, common: float) -> None:
     robot, log = CASES[case][0](), CASES[case][1]()

@@ -176,7 +176,7 @@ LINES: dict[str, tuple[str, str, Library]] = {
 }
 """{command: its arguments, the suffix of its output, and what the library returns for it}."""
 
-SLOW = ("frequency", "identify --refine", "replay")
+SLOW = ("frequency", "identify --refine", "replay", "validate --cross")
 """Commands that fit or simulate for more than a second."""
 
 OF_PROJECTS = ("init", "run")

@@ -22,6 +22,7 @@ from seaid.estimation.covariance import (
     long_run_of,
     newey_west,
 )
+from tests.representatives import quick_first
 
 STEP_S = 0.05
 
@@ -92,7 +93,7 @@ def test_corrected_intervals_of_a_mean_hold_the_truth_in_95_of_100(bandwidth: fl
     assert plain < 0.93
 
 
-@pytest.mark.parametrize("p", [1, 5])
+@pytest.mark.parametrize("p", quick_first([5, 1]))
 def test_the_fit_removes_as_much_of_the_variance_as_is_said(p: int) -> None:
     """White noise behind slow columns: Bartlett sums of its residuals, over many draws."""
     H = np.hstack([autoregressive(0.9, 120, seed) for seed in range(p)])

@@ -31,6 +31,7 @@ from seaid.estimation.feasible import (
 )
 from seaid.estimation.sdp import BARRIER, RESOLVED, Program, covariance_root, floored_covariance
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
+from tests.representatives import quick_first
 
 BODIES, TOLD = 2, 12
 SEEDS = st.integers(0, 2**32 - 1)
@@ -262,8 +263,7 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
 @pytest.mark.rounding
 @pytest.mark.parametrize(
     "number",
-    # by another solver each; the first ones have all kinds of robots
-    [pytest.param(n, marks=pytest.mark.slow if n >= 12 else ()) for n in range(48)],
+    quick_first(range(48), 5),  # by another solver each, 0.5 s
 )
 def test_random_programs_of_robots_are_solved_as_clarabel_does(number: int) -> None:
     with warnings.catch_warnings():

@@ -32,7 +32,7 @@ from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion
 from tests.measured import LOGS
-from tests.representatives import quick_first
+from tests.representatives import quick_first, quick_only
 
 
 @cache
@@ -92,7 +92,10 @@ def panda(path: Path) -> Robot:
     return load_robot(path, joints=[f"panda_joint{number}" for number in range(1, 8)])
 
 
-@pytest.fixture(params=["leg", "arm", "panda"])
+ROBOTS = ("leg", "arm", "panda")
+
+
+@pytest.fixture(params=ROBOTS)
 def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -> Robot:
     """Return the TULip leg, the arm with rail and telescope, the Panda arm."""
     if request.param == "panda":
@@ -101,6 +104,7 @@ def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -
 
 
 @pytest.mark.rounding
+@pytest.mark.parametrize("robot", quick_only(ROBOTS, ["arm"]), indirect=True)
 @pytest.mark.parametrize("weight", quick_first([None, 0.0]))
 def test_without_noise_the_base_parameters_are_the_truth(
     robot: Robot, weight: float | None

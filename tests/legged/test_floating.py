@@ -229,6 +229,14 @@ def test_each_foot_that_always_stands_hides_one_parameter(name: str) -> None:
     assert union(robot, (feet[0], feet[3]), (feet[1], feet[2])) == in_flight  # a trot
 
 
+def test_a_copy_is_of_its_type() -> None:
+    robot = floating("go2.urdf", contacts=FEET["go2.urdf"])
+    copied = copy.deepcopy(robot)
+    assert type(copied) is type(robot)
+    np.testing.assert_array_equal(copied.parameters, robot.parameters)
+
+
+@pytest.mark.slow  # 1.6 s: a process that imports seaid
 def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
     """Its type knows nothing of what is registered for it, so that the pickle must load that."""
     robot = floating("go2.urdf", contacts=FEET["go2.urdf"])
@@ -244,9 +252,6 @@ def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
         check=True,
     )
     assert shown.stdout.strip() == "FloatingLoadSide"
-    copied = copy.deepcopy(robot)
-    assert type(copied) is type(robot)
-    np.testing.assert_array_equal(copied.parameters, robot.parameters)
 
 
 @pytest.mark.slow  # 1.2 s

@@ -53,6 +53,7 @@ from seaid.report.tables import ErrorRow
 from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_found, arm_log, arm_result
 from tests.report_pages import HOSTILE, made_up, prediction
+from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
 from tests.terms import arm as two_joints
 
@@ -540,7 +541,7 @@ def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
         assert line_of(friction, "nominal").shape == line.shape  # the truth has values
 
 
-@pytest.mark.parametrize("term", ["dead_zone", "dahl"])
+@pytest.mark.parametrize("term", quick_first(["dahl", "dead_zone"]))
 def test_samples_of_springs_with_shapes_lie_on_their_lines(term: str, tmp_path: Path) -> None:
     """A dead zone has one line; hysteresis has two, and the samples of both ways between them."""
     values = {
