@@ -408,7 +408,9 @@ class Equation:
         """An orthonormal basis (R, p) of the weighted columns."""
         columns = self.weight[:, None] * self.rows.H
         norms = np.linalg.norm(columns, axis=0)
-        return np.linalg.qr(columns[:, norms > 0] / norms[norms > 0])[0]
+        columns = columns[:, norms > 0]
+        columns /= norms[norms > 0]
+        return np.linalg.qr(columns)[0]
 
     @cached_property
     def residual(self) -> Array:
@@ -427,7 +429,9 @@ class Equation:
     @cached_property
     def factor(self) -> Array:
         """The triangular factor of the weighted columns and torques [H y]."""
-        return triangle(self.weight[:, None] * np.column_stack([self.rows.H, self.rows.y]))
+        columns = np.column_stack([self.rows.H, self.rows.y])
+        columns *= self.weight[:, None]
+        return triangle(columns)
 
     def last(self, count: int) -> tuple[Array, Array]:
         """Return the last parameters (count,), and their standard errors (count,).
@@ -439,7 +443,8 @@ class Equation:
         kept = slice(svd.rank())
         # root root^T = (X^T X)^+ in the units of the parameters.
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
-        scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
+        residual = self.weight * rows.y - X @ self.values
+        scores = long_run_of(X, residual, rows.time, rows.run).for_normal_intervals
         bread = (root @ root.T)[len(root) - count :]  # of the sandwich B S B^T
         errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", bread, scores, bread), 0.0))
         return self.values[len(root) - count :], errors
@@ -471,12 +476,10 @@ class Equation:
 
     def with_alternatives(self, alternatives: Iterable[Alternative]) -> Equation:
         """Return the equation with the columns of alternatives, zero where these replace others."""
-        H, width = self.rows.H.copy(), len(self.rows.names)
-        added: list[Array] = []
-        for alternative in alternatives:
-            H[:, list(alternative.replaced)] = 0.0
-            added.append(alternative.columns)
-        H = np.hstack([H, *added])
+        models, width = list(alternatives), len(self.rows.names)
+        H = np.hstack([self.rows.H, *(model.columns for model in models)])
+        for model in models:
+            H[:, list(model.replaced)] = 0.0
         more = tuple(f"accepted column {place}" for place in range(width, H.shape[1]))
         units = (*self.rows.units, *len(more) * ("",))
         rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)

@@ -568,14 +568,15 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     joints = [late.joint for joint in side.joints for late in _late_torque(side, joint)]
     if not joints:
         return {}
-    equation = side.equation.with_alternatives(
+    accepted = [
         x.trial.alternative
         for x in selection.accepted
         if x.trial.candidate.about.code is not CODES["delay"]
-    )
+    ]
     columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
-    values, errors = equation.with_alternatives([Alternative(late, 0)]).last(len(joints))
+    larger = side.equation.with_alternatives([*accepted, Alternative(late, 0)])
+    values, errors = larger.last(len(joints))
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal
 
@@ -342,8 +343,7 @@ def check_logs(project: Project) -> None:
         for path in log.files:  # before a long identification whose validation would fail
             if not path.exists():
                 raise SeaidError(f"'{project.file}': there is no log '{path}': correct its name")
-    for fitted in project.logs_for("identify"):
-        _check_samples(project, fitted)
+    _check_samples(project)
     strange = {log.condition for log in project.logs_for("validate")} - {*project.conditions, ""}
     if strange:
         raise SeaidError(
@@ -352,10 +352,14 @@ def check_logs(project: Project) -> None:
         )
 
 
-def _check_samples(project: Project, fitted: ProjectLog) -> None:
+def _check_samples(project: Project) -> None:
     """Raise SeaidError if another log has samples of one to identify from."""
-    for log in project.logs:
-        if log is not fitted and _shares_samples(log, fitted):
+    # Several names of a file, by links, have one real path, which is looked up once per log.
+    files = [{real_path(path) for path in log.files} for log in project.logs]
+    pairs = permutations(zip(project.logs, files, strict=True), 2)
+    for (fitted, of_fitted), (log, of_log) in pairs:
+        is_shared = fitted.use == "identify" and not of_fitted.isdisjoint(of_log)
+        if is_shared and _overlap(fitted, log):
             again = (
                 "to identify and to validate: validate on another log"
                 if log.use == "validate"
@@ -367,9 +371,8 @@ def _check_samples(project: Project, fitted: ProjectLog) -> None:
             )
 
 
-def _shares_samples(first: ProjectLog, second: ProjectLog) -> bool:
-    """Return whether two logs have a file in common, by any of its names, and a part of it."""
-    files, others = ({real_path(path) for path in log.files} for log in (first, second))
+def _overlap(first: ProjectLog, second: ProjectLog) -> bool:
+    """Return whether the parts of two logs of one file have samples in common."""
     whole = -float("inf"), float("inf")
     (start, end), (begin, stop) = first.between_s or whole, second.between_s or whole
-    return bool(files & others) and start < stop and begin < end
+    return start < stop and begin < end

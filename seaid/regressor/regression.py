@@ -106,7 +106,8 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     position, velocity, acceleration = (
         at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
     )
-    drive = robot.drives[robot.joint_names[index]]
+    drive, warmth = robot.drives[robot.joint_names[index]], motion.motor_temperature
+    warmth = None if warmth is None else warmth - drive.reference_temperature_degC
     if drive.is_elastic and has_deflection(motion, index):
         assert motion.deflection is not None
         assert motion.deflection_rate is not None
@@ -124,12 +125,11 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "theta_L_ddot": acceleration,
         "tau_M": _without_delay(motion, index),
         "tau_C_dot": _channel(motion.command_slope, motion, index),
-        "tau_L": np.zeros(len(motion.time)),
+        "tau_L": np.broadcast_to(0.0, len(motion.time)),
         "i_M": _channel(motion.motor_current, motion, index),
         "u_M": _channel(motion.motor_voltage, motion, index),
         "tau_G": _channel(motion.gear_torque, motion, index),
-        "Delta_T": _channel(motion.motor_temperature, motion, index)
-        - drive.reference_temperature_degC,
+        "Delta_T": _channel(warmth, motion, index),
         "t_log": motion.time - motion.start_s,
     }
 
@@ -165,7 +165,8 @@ def _direction(motion: Motion, index: int) -> Array:
 
 
 def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
-    return np.full(len(motion.time), np.nan) if samples is None else samples[:, index]
+    """Return a channel (T,) of a joint, NaN without it: one number, of which T are seen."""
+    return np.broadcast_to(np.nan, len(motion.time)) if samples is None else samples[:, index]
 
 
 def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
