@@ -408,8 +408,7 @@ class Equation:
         """An orthonormal basis (R, p) of the weighted columns."""
         columns = self.weight[:, None] * self.rows.H
         norms = np.linalg.norm(columns, axis=0)
-        columns = columns[:, norms > 0]
-        columns /= norms[norms > 0]
+        columns = columns[:, norms > 0] / norms[norms > 0]
         return np.linalg.qr(columns)[0]
 
     @cached_property

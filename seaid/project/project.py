@@ -356,10 +356,8 @@ def _check_samples(project: Project) -> None:
     """Raise SeaidError if another log has samples of one to identify from."""
     # Several names of a file, by links, have one real path, which is looked up once per log.
     files = [{real_path(path) for path in log.files} for log in project.logs]
-    pairs = permutations(zip(project.logs, files, strict=True), 2)
-    for (fitted, of_fitted), (log, of_log) in pairs:
-        is_shared = fitted.use == "identify" and not of_fitted.isdisjoint(of_log)
-        if is_shared and _overlap(fitted, log):
+    for (fitted, paths), (log, others) in permutations(zip(project.logs, files, strict=True), 2):
+        if fitted.use == "identify" and paths & others and _overlap(fitted, log):
             again = (
                 "to identify and to validate: validate on another log"
                 if log.use == "validate"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import cast
 
@@ -91,24 +92,46 @@ def accelerations(
     `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
     and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
     """
-    motor, joint = _driven(plant, data, state, torque, slip)[:2]
-    if 0.0 in slip.tolist():
-        # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
-        motor[slip[: len(motor)] == 0] = 0.0
-    return motor, joint
+    rates = _driven(plant, data, state, torque, _held(plant, slip))
+    return rates[SPEED], rates[JOINT_SPEED]
 
 
-def _driven(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return `accelerations` and the torques of `drive_matrix`, on the joints and on the rotors.
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What friction that sticks holds at slip directions: places on the load side, and motors.
 
-    Friction that sticks holds joints, but not motors on springs, and is in none of the torques.
+    `model` is that of the robot whose joints at the places are held.
     """
-    n = len(torque)
+
+    slip: Array
+    model: pin.Model
+    places: IndexArray
+    motors: IndexArray
+
+
+def _held(plant: Plant, slip: Array) -> _Held:
+    """Return what friction holds that sticks at the zeros of `slip`."""
+    if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
+        return _Held(slip, plant.model, _NOTHING, _NOTHING)
+    (resting,), model = (slip == 0).nonzero(), plant.model
+    places = resting[plant.acts_on_load[resting]]
+    if places.size and plant.rotors is None:
+        model = holding(model, tuple(plant.places[places].tolist()))
+    return _Held(slip, model, places, resting[resting < len(plant.elastic)])
+
+
+_NOTHING = np.zeros(0, dtype=np.intp)
+
+
+def _driven(plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held) -> Array:
+    """Return the rates of a state, then the torques on joints and on rotors, (6, n).
+
+    Friction that sticks is in none of the torques.
+    """
+    n, slip = len(torque), held.slip
     if not (plant.functions or plant.extras):
         acting = np.concatenate([state.reshape(-1), torque, slip])
-        return _moved(plant, data, state, acting, slip)
+        return _moved(plant, data, state, acting, held)
     at = drive_states(plant, state).T.tolist()
     free, force = _of_functions(plant, at, torque)
     gear = np.zeros(n)
@@ -122,11 +145,11 @@ def _driven(
     for _ in range(_MOST_ITERATIONS):
         rest = _without_friction(free, of_load, at, slip, gear)
         acting = np.concatenate([state[: JOINT_SPEED + 1].reshape(-1), rest, slip[:n], force])
-        motion = _moved(plant, data, state, acting, slip)
-        load = (plant.ratio * (rest - plant.motor_inertia * motion[0]))[under_load]
+        rates = _moved(plant, data, state, acting, held)
+        load = (plant.ratio * (rest - plant.motor_inertia * rates[SPEED]))[under_load]
         error = load - gear[under_load]
         if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(load))):
-            return motion
+            return rates
         gear[under_load] = load if last is None else _faster(load, error, *last)
         last = load, error
     raise SeaidError(
@@ -171,54 +194,42 @@ def _faster(load: Array, error: Array, load_before: Array, error_before: Array) 
     return load - part * (load - load_before)
 
 
-def _moved(
-    plant: Plant, data: pin.Data, state: Array, acting: Array, slip: Array
-) -> tuple[Array, Array, Array, Array]:
+def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Held) -> Array:
     """Return `_driven` by what acts, as `drive_matrix` has it."""
     # on so small matrices `dot` takes a third of the time of `@`
-    n, torques = len(plant.elastic), plant.drive_matrix.dot(acting)
-    torque, rotor = torques[:n], torques[n:]
+    rates = plant.drive_matrix.dot(acting).reshape(-1, len(plant.elastic))
+    torque = rates[-2]
     for index, drive in plant.functions:
         torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
     if plant.dry_joints.size:
-        torque[plant.dry_joints] -= plant.joint_coulomb * slip[n:]
-    joint = _joint_accelerations(plant, data, state, torque, _sticking(plant, slip))
-    # theta_M'' = N phi'' at stiff drives
-    return plant.mobility * rotor + plant.turning.dot(joint), joint, torque, rotor
-
-
-def _sticking(plant: Plant, slip: Array) -> IndexArray:
-    """Return the places at which friction on the load side sticks."""
-    if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
-        return _NOTHING
-    return np.asarray(((slip == 0) & plant.acts_on_load).nonzero()[0])
-
-
-_NOTHING = np.zeros(0, dtype=np.intp)
+        torque[plant.dry_joints] -= plant.joint_coulomb * held.slip[len(torque) :]
+    rates[JOINT_SPEED] = joint = _joint_accelerations(plant, data, state, torque, held)
+    rates[SPEED] += plant.turning.dot(joint)  # theta_M'' = N phi'' at stiff drives
+    if held.motors.size:
+        # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
+        rates[SPEED, held.motors] = 0.0
+    return rates
 
 
 def _joint_accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, sticking: IndexArray
+    plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held
 ) -> Array:
-    """Return the joint accelerations (n,) under torques on the joints, zero at what sticks."""
+    """Return the joint accelerations (n,) under torques on the joints, zero at what is held."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
     if plant.rotors is None:
-        model = plant.model
-        if sticking.size:
-            model = holding(plant.model, tuple(plant.places[sticking].tolist()))
-        return cast(Array, pin.aba(model, data, position, speed, torque))
+        return cast(Array, pin.aba(held.model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - inverse_dynamics(plant, data, (position, speed, np.zeros_like(speed)))
     solve = partial(_safely, np.linalg.solve, inertia(plant, data, position))
     joint = np.asarray(solve(rest))
-    if not sticking.size:
+    if not held.places.size:
         return joint
     # With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0. Drives and dry joints may
     # constrain one direction together: A M^-1 A^T is then singular.
-    rows = sticking_rows(plant, sticking)
+    rows = sticking_rows(plant, held.places)
     columns = solve(rows.T)
     joint = joint - columns @ _safely(np.linalg.lstsq, rows @ columns, rows @ joint)[0]
-    return without_sticking(plant, joint, sticking)
+    return without_sticking(plant, joint, held.places)
 
 
 def sticking_torques(
@@ -270,20 +281,20 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     turned = drive_states(plant, state)
     # Places are only released: at most n + m passes.
     while True:
-        _, joint, torques, free = _driven(plant, data, state, torque, slip)
-        sticking = _sticking(plant, slip)
-        motors = sticking[sticking < n]
+        held = _held(plant, slip)
+        joint, torques, free = _driven(plant, data, state, torque, held)[JOINT_SPEED:]
+        motors = held.places[held.places < n]
         # What would move a motor on a spring by (7) alone. The friction that holds others is
         # opposite to what it holds.
         pull = np.append(free, np.zeros(len(slip) - n))
-        pull[sticking] = -sticking_torques(plant, data, state, torques, joint, sticking)
+        pull[held.places] = -sticking_torques(plant, data, state, torques, joint, held.places)
         # From the drives' coordinates to the motors, where the levels of their friction are.
         pull[motors] /= plant.ratio[motors]
         through = np.zeros(n)
         through[motors] = plant.ratio[motors] * (free[motors] - pull[motors])
         released = (slip == 0) & (np.abs(pull) > friction_levels(plant, turned, through))
         slip[released] = np.sign(pull[released])
-        if not released[sticking].any():
+        if not released[held.places].any():
             return slip
 
 
@@ -402,13 +413,13 @@ def _runge_kutta(
     start: float,
     step: float,
 ) -> Array:
+    held = _held(plant, slip)
+
     def rate(at: float, y: Array) -> Array:
         y = with_memory(plant, state, y)
-        motor, joint = accelerations(plant, data, y, torque(start + at, y), slip)
+        rates = _driven(plant, data, y, torque(start + at, y), held)[: plant.rows]
         # Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly.
-        rates = np.zeros(y.shape)
-        rates[POSITION], rates[SPEED] = y[SPEED], motor
-        rates[JOINT_POSITION], rates[JOINT_SPEED] = y[JOINT_SPEED], joint
+        rates[JOINT_SPEED + 1 :] = 0.0
         return rates
 
     half = 0.5 * step

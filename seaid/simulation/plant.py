@@ -117,13 +117,14 @@ class Plant:
 
     @cached_property
     def drive_matrix(self) -> Array:
-        """The torques on the joints, then those on the rotors, by what acts (2n, 7n).
+        """Rates of a state, then the torques on joints and on rotors, by what acts (6n, 7n).
 
-        This is the plain part of (4b) and (7). What acts are motor angles and speeds, joint
-        positions and speeds, motor torques, slip directions, and, if there are any, forces of
-        springs in `functions`.
+        This is the plain part of (4b) and (7), with zeros in the rows of joint accelerations, and
+        motors that their own torques move. What acts are motor angles and speeds, joint positions
+        and speeds, motor torques, slip directions, and, if there are any, forces of springs in
+        `functions`.
         """
-        angle, speed, position, _, torque, slip, force = np.eye(7 * len(self.elastic)).reshape(
+        angle, speed, position, moving, torque, slip, force = np.eye(7 * len(self.elastic)).reshape(
             7, len(self.elastic), -1
         )
         drives = position if self.coupling is None else self.coupling @ position
@@ -136,9 +137,9 @@ class Plant:
         on_spring = self.load_radius[:, None] * spring
         load = np.where(self.elastic[:, None], on_spring, self.ratio[:, None] * free)
         load = load if self.coupling is None else self.coupling.T @ load
-        matrix = np.concatenate(
-            [load, np.where(self.elastic[:, None], free - lever * spring, free)]
-        )
+        rotor = np.where(self.elastic[:, None], free - lever * spring, free)
+        motor = self.mobility[:, None] * rotor
+        matrix = np.concatenate([speed, motor, moving, np.zeros_like(load), load, rotor])
         return matrix if self.functions or self.extras else matrix[:, : -len(load)].copy()
 
     @cached_property
@@ -248,6 +249,8 @@ def inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
 
 def inverse_dynamics(plant: Plant, data: pin.Data, states: Sequence[Array]) -> Array:
     """Return the torques (n,) of a state q, v, a, without rotors that are in `rotors`."""
+    if plant.expansion is None and not plant.ratios:  # most robots, at each step
+        return np.array(pin.rnea(plant.model, data, *states))
     moved = plant.ratios.at_joints(*states)
     expanded = (plant.expanded(state, order) for order, state in enumerate(moved))
     torques = plant.reduced(pin.rnea(plant.model, data, *expanded))
@@ -275,7 +278,7 @@ def plant_of(robot: Robot) -> Plant:
     drives = [robot.drives[name] for name in names]
     elastic = np.array([drive.is_elastic for drive in drives])
     numbers = np.array(list(map(_numbers, names, drives))).T.copy()
-    ratio, inertia, viscous, coulomb, motor_radius, load_radius, stiffness = numbers
+    ratio, inertia = numbers[:2]
     functions = _drive_functions(names, drives)
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
@@ -290,16 +293,10 @@ def plant_of(robot: Robot) -> Plant:
     # armature is a diagonal over the joints of the model, and cannot be C^T diag(N^2 I_M) C
     model.armature = armature if is_square else np.zeros(model.nv)
     plant = Plant(
-        model=model,
-        drives=tuple(drives),
-        elastic=elastic,
-        ratio=ratio,
-        motor_inertia=inertia,
-        viscous=viscous,
-        coulomb=coulomb,
-        motor_radius=motor_radius,
-        load_radius=load_radius,
-        stiffness=stiffness,
+        model,
+        tuple(drives),
+        elastic,
+        *numbers,
         functions=functions,
         longest_step=np.inf,
         coupling=C if is_coupled else None,
@@ -311,7 +308,7 @@ def plant_of(robot: Robot) -> Plant:
 
 
 def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
-    """Return ratio, motor inertia, viscous and Coulomb friction, radii and stiffness."""
+    """Return ratio, motor inertia, viscous and Coulomb friction, radii, stiffness, as `Plant`."""
     terms = drive.friction if is_plain(drive) else ()
     has_stiffness = is_plain(drive) and drive.is_elastic
     return (
