@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy  # reports import this module, and `scipy.signal` takes half a second
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import csd, savgol_filter
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import IdentificationError
@@ -139,8 +139,8 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
 
 def motor_rates(angle: Array) -> tuple[Array, Array]:
     """Return speed and acceleration (2 of (T, ...)) per sample, smoothed over five samples."""
-    speed, acceleration = (savgol_filter(angle, 5, 2, deriv=order, axis=0) for order in (1, 2))
-    return speed, acceleration
+    smoothed = partial(scipy.signal.savgol_filter, angle, 5, 2, axis=0)
+    return smoothed(deriv=1), smoothed(deriv=2)
 
 
 def _friction_sign(angle: Array) -> Array:
@@ -359,7 +359,7 @@ def _by_segments(
         signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
         # _SEGMENTS segments that overlap by half.
         length = 2 * signals.shape[1] // (_SEGMENTS + 1)
-        hz, cross = csd(
+        hz, cross = scipy.signal.csd(
             signals[:, None], signals[None], 1 / record.step_s, nperseg=length, detrend="linear"
         )
         sums.append(cross)
