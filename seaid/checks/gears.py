@@ -568,11 +568,8 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     joints = [late.joint for joint in side.joints for late in _late_torque(side, joint)]
     if not joints:
         return {}
-    accepted = [
-        x.trial.alternative
-        for x in selection.accepted
-        if x.trial.candidate.about.code is not CODES["delay"]
-    ]
+    trials = (x.trial for x in selection.accepted)
+    accepted = [x.alternative for x in trials if x.candidate.about.code is not CODES["delay"]]
     columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
     larger = side.equation.with_alternatives([*accepted, Alternative(late, 0)])
