@@ -197,7 +197,7 @@ def _faster(load: Array, error: Array, load_before: Array, error_before: Array) 
 def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Held) -> Array:
     """Return `_driven` by what acts, as `drive_matrix` has it."""
     # on so small matrices `dot` takes a third of the time of `@`
-    rates = plant.drive_matrix.dot(acting).reshape(-1, len(plant.elastic))
+    rates: Array = plant.drive_matrix.dot(acting).reshape(-1, len(plant.elastic))
     torque = rates[-2]
     for index, drive in plant.functions:
         torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())

@@ -277,13 +277,13 @@ def plant_of(robot: Robot) -> Plant:
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
     elastic = np.array([drive.is_elastic for drive in drives])
-    numbers = np.array(list(map(_numbers, names, drives))).T.copy()
-    ratio, inertia = numbers[:2]
+    by_drive = list(map(_numbers, names, drives))
+    numbers = {name: np.array([each[name] for each in by_drive]) for name in by_drive[0]}
     functions = _drive_functions(names, drives)
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
-    armature = np.where(elastic, 0.0, ratio**2 * inertia)
+    armature = np.where(elastic, 0.0, numbers["ratio"] ** 2 * numbers["motor_inertia"])
     # E (N, n): all joints by the independent ones, both in the order of the model
     E = robot.expand(np.eye(robot.n)[order], 1).T[list(robot.model_order)]
     e = robot.to_model(np.zeros(robot.n))
@@ -293,10 +293,10 @@ def plant_of(robot: Robot) -> Plant:
     # armature is a diagonal over the joints of the model, and cannot be C^T diag(N^2 I_M) C
     model.armature = armature if is_square else np.zeros(model.nv)
     plant = Plant(
-        model,
-        tuple(drives),
-        elastic,
-        *numbers,
+        model=model,
+        drives=tuple(drives),
+        elastic=elastic,
+        **numbers,
         functions=functions,
         longest_step=np.inf,
         coupling=C if is_coupled else None,
@@ -307,19 +307,19 @@ def plant_of(robot: Robot) -> Plant:
     return replace(plant, longest_step=_longest_step(names, plant))
 
 
-def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
-    """Return ratio, motor inertia, viscous and Coulomb friction, radii, stiffness, as `Plant`."""
+def _numbers(joint: str, drive: Drive) -> dict[str, float]:
+    """Return the numbers of a drive by the fields of `Plant`."""
     terms = drive.friction if is_plain(drive) else ()
-    has_stiffness = is_plain(drive) and drive.is_elastic
-    return (
-        drive.ratio,
-        _motor_inertia(joint, drive),
-        _nominal(joint, drive, "viscous_friction_Nms_per_rad") if "viscous" in terms else 0.0,
-        _nominal(joint, drive, "coulomb_friction_Nm") if "coulomb" in terms else 0.0,
-        drive.motor_radius,
-        drive.load_radius,
-        _stiffness(joint, drive) if has_stiffness else 0.0,
-    )
+    viscous, coulomb = "viscous_friction_Nms_per_rad", "coulomb_friction_Nm"
+    return {
+        "ratio": drive.ratio,
+        "motor_inertia": _motor_inertia(joint, drive),
+        "viscous": _nominal(joint, drive, viscous) if "viscous" in terms else 0.0,
+        "coulomb": _nominal(joint, drive, coulomb) if "coulomb" in terms else 0.0,
+        "motor_radius": drive.motor_radius,
+        "load_radius": drive.load_radius,
+        "stiffness": _stiffness(joint, drive) if is_plain(drive) and drive.is_elastic else 0.0,
+    }
 
 
 def _stiffness(joint: str, drive: Drive) -> float:
