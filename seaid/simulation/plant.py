@@ -276,9 +276,9 @@ def plant_of(robot: Robot) -> Plant:
     order = robot.joint_order
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    elastic = np.array([drive.is_elastic for drive in drives])
     by_drive = list(map(_numbers, names, drives))
     numbers = {name: np.array([each[name] for each in by_drive]) for name in by_drive[0]}
+    elastic = numbers["elastic"]
     functions = _drive_functions(names, drives)
     # C is in the order of the robot; the plant has that of the model on both sides
     C = robot.transmission[np.ix_(order, order)]
@@ -295,7 +295,6 @@ def plant_of(robot: Robot) -> Plant:
     plant = Plant(
         model=model,
         drives=tuple(drives),
-        elastic=elastic,
         **numbers,
         functions=functions,
         longest_step=np.inf,
@@ -312,6 +311,7 @@ def _numbers(joint: str, drive: Drive) -> dict[str, float]:
     terms = drive.friction if is_plain(drive) else ()
     viscous, coulomb = "viscous_friction_Nms_per_rad", "coulomb_friction_Nm"
     return {
+        "elastic": drive.is_elastic,
         "ratio": drive.ratio,
         "motor_inertia": _motor_inertia(joint, drive),
         "viscous": _nominal(joint, drive, viscous) if "viscous" in terms else 0.0,
