@@ -132,7 +132,7 @@ def poses(experiment: Experiment) -> Iterator[Transform]:
 
 def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
     """Yield zeros that are off by quarters of a turn, of a joint or of two."""
-    turning = _turning(experiment) if np.all(np.isfinite(experiment.bodies)) else []
+    turning = _turning(experiment) if experiment.has_bodies else []
     for j, turn in product(turning, (*_QUARTERS, math.pi)):
         yield _off(experiment, {j: turn}, tol.SLIGHT)
     for pair, turns in product(combinations(turning, 2), product(_QUARTERS, repeat=2)):
@@ -305,7 +305,7 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
     centres and inertias have their errors, too: a torque shows products of masses and lengths.
     """
     robot, bodies = experiment.robot, experiment.robot.parameters.reshape(-1, 10)
-    if not experiment.used or not np.all(np.isfinite(experiment.bodies)) or robot.known_bodies:
+    if not experiment.has_bodies or robot.known_bodies:
         return None
     each = scipy.linalg.block_diag(*bodies)
     effects = experiment.over_noise(experiment.regressor @ each.T)

@@ -618,8 +618,7 @@ def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     """
     robot, used = experiment.robot, experiment.used
     known = robot.payload_parameters + robot.is_known * robot.parameters
-    is_known = bool(np.any(known)) and bool(np.all(np.isfinite(experiment.bodies)))
-    if not used or not is_known or robot.has_controllers:
+    if not experiment.has_bodies or not np.any(known) or robot.has_controllers:
         return
     sizes, of_known = (
         np.sqrt(np.mean((experiment.regressor @ x) ** 2, axis=0))

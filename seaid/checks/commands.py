@@ -377,7 +377,7 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 
     Their factor is zero, with an error that is far below one, and friction explains the torque.
     """
-    if not experiment.used or not np.all(np.isfinite(experiment.bodies)):
+    if not experiment.has_bodies:
         return
     # a payload that is named and not there has no torque, of a joint that measures well
     unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
@@ -606,8 +606,8 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
 def _commanded_joints(experiment: Experiment) -> list[int]:
     """Return the joints whose torque is that of a controller with gains in N m, by known bodies."""
     drives = [*experiment.robot.drives.values()]
-    has_bodies = bool(np.all(np.isfinite(experiment.bodies)))
-    return [j for j in experiment.used if has_bodies and drives[j].controller is not None]
+    has_law = [drive.controller is not None for drive in drives]
+    return [j for j in experiment.used if experiment.has_bodies and has_law[j]]
 
 
 def hidden_limits(experiment: Experiment) -> Iterator[Finding]:

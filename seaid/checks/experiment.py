@@ -275,6 +275,11 @@ class Experiment:
         is_fixed = self.robot.base_is_held
         return np.flatnonzero(self._torque_sizes > 0).tolist() if is_fixed else []
 
+    @property
+    def has_bodies(self) -> bool:
+        """Whether torques can be compared with those of bodies in the robot file."""
+        return bool(self.used) and bool(np.all(np.isfinite(self.bodies)))
+
     @derived("robot", "joint")
     def regressor(self) -> Array:
         """The regressor (R, n, 10n) of the rigid bodies."""
@@ -339,7 +344,7 @@ class Experiment:
     @derived(*_SIGNALS, "bodies")
     def scales(self) -> dict[int, TorqueScale]:
         """The scale of each used joint, none without bodies."""
-        return {j: self.scale(j) for j in self.used if np.all(np.isfinite(self.bodies))}
+        return {j: self.scale(j) for j in self.used if self.has_bodies}
 
     @property
     def clear_scales(self) -> dict[int, TorqueScale]:
@@ -794,7 +799,7 @@ class Experiment:
         the log shows how good its file is. The density of log s is 1 / s above 1, so that one file
         in ten is ten times worse than a usual one, and even below, down to 3 mm of a centre.
         """
-        if not self.used or not np.all(np.isfinite(self.bodies)):
+        if not self.has_bodies:
             return 0.0
         R, torque, (common, (errors, sizes)) = self._seen[:, :-1], self._seen[:, -1], self._effects
         y = torque - R @ self.base.project(self.bodies)
@@ -873,8 +878,8 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     Newton. Computed torques in place of the logged ones are the instruments, because noise of a
     torque that is changed would bias least squares.
     """
-    value, steps = start, _MOST_STEPS if np.all(np.isfinite(experiment.bodies)) else 0
-    for _ in range(steps):
+    value = start
+    for _ in range(_MOST_STEPS * experiment.has_bodies):
         changed = change(experiment, value)
         ahead, of_file = change(changed, _STEP), changed.of_file
         x, z = (

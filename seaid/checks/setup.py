@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 from scipy.special import chdtri
@@ -202,11 +203,10 @@ def transforms(
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
     """Return the transforms that the log demands, the best first, and add `notes` as above."""
     costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
-    has_bodies = _has_bodies(experiment)
     for transform in transforms(experiment, possible, notes):
         with guarded(transform.code, notes):
             changed = transform.changed
-            cost = changed.file if has_bodies else changed.cost("free", rows)
+            cost = changed.file if experiment.has_bodies else changed.cost("free", rows)
             cost += sum(changed.cost(kind, rows) for kind in ("motor", "encoders", "sensors"))
             # one of several mistakes repairs its joints, while others still contradict the file
             costs[transform] = cost, changed.cost("nominal", rows)
@@ -671,14 +671,6 @@ def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experim
 # What shows that a mistake is possible
 
 
-def _has_torques(experiment: Experiment) -> bool:
-    return bool(experiment.used)
-
-
-def _has_bodies(experiment: Experiment) -> bool:
-    return _has_torques(experiment) and bool(np.all(np.isfinite(experiment.bodies)))
-
-
 def _is_severe(experiment: Experiment) -> bool:
     """Whether a misfit is as large as that of a wrong sign, unit, clock or place."""
     misfits = [np.nanmax(misfit, initial=0.0) for misfit in experiment.misfits.values()]
@@ -698,7 +690,7 @@ Possible = Mapping[Callable[[Experiment], bool], Mapping[Generator, Code]]
 """{what shows that a set-up may be wrong: {what can be wrong with it: the code of most of it}}."""
 
 MISTAKES: Possible = {
-    _has_bodies: {
+    attrgetter("has_bodies"): {
         _torque_scales: CODES["torque-scale"],
         _rotor_inertias: CODES["rotor-inertia"],
         _all_torque_scales: CODES["torque-scale"],
@@ -719,7 +711,7 @@ MISTAKES: Possible = {
         _exchanges: CODES["swapped-joints"],
     },
     _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
-    _has_torques: {gears.gear_ratios: CODES["gear-ratio"]},
+    attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"]},
     _has_encoders_apart: {
         gears.coupled_motors: CODES["coupled-joints"],
         gears.differentials: CODES["coupled-joints"],
