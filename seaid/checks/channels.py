@@ -606,8 +606,7 @@ def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) 
     # the factors differ by more than two.
     is_part = np.std(parts) < tol.MOST * np.std(logs) > tol.MOST * np.log(tol.TWICE)
     # masses that are a hundred times too large look like parts of 1
-    is_part = is_part and full >= 100
-    return {j: float(limits[j] / full) for j in experiment.used} if is_part else {}
+    return {j: float(limits[j] / full) for j in experiment.used} if is_part and full >= 100 else {}
 
 
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:

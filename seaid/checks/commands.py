@@ -605,8 +605,7 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
 
 def _commanded_joints(experiment: Experiment) -> list[int]:
     """Return the joints whose torque is that of a controller with gains in N m, by known bodies."""
-    drives = [*experiment.robot.drives.values()]
-    has_law = [drive.controller is not None for drive in drives]
+    has_law = [drive.controller is not None for drive in experiment.robot.drives.values()]
     return [j for j in experiment.used if experiment.has_bodies and has_law[j]]
 
 

@@ -48,7 +48,7 @@ from seaid.checks.experiment import (
 )
 from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding, listed
-from seaid.log import Log, Motion, changed_source
+from seaid.log import Log, Motion
 from seaid.robot import Robot, group_of
 
 _MOST_MISTAKES = 5
@@ -551,12 +551,9 @@ def _behind_gears(experiment: Experiment, factor: float) -> Transform:
     is_used = np.isin(np.arange(experiment.robot.n), experiment.used)
     torque = np.where(is_used, np.nan, experiment.torque)
     sensed = np.where(is_used, experiment.torque, experiment.sensed)
-    sources = {
-        experiment.robot.joint_names[j]: {
-            "joint_torque": changed_source(experiment.source(j, "motor_torque"))
-        }
-        for j in experiment.used
-    }
+    names = experiment.robot.joint_names
+    of_motors = {names[j]: experiment.entries(j, "t")["motor_torque"] for j in experiment.used}
+    sources = {joint: {"joint_torque": source} for joint, source in of_motors.items()}
     note = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
     return Transform(
         CODES["unit"],
@@ -646,26 +643,33 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
 def _exchanges(experiment: Experiment) -> Iterator[Transform]:
     for i, j in combinations(range(experiment.robot.n), 2):
         first, second = (experiment.robot.joint_names[place] for place in (i, j))
+        order = np.arange(experiment.robot.n)
+        order[[i, j]] = j, i
         are_apart = experiment.both[i] and experiment.both[j]
         are_twice = experiment.has_both_torques[i] and experiment.has_both_torques[j]
         for sides in ("qmts", "qm", "t", *("qm" if are_apart else ""), *("s" if are_twice else "")):
             words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
-            sources = {first: experiment.entries(j, sides), second: experiment.entries(i, sides)}
+            # the constant of a motor stays with it where columns of currents are exchanged
+            factor = _constant(experiment, i) / _constant(experiment, j) if sides == "t" else 1.0
+            changed = experiment.with_channels(sides, partial(np.take, indices=order, axis=-1))
+            sources = {first: experiment.entries(j, sides, factor=factor)}
+            sources[second] = experiment.entries(i, sides, factor=1 / factor)
+            if factor != 1:
+                changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
             yield Transform(
                 CODES["swapped-joints"],
                 f"the {words} of {first} and {second} are exchanged",
-                _exchanged(experiment, i, j, sides),
+                changed,
                 first,
                 in_description(sources),
                 partner=second,
             )
 
 
-def _exchanged(experiment: Experiment, i: int, j: int, channels: str) -> Experiment:
-    """Return the experiment with channels (q, m, t, s) of two joints exchanged."""
-    order = np.arange(experiment.robot.n)
-    order[[i, j]] = j, i
-    return experiment.with_channels(channels, lambda values: values[..., order])
+def _constant(experiment: Experiment, j: int) -> float:
+    """Return the constant by which the description turns a current of joint j into its torque."""
+    source = experiment.source(j, experiment.logged(j, "t")[0])
+    return 1.0 if isinstance(source, str) else float(source.get("torque_constant_Nm_per_A", 1.0))
 
 
 # What shows that a mistake is possible

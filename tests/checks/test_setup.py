@@ -93,6 +93,28 @@ def toml_of_remedy(remedy: str) -> dict[str, Any]:
     return dict(table)
 
 
+def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() -> None:
+    robot, log, (i, j) = leg(TEST_MASS), leg_log(), (3, 4)
+    constants = {i: 0.09, j: 0.06}
+    torque = log.motor_torque.copy()
+    for here, there in ((i, j), (j, i)):
+        torque[:, here] = constants[here] / constants[there] * log.motor_torque[:, there]
+    exchanged = experiment(robot, replace(log, motor_torque=torque))
+    (sources,) = exchanged.sources
+    currents = {
+        robot.joint_names[k]: {
+            **sources[robot.joint_names[k]],
+            "motor_torque": {"column": "i", "unit": "A", "torque_constant_Nm_per_A": constant},
+        }
+        for k, constant in constants.items()
+    }
+    findings, without = mistakes(exchanged.with_changes(sources=({**sources, **currents},)))
+    (finding,) = (x for x in findings if x.severity != "note")
+    assert (finding.code, finding.joint) == ("swapped-joints", robot.joint_names[i])
+    assert finding.remedy.count("scale = 1.5") == 1
+    np.testing.assert_allclose(without.torque, experiment(robot, log).torque, rtol=1e-9)
+
+
 def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> None:
     """The geared arm moves rotors that its file lacks: 8 to 15 % of its torques."""
     robot, log = CASES["ur10"][0](), geared_arm_log()
