@@ -518,8 +518,8 @@ def _unexplained(whole: RobotFit) -> Iterator[Finding]:
 def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     """Return the finding on a joint of which the model lacks all or much, by its `error`."""
     fit = whole.joints[joint]
-    others = {x: fit for x, fit in whole.joints.items() if x not in (joint, *BASE_ROWS)}
-    kept = [x for x, other in others.items() if other.own < tol.NOTHING]
+    excluded = (joint, *BASE_ROWS)
+    kept = [x for x, each in whole.joints.items() if x not in excluded and each.own < tol.NOTHING]
     of, force, base = f"the torque on the load of {joint}", "torque", ""
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
