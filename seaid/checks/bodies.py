@@ -109,8 +109,8 @@ def _zero(
             yield _off(experiment, {j: angle}, 1.0, reverses)
 
 
-_QUARTERS = (math.pi / 2, -math.pi / 2)
-"""Angles by which an encoder or a horn is mounted off."""
+_TURNS = (math.pi / 2, -math.pi / 2, math.pi)
+"""Angles by which an encoder or a horn is mounted off: both quarters of a turn, and its half."""
 
 
 def poses(experiment: Experiment) -> Iterator[Transform]:
@@ -121,21 +121,20 @@ def poses(experiment: Experiment) -> Iterator[Transform]:
     """
     turning = _turning(experiment)
     for j in turning:
-        yield from _zero(experiment, j, (0.0, *_QUARTERS, math.pi))
+        yield from _zero(experiment, j, (0.0, *_TURNS))
     for joints in chain(combinations(turning, 1), combinations(turning, 2)):
-        reversed_ones = scaled(experiment, dict.fromkeys(joints, -1.0), "qmts")
-        yield _off(reversed_ones, dict.fromkeys(joints, 0.0), tol.MOST * len(joints), joints)
+        reversed_joints = scaled(experiment, dict.fromkeys(joints, -1.0), "qmts")
+        yield _off(reversed_joints, dict.fromkeys(joints, 0.0), tol.MOST * len(joints), joints)
         if len(joints) == 1:
-            starts = (0.0, *_QUARTERS, math.pi)
-            yield from _zero(reversed_ones, joints[0], starts, joints)
+            yield from _zero(reversed_joints, joints[0], (0.0, *_TURNS), joints)
 
 
 def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
     """Yield zeros that are off by quarters of a turn, of a joint or of two."""
     turning = _turning(experiment) if experiment.has_bodies else []
-    for j, turn in product(turning, (*_QUARTERS, math.pi)):
+    for j, turn in product(turning, _TURNS):
         yield _off(experiment, {j: turn}, tol.SLIGHT)
-    for pair, turns in product(combinations(turning, 2), product(_QUARTERS, repeat=2)):
+    for pair, turns in product(combinations(turning, 2), product(_TURNS[:2], repeat=2)):
         yield _off(experiment, dict(zip(pair, turns, strict=True)), 2 * tol.SLIGHT)
 
 

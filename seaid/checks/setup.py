@@ -668,8 +668,9 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
 
 def _constant(experiment: Experiment, j: int) -> float:
     """Return the constant by which the description turns a current of joint j into its torque."""
-    source = experiment.source(j, experiment.logged(j, "t")[0])
-    return 1.0 if isinstance(source, str) else float(source.get("torque_constant_Nm_per_A", 1.0))
+    sources = [experiment.source(j, quantity) for quantity in experiment.logged(j, "t")]
+    tables = [source for source in sources if not isinstance(source, str)]
+    return float(tables[0].get("torque_constant_Nm_per_A", 1.0)) if tables else 1.0
 
 
 # What shows that a mistake is possible

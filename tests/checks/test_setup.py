@@ -115,6 +115,18 @@ def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() ->
     np.testing.assert_allclose(without.torque, experiment(robot, log).torque, rtol=1e-9)
 
 
+def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
+    robot, log = leg(TEST_MASS), leg_log()
+    torque = log.motor_torque[:, [0, 1, 2, 4, 3]]
+    torque[:, 0] = np.nan
+    exchanged = experiment(robot, replace(log, motor_torque=torque))
+    assert not exchanged.logged(0, "t")
+    findings, _ = mistakes(exchanged)
+    (finding,) = (x for x in findings if x.severity != "note")
+    assert (finding.code, finding.joint) == ("swapped-joints", robot.joint_names[3])
+    assert not any("could not be made" in x.message for x in findings)
+
+
 def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> None:
     """The geared arm moves rotors that its file lacks: 8 to 15 % of its torques."""
     robot, log = CASES["ur10"][0](), geared_arm_log()
