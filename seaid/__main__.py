@@ -1,6 +1,6 @@
 """`python -m seaid`: the command line."""
 
-from seaid.cli import main
+from seaid.cli.program import main
 
 if __name__ == "__main__":
     main()

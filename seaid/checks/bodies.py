@@ -16,8 +16,8 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, only_joint, zeros_in_description
 from seaid.checks.experiment import Experiment, Transform, best_value, moved, near, scaled
 from seaid.errors import Finding, listed
-from seaid.estimation import RANK_TOLERANCE, posterior, scaled_svd, triangle
-from seaid.regressor import regressor_at_drives
+from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
+from seaid.regressor.base import regressor_at_drives
 
 
 def _with_gravity(experiment: Experiment, gravity: Array) -> Experiment:

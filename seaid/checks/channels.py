@@ -18,9 +18,12 @@ from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_desc
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
-from seaid.estimation import deleted_residual, scaled_svd
-from seaid.log import REST, Log, Processing, changed_source, held_over, wrap_period
-from seaid.regressor import INPUT_FIELDS
+from seaid.estimation.qr_factor import deleted_residual, scaled_svd
+from seaid.log import Log, Processing
+from seaid.log.description import changed_source
+from seaid.log.repair.channels import held_over, wrap_period
+from seaid.log.usable_parts import REST
+from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot
 
 

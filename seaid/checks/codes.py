@@ -39,7 +39,8 @@ from seaid.errors import (
     listed,
     reason_of,
 )
-from seaid.log import Log, changed_source
+from seaid.log import Log
+from seaid.log.description import changed_source
 from seaid.robot import Robot
 
 Given = TypeVar("Given")

@@ -39,19 +39,15 @@ from seaid.checks.terms import (
     with_term,
 )
 from seaid.checks.tolerances import LEAST_SWING, MATTERS, MOST, POOR, SURE, TWICE
-from seaid.drives import (
-    IDEAL_DRIVE,
-    PARAMETERS,
-    PARAMETERS_OF,
-    DefaultTerms,
-    Drive,
-    is_dry,
-    unit_of,
-)
+from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, unit_of
+from seaid.drives.drives import DefaultTerms
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
-from seaid.log import Log, Motion, in_band_at, still_speed
-from seaid.regressor import BaseParameters, regressor_at_drives, with_known_friction
+from seaid.log import Log, Motion
+from seaid.log.rows import in_band_at, still_speed
+from seaid.regressor import BaseParameters
+from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.load import with_known_friction
 from seaid.robot import Robot
 
 

@@ -30,20 +30,20 @@ from seaid.checks.codes import (
     only_joint,
 )
 from seaid.checks.experiment import Experiment, TorqueScale, scaled
-from seaid.drives import (
-    DELAY_PARAMETER,
-    NORMAL_95,
-    Controller,
-    Drive,
-    ParameterName,
-    joint_of,
-    parameter_of,
-    stated_delay_s,
-)
+from seaid.drives import Controller, Drive, ParameterName
+from seaid.drives.controller import DELAY_PARAMETER
+from seaid.drives.drives import NORMAL_95, stated_delay_s
+from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, listed
-from seaid.estimation import Bus, Estimate, buses_of, is_stated, scaled_svd
-from seaid.log import Log, Motion, changed_source, with_commanded_torque
-from seaid.regressor import Regression, is_linear, load_model_of, load_regression, stacked
+from seaid.estimation import Estimate
+from seaid.estimation.parameters import Bus, buses_of, is_stated
+from seaid.estimation.qr_factor import scaled_svd
+from seaid.log import Log, Motion
+from seaid.log.commands import with_commanded_torque
+from seaid.log.description import changed_source
+from seaid.regressor import Regression, load_regression
+from seaid.regressor.load import load_model_of
+from seaid.regressor.regression import is_linear, stacked
 from seaid.robot import Robot
 
 

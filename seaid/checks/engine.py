@@ -27,8 +27,9 @@ from scipy.special import stdtrit
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
-from seaid.estimation import ROUNDING, explained_squares, long_run_of, scaled_svd, triangle
-from seaid.log import ROWS_PER_PERIOD
+from seaid.estimation.covariance import long_run_of
+from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle
+from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
     from seaid.checks.codes import Code

@@ -21,11 +21,12 @@ from scipy.linalg import block_diag
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import Code, in_description, only_joint
-from seaid.drives import IDEAL_DRIVE, MOTOR_CONSTANTS
+from seaid.drives import IDEAL_DRIVE
+from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Severity
-from seaid.estimation import (
+from seaid.estimation.covariance import correlated_rows
+from seaid.estimation.qr_factor import (
     RANK_TOLERANCE,
-    correlated_rows,
     fitted_columns,
     fitted_slope,
     scaled_svd,
@@ -33,8 +34,13 @@ from seaid.estimation import (
     triangle,
     whitened,
 )
-from seaid.log import Motion, changed_source, in_band_at, moving, row_samples
-from seaid.regressor import INPUT_FIELDS, BaseParameters, base_parameters, regressor_at_drives
+from seaid.log import Motion, row_samples
+from seaid.log.description import changed_source
+from seaid.log.filtering import moving
+from seaid.log.rows import in_band_at
+from seaid.regressor import BaseParameters, base_parameters
+from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 
 INSTANTS = 200

@@ -47,10 +47,14 @@ from seaid.checks.experiment import (
     with_constant,
 )
 from seaid.checks.terms import DriveRows
-from seaid.drives import IDEAL_DRIVE, AngleRatio, Ratios
+from seaid.drives import IDEAL_DRIVE
+from seaid.drives.angle_ratio import AngleRatio, Ratios
 from seaid.errors import Finding, listed
-from seaid.estimation import qr_factor_of, scaled_svd, settled_weights
-from seaid.log import POSITION_BAND, Motion, changed_source, low_pass
+from seaid.estimation.least_squares import settled_weights
+from seaid.estimation.qr_factor import qr_factor_of, scaled_svd
+from seaid.log import Motion, low_pass
+from seaid.log.description import changed_source
+from seaid.log.motion import POSITION_BAND
 from seaid.regressor import motor_regressor
 
 if TYPE_CHECKING:

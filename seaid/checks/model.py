@@ -29,9 +29,11 @@ from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.checks.verdict import Contact, RobotFit
-from seaid.drives import readable, term_fields
+from seaid.drives import readable
+from seaid.drives.drives import term_fields
 from seaid.errors import Finding, SeaidError, Severity, by_severity
-from seaid.estimation import FittedRows, estimator_named, first_term, fit
+from seaid.estimation import FittedRows, estimator_named, fit
+from seaid.estimation.qr_factor import first_term
 from seaid.log import Motion
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot

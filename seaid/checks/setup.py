@@ -49,7 +49,8 @@ from seaid.checks.experiment import (
 from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding, listed
 from seaid.log import Log, Motion
-from seaid.robot import Robot, group_of
+from seaid.robot import Robot
+from seaid.robot.transmission import group_of
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""

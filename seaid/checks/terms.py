@@ -23,28 +23,19 @@ from seaid.checks.engine import (
     compared_candidates,
     equation_of,
 )
-from seaid.drives import (
-    COULOMB,
-    DEAD_ZONES,
-    IDEAL_DRIVE,
-    PARAMETERS,
-    Drive,
-    DriveRegressor,
-    ParameterName,
-    key_of,
-    term_fields,
-    unit_of,
-)
+from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, Drive, ParameterName, unit_of
+from seaid.drives.drives import term_fields
+from seaid.drives.regressor import DriveRegressor
+from seaid.drives.terms import COULOMB, key_of
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
-from seaid.log import Motion, in_band_at
-from seaid.regressor import (
-    Regression,
+from seaid.log import Motion
+from seaid.log.rows import in_band_at
+from seaid.regressor import Regression, joint_regressor, motor_regressor
+from seaid.regressor.regression import (
     actuator_equation,
     input_signals,
-    joint_regressor,
     known_friction,
-    motor_regressor,
     spring_regressor,
 )
 from seaid.robot import Robot, torques_at_drives

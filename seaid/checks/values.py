@@ -18,33 +18,24 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Code, consequences, in_drives, only_joint
 from seaid.drives import (
     DEAD_ZONES,
-    MOTOR_CONSTANTS,
     PARAMETERS,
     Drive,
     ParameterName,
-    is_harmonic,
-    joint_of,
-    parameter_of,
     readable,
     total_ratio,
     unit_of,
 )
+from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic, joint_of, parameter_of
 from seaid.errors import Finding, Severity, listed
-from seaid.estimation import (
-    Diagnostics,
-    Estimate,
-    FittedRows,
-    ModelChecks,
-    Program,
-    QRFactor,
-    SharedParameter,
-    first_term,
-    nearest,
-    triangle,
-)
+from seaid.estimation import Diagnostics, Estimate, FittedRows, SharedParameter, nearest
+from seaid.estimation.estimate import ModelChecks
+from seaid.estimation.qr_factor import QRFactor, first_term, triangle
+from seaid.estimation.sdp import Program
 from seaid.log import Motion
-from seaid.regressor import INPUT_FIELDS, Regression, motor_regressor
-from seaid.robot import THIN, Robot, is_physical
+from seaid.regressor import Regression, motor_regressor
+from seaid.regressor.regression import INPUT_FIELDS
+from seaid.robot import Robot, is_physical
+from seaid.robot.inertia import THIN
 
 # Two ways of the same fit
 

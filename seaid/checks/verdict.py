@@ -22,17 +22,17 @@ from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, gu
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
-from seaid.estimation import (
+from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.covariance import row_step
+from seaid.estimation.qr_factor import (
     RANK_TOLERANCE,
-    Estimate,
-    FittedRows,
     deleted_residual,
     qr_factor_of,
-    row_step,
     scaled_svd,
     triangle,
 )
-from seaid.regressor import BaseParameters, Regression, regressor_at_drives
+from seaid.regressor import BaseParameters, Regression
+from seaid.regressor.base import regressor_at_drives
 from seaid.robot import BASE_ROWS
 
 Level = Literal["good", "usable with care", "do not use"]

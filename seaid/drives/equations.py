@@ -20,7 +20,7 @@ from seaid._arrays import Array
 from seaid.drives.drives import Drive, is_smooth
 from seaid.drives.terms import COULOMB, DEAD_ZONES
 from seaid.errors import RobotError, SymbolicError, shortened, shown, unknown_name
-from seaid.symbolic import expression_of
+from seaid.symbolic.expression_text import expression_of
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M, tau_L = (

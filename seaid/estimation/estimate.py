@@ -15,7 +15,8 @@ from scipy.special import chdtrc, fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, frozen
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import ParameterName, joint_of, places_of
+from seaid.drives import ParameterName
+from seaid.drives.terms import joint_of, places_of
 from seaid.errors import (
     IdentificationError,
     SeaidError,

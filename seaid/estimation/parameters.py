@@ -19,17 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.drives import (
-    DELAY_PARAMETER,
-    NORMAL_95,
-    SHARED,
-    STATED_DELAY_S,
-    Drive,
-    ParameterName,
-    check_groups,
-    joint_of,
-    places_of,
-)
+from seaid.drives import Drive, ParameterName
+from seaid.drives.controller import DELAY_PARAMETER
+from seaid.drives.drives import NORMAL_95, SHARED, STATED_DELAY_S, check_groups
+from seaid.drives.terms import joint_of, places_of
 from seaid.errors import IdentificationError, RobotError, unknown_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
@@ -312,7 +305,7 @@ def joined_rows(
     as autocorrelation ends with a log. Raises IdentificationError if the conditions differ in their
     columns.
     """
-    from seaid.regressor import stacked
+    from seaid.regressor.regression import stacked
 
     first, *others = rows
     names, units = rows[first].names, rows[first].units

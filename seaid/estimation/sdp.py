@@ -22,7 +22,7 @@ from scipy import linalg
 
 from seaid._arrays import Array, IndexArray, finite, safely
 from seaid.errors import IdentificationError
-from seaid.robot import from_pseudo_inertia, pseudo_inertia
+from seaid.robot.inertia import from_pseudo_inertia, pseudo_inertia
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,8 @@ from scipy.linalg import solve_triangular
 
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError
-from seaid.regressor import (
-    BaseParameters,
-    base_of_columns,
-    base_parameters,
-    body_equations,
-    slopes_of_model,
-)
+from seaid.regressor import BaseParameters, base_parameters
+from seaid.regressor.base import base_of_columns, body_equations, slopes_of_model
 from seaid.robot import Robot
 
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)

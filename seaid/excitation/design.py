@@ -63,8 +63,10 @@ from seaid.excitation.stance import (
 )
 from seaid.excitation.trajectory import Trajectory, check_joint_names
 from seaid.log import Log, Motion
-from seaid.regressor import BaseParameters, check_constant_ratios
-from seaid.robot import Robot, check_held
+from seaid.regressor import BaseParameters
+from seaid.regressor.base import check_constant_ratios
+from seaid.robot import Robot
+from seaid.robot.robot import check_held
 
 _REPORT_SAMPLES = 2000
 _MOST_NUMBERS, _FEWEST_SAMPLES = 20_000_000, 50

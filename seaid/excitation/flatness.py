@@ -13,21 +13,20 @@ from functools import lru_cache
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import (
-    PARAMETERS_OF,
-    Drive,
+from seaid.drives import PARAMETERS_OF, Drive, total_ratio
+from seaid.drives.functions import (
     NonlinearSpring,
     SmoothColumns,
     joint_curve,
     joint_term_parameters,
     missing_value,
     nonlinear_spring,
-    total_ratio,
 )
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States
-from seaid.regressor import joint_torques, torque_slopes
-from seaid.robot import Robot, at_drives, group_of, torques_at_joints
+from seaid.regressor.base import joint_torques, torque_slopes
+from seaid.robot import Robot, at_drives, torques_at_joints
+from seaid.robot.transmission import group_of
 
 SIGN_WIDTH = 0.02
 """Coulomb friction changes sign over this share of the top speed, so that it is differentiable."""

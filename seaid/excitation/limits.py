@@ -14,7 +14,8 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._progress import Display
-from seaid.drives import DEAD_ZONES, SmoothColumns, friction_curve, joint_term_parameters
+from seaid.drives import DEAD_ZONES, friction_curve
+from seaid.drives.functions import SmoothColumns, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States

@@ -14,15 +14,15 @@ from itertools import compress
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import (
+from seaid.drives import ParameterName
+from seaid.drives.functions import (
     SMOOTH_SIGNALS,
-    DriveRegressor,
-    ParameterName,
     SmoothColumns,
     joint_term_parameters,
     missing_value,
     smooth_columns,
 )
+from seaid.drives.regressor import DriveRegressor
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States, regressor_gradient
 from seaid.excitation.flatness import (
@@ -40,15 +40,11 @@ from seaid.excitation.flatness import (
     rigid_transmission,
     transmission,
 )
-from seaid.regressor import (
-    BaseParameters,
-    incomplete_group,
-    joint_regressor,
-    load_model,
-    motor_regressor,
-    rigid_body_regressor,
-)
-from seaid.robot import UNITS, Robot, torques_at_drives
+from seaid.regressor import BaseParameters, joint_regressor, motor_regressor, rigid_body_regressor
+from seaid.regressor.base import incomplete_group
+from seaid.regressor.load import load_model
+from seaid.robot import Robot, torques_at_drives
+from seaid.robot.inertia import UNITS
 
 
 @dataclass(frozen=True, eq=False)

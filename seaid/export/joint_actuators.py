@@ -14,7 +14,7 @@ from itertools import compress
 
 import numpy as np
 
-from seaid.checks import not_in_format
+from seaid.checks.predictions import not_in_format
 from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
 from seaid.export.mjcf_drives import SMOOTH, term_value, unsupported_terms, value_of

@@ -17,7 +17,7 @@ from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
 from seaid.identification import Identification
-from seaid.regressor import check_constant_ratios, torque_slopes
+from seaid.regressor.base import check_constant_ratios, torque_slopes
 from seaid.robot import Robot
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6

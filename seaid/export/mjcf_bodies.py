@@ -10,7 +10,8 @@ import pinocchio as pin
 from seaid._arrays import Array, safely, spaced
 from seaid.errors import RobotError
 from seaid.legged import FloatingRobot
-from seaid.robot import THIN, Robot, inconsistent_link, is_physical, out_of_range, pseudo_inertia
+from seaid.robot import Robot, is_physical
+from seaid.robot.inertia import THIN, inconsistent_link, out_of_range, pseudo_inertia
 
 TINY = 1e-14
 """Mass [kg] and second moments [kg m^2] in place of zero: MuJoCo rejects less than 1e-15."""

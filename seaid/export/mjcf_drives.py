@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import spaced
-from seaid.drives import COULOMB, DEAD_ZONES, PARAMETERS_OF, WARM_UP, Drive, key_of, unit_of
+from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive, unit_of
+from seaid.drives.terms import COULOMB, WARM_UP, key_of
 from seaid.errors import RobotError, listed
 from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot

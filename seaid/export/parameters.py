@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._files import plain, read_json, write_json
-from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
+from seaid.drives import IDEAL_DRIVE, drive_table
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError, SeaidError, SeaidWarning, checked, shortened, shown
-from seaid.log import Reader
-from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
+from seaid.log.tables import Reader
+from seaid.robot import PARAMETERS, Robot
+from seaid.robot.robot import check_kind
+from seaid.robot.transmission import check_transmission
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, SharedParameter
@@ -49,7 +52,7 @@ _FARTHEST_M = 1e9
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
-    from seaid.identification import verdict_with
+    from seaid.identification.validation import verdict_with
     from seaid.legged import whole_body
 
     robot = found.robot

@@ -22,10 +22,12 @@ from scipy.special import ndtri, stdtrit
 from seaid._arrays import Array, safely
 from seaid._files import plain, write_whole
 from seaid._progress import Display
-from seaid.drives import ParameterName, parameter_named, total_ratio, unit_of
+from seaid.drives import ParameterName, total_ratio, unit_of
+from seaid.drives.terms import parameter_named
 from seaid.errors import RobotError, checked, shortened
 from seaid.identification import Identification
-from seaid.robot import PARAMETERS, THIN, from_pseudo_inertia, pseudo_inertia, second_moments
+from seaid.robot import PARAMETERS
+from seaid.robot.inertia import THIN, from_pseudo_inertia, pseudo_inertia, second_moments
 
 FORMAT = "seaid randomization 1"
 

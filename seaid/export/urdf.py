@@ -23,18 +23,10 @@ from seaid.errors import RobotError, checked, unknown_name
 from seaid.export.joint_actuators import has_plain_gear
 from seaid.export.mjcf_drives import temperature_notes
 from seaid.identification import Identification
-from seaid.robot import (
-    SMALLEST_KG,
-    THIN,
-    Robot,
-    UrdfTree,
-    in_parent_frame,
-    inconsistent_link,
-    is_physical,
-    out_of_range,
-    reread_urdf,
-    urdf_text,
-)
+from seaid.robot import Robot, is_physical
+from seaid.robot.inertia import SMALLEST_KG, THIN, in_parent_frame, inconsistent_link, out_of_range
+from seaid.robot.robot_file import reread_urdf, urdf_text
+from seaid.robot.urdf import UrdfTree
 
 Edit = tuple[int, int, bytes]
 """First byte, byte after the last one, and the replacement."""

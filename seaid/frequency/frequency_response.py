@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Result, counted
-from seaid.checks import contradicted_rotor, stiffness_disagrees, unseen_resonance, wrong_minimum
+from seaid.checks import predictions
 from seaid.drives import total_ratio
 from seaid.errors import Finding, IdentificationError, by_severity, checked, listed
 from seaid.estimation import Estimate
@@ -183,8 +183,7 @@ def frequency_response(
 
     first = fitted(read(records), nominal, robot, picked)
     spectra, fit = _with_sticking_motors(read, records, picked, first)
-    result = _response(robot, picked, records, spectra, fit)
-    result = replace(result, period_s=period_s)
+    result = replace(_response(robot, picked, records, spectra, fit), period_s=period_s)
     if identification is not None:
         known = _response_of(identification.robot, posture, picked, spectra, result.frequency_hz)
         result = replace(result, identified=known)
@@ -259,7 +258,7 @@ def _disagreements(
     others = {} if identification is None else identification.drive_side
     for joint, estimate in result.drives.items():
         if joint in others and "stiffness" in others[joint].names:
-            yield from stiffness_disagrees(joint, estimate, others[joint])
+            yield from predictions.stiffness_disagrees(joint, estimate, others[joint])
 
 
 def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
@@ -394,13 +393,12 @@ def _findings(
         response = abs(result.response[near, place, place])
         noise = float(result.total_std[near, place, place] / response)
         band_hz = top, _OF_NYQUIST * rate / 2, rate
-        yield from unseen_resonance(joint, spring, hz, band_hz, noise)
+        yield from predictions.unseen_resonance(joint, spring, hz, band_hz, noise)
     if np.sum(fit.joints.elastic) > 1 and fit.lack_of_fit >= FITS:
-        yield wrong_minimum(fit.lack_of_fit)
+        yield predictions.wrong_minimum(fit.lack_of_fit)
     known = fit.joints.elastic & ~fit.parameters.rotors
     free = with_free_rotors(spectra, fit) if np.any(known) else fit
     for place in np.flatnonzero(known).tolist():
         joint = result.joints[place]
-        estimate = result.drives[joint]
-        stated = estimate.by_name
-        yield from contradicted_rotor(joint, stated, free.estimate(place, robot.drives[joint]))
+        stated, drive = result.drives[joint].by_name, robot.drives[joint]
+        yield from predictions.contradicted_rotor(joint, stated, free.estimate(place, drive))

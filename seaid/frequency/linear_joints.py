@@ -21,9 +21,10 @@ import scipy
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
-from seaid.estimation import Estimate, scaled_svd
+from seaid.estimation import Estimate
+from seaid.estimation.qr_factor import scaled_svd
 from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
-from seaid.regressor import check_constant_ratios, torque_slopes
+from seaid.regressor.base import check_constant_ratios, torque_slopes
 from seaid.robot import Robot
 
 _WHAT = "the linearised robot"

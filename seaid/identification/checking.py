@@ -16,29 +16,14 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
-from seaid.checks import (
-    CODES,
-    Experiment,
-    JointCheck,
-    Observation,
-    experiment_of,
-    is_wrong,
-    joint_checks,
-    log_findings,
-    merged,
-    model_findings,
-    model_sides,
-    observed,
-    rating_findings,
-    resolved_widths,
-    selections,
-    separation_findings,
-    setup_findings,
-    stop_findings,
-    strength_findings,
-    with_torques_of,
-    without_torque,
-)
+from seaid.checks import CODES, JointCheck
+from seaid.checks.channels import rating_findings, stop_findings, strength_findings, without_torque
+from seaid.checks.codes import Observation, is_wrong, merged, observed
+from seaid.checks.columns import resolved_widths
+from seaid.checks.commands import separation_findings
+from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
+from seaid.checks.model import model_findings, model_sides, selections
+from seaid.checks.setup import joint_checks, log_findings, setup_findings
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
     ExcitationError,
@@ -55,7 +40,9 @@ from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
 from seaid.log import Log, Motion, row_samples
-from seaid.regressor import actuator_rows, is_linear, load_model_of, motor_regressor, usable_rows
+from seaid.regressor import motor_regressor
+from seaid.regressor.load import load_model_of, usable_rows
+from seaid.regressor.regression import actuator_rows, is_linear
 from seaid.robot import Robot
 
 

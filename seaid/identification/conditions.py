@@ -15,13 +15,10 @@ from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, ParameterName
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
-from seaid.estimation import (
-    FittedRows,
-    LinearEstimator,
-    TermTest,
-    independent_rows,
-    shared_parameters,
-)
+from seaid.estimation import FittedRows, TermTest
+from seaid.estimation.estimate import independent_rows
+from seaid.estimation.fitting import LinearEstimator
+from seaid.estimation.parameters import shared_parameters
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.problem import Options, concluded, solved
 from seaid.identification.result import Identification

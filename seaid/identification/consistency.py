@@ -20,23 +20,17 @@ import numpy as np
 
 from seaid._arrays import Array, finite, safely
 from seaid._progress import Result, counted
-from seaid.checks import contradictions
-from seaid.drives import ParameterName, joint_of, parameter_of, readable
+from seaid.checks.values import contradictions
+from seaid.drives import ParameterName, readable
+from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, IdentificationError, RobotError
-from seaid.estimation import (
-    WEIGHTS,
-    Estimate,
-    FeasiblePoint,
-    Program,
-    covariance_root,
-    floored_covariance,
-    nearest,
-    regularised,
-    with_selected_weight,
-)
+from seaid.estimation import Estimate, nearest
+from seaid.estimation.feasible import WEIGHTS, FeasiblePoint, regularised, with_selected_weight
+from seaid.estimation.sdp import Program, covariance_root, floored_covariance
 from seaid.identification.drive_estimates import with_values
-from seaid.regressor import LoadModel
-from seaid.robot import Robot, from_center_of_mass, from_pseudo_inertia, is_physical, pseudo_inertia
+from seaid.regressor.load import LoadModel
+from seaid.robot import Robot, is_physical
+from seaid.robot.inertia import from_center_of_mass, from_pseudo_inertia, pseudo_inertia
 
 _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
 """Names of bodies whose pseudo-inertia has rank 0, 1, 2, 3."""

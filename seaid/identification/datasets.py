@@ -14,21 +14,14 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.drives import BY_TEMPERATURE
+from seaid.drives.terms import BY_TEMPERATURE
 from seaid.errors import IdentificationError
-from seaid.estimation import Rows, stored_rows
-from seaid.log import (
-    FEWEST_PERIODS,
-    SHORTEST_STRETCH,
-    CutoffSelection,
-    Log,
-    LongLog,
-    Motion,
-    Processing,
-    open_long_log,
-    reconstruct_motions,
-)
-from seaid.regressor import Regress, Regression, regressions_of_parts, stacked
+from seaid.estimation.fitting import Rows, stored_rows
+from seaid.log import Log, LongLog, Motion, Processing, open_long_log
+from seaid.log.filtering import CutoffSelection
+from seaid.log.motion import FEWEST_PERIODS, SHORTEST_STRETCH, reconstruct_motions
+from seaid.regressor import Regression
+from seaid.regressor.regression import Regress, regressions_of_parts, stacked
 from seaid.robot import Robot
 
 Source = Log | LongLog | str | Path

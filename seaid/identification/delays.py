@@ -12,26 +12,15 @@ import numpy as np
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Display
 from seaid.errors import LogError, checked, unknown_name
-from seaid.estimation import newey_west, scaled_svd
-from seaid.log import (
-    Log,
-    LogField,
-    Motion,
-    Repair,
-    column_name,
-    in_band,
-    on_time,
-    reconstruct_motions,
-    row_samples,
-    standstill,
-)
-from seaid.regressor import (
-    actuator_columns,
-    motor_regressor,
-    regressor_at_drives,
-    sensed_torque,
-    signals,
-)
+from seaid.estimation.covariance import newey_west
+from seaid.estimation.qr_factor import scaled_svd
+from seaid.log import Log, Motion, Repair, in_band, row_samples, standstill
+from seaid.log.channels import LogField, column_name
+from seaid.log.motion import reconstruct_motions
+from seaid.log.repair.channels import on_time
+from seaid.regressor import motor_regressor
+from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.regression import actuator_columns, sensed_torque, signals
 from seaid.robot import Robot
 
 SIGNIFICANT = 4.0

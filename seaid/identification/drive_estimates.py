@@ -22,36 +22,26 @@ from numpy.polynomial import polynomial
 
 from seaid._arrays import Array, safely
 from seaid._files import toml_table
-from seaid.drives import (
-    DELAY_PARAMETER,
-    NORMAL_95,
-    Drive,
-    ParameterName,
-    parameter_named,
-    parameter_of,
-    unit_of,
-)
+from seaid.drives import Drive, ParameterName, unit_of
+from seaid.drives.controller import DELAY_PARAMETER
+from seaid.drives.drives import NORMAL_95
+from seaid.drives.terms import parameter_named, parameter_of
 from seaid.errors import IdentificationError
-from seaid.estimation import (
-    RANK_TOLERANCE,
+from seaid.estimation import Estimate, Estimator, FittedRows, fit
+from seaid.estimation.estimate import independent_rows
+from seaid.estimation.fitting import Rows
+from seaid.estimation.least_squares import equal_weights, solve
+from seaid.estimation.parameters import (
     Bus,
     Constraints,
-    Estimate,
-    Estimator,
-    FittedRows,
-    QRFactor,
-    Rows,
     buses_of,
-    equal_weights,
-    fit,
-    independent_rows,
     is_stated,
-    scaled_svd,
     shared_columns,
     shared_parameters,
-    solve,
 )
-from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
+from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, scaled_svd
+from seaid.regressor import Regression
+from seaid.regressor.regression import actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

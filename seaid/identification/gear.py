@@ -15,12 +15,13 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
-from seaid.drives import SeriesElasticDrive, is_harmonic, of_spring, spring_slopes, unit_of
+from seaid.drives import SeriesElasticDrive, unit_of
+from seaid.drives.terms import is_harmonic, of_spring, spring_slopes
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.stacked_fits import merged_estimates, spring_of
-from seaid.regressor import gear_regression, has_deflection
+from seaid.regressor.regression import gear_regression, has_deflection
 
 if TYPE_CHECKING:
     from seaid.drives import Drive

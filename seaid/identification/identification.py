@@ -17,14 +17,19 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import Result, counted, track
-from seaid.checks import MOST, explained, log_findings, not_measured, unseen_motion
+from seaid.checks.predictions import not_measured, unseen_motion
+from seaid.checks.setup import log_findings
+from seaid.checks.tolerances import MOST
+from seaid.checks.verdict import explained
 from seaid.errors import (
     Finding,
     IdentificationError,
     SeaidError,
     checked,
 )
-from seaid.estimation import Estimate, EstimatorName, with_groups
+from seaid.estimation import Estimate
+from seaid.estimation.fitting import EstimatorName
+from seaid.estimation.parameters import with_groups
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.output_error import (
@@ -50,7 +55,8 @@ from seaid.identification.unseen_springs import (
     successes,
 )
 from seaid.identification.validation import compared
-from seaid.log import Log, reconstruct_motions
+from seaid.log import Log
+from seaid.log.motion import reconstruct_motions
 from seaid.robot import Robot
 
 

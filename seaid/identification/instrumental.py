@@ -27,10 +27,11 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.checks import instruments_without_effect, smoothed_instruments
+from seaid.checks.values import instruments_without_effect, smoothed_instruments
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, instrumental, projected_columns
+from seaid.estimation import Estimate, Estimator
+from seaid.estimation.instrumental_variables import instrumental, projected_columns
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.refined_parameters import with_bodies
@@ -45,20 +46,13 @@ from seaid.identification.simulated_joints import (
 )
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import Condition, estimate_two_step
-from seaid.log import Motion, in_band, low_pass, spline_derivatives
-from seaid.regressor import (
-    LoadModel,
-    Regress,
-    Regression,
-    actuator_columns,
-    actuator_regression,
-    known_friction,
-    load_columns,
-    load_regression,
-    with_known_friction,
-)
+from seaid.log import Motion, in_band, low_pass
+from seaid.log.filtering import spline_derivatives
+from seaid.regressor import Regression, actuator_regression, load_regression
+from seaid.regressor.load import LoadModel, load_columns, with_known_friction
+from seaid.regressor.regression import Regress, actuator_columns, known_friction
 from seaid.robot import Robot, at_drives, at_joints
-from seaid.simulation import Response, torque_jacobians
+from seaid.simulation.plant import Response, torque_jacobians
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""

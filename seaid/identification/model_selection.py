@@ -18,32 +18,23 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.checks import (
+from seaid.checks.columns import backlash, included_term
+from seaid.checks.engine import Trial, best_of, best_trial
+from seaid.checks.model import SideSelection
+from seaid.checks.terms import (
     DriveRows,
-    SideSelection,
     TermComparison,
-    Trial,
     actuator_drive,
-    backlash,
-    best_of,
-    best_trial,
     compared_terms,
     duration_s,
-    included_term,
     load_drive,
     possible_terms,
     reference_position,
     with_term,
 )
-from seaid.drives import (
-    BY_TEMPERATURE,
-    DEAD_ZONES,
-    PARAMETERS_OF,
-    WARM_UP,
-    DefaultTerms,
-    Drive,
-    parameter_named,
-)
+from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive
+from seaid.drives.drives import DefaultTerms
+from seaid.drives.terms import BY_TEMPERATURE, WARM_UP, parameter_named
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed, unknown_name
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.identification.datasets import (
@@ -62,8 +53,11 @@ from seaid.identification.nonlinear_terms import (
 )
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
-from seaid.regressor import actuator_regression, stacked, with_gear_torque
-from seaid.robot import Robot, check_held
+from seaid.regressor import actuator_regression
+from seaid.regressor.load import with_gear_torque
+from seaid.regressor.regression import stacked
+from seaid.robot import Robot
+from seaid.robot.robot import check_held
 
 _NOT_COMPARED = {
     "friction": ("viscous", "coulomb", "shifted_coulomb", *BY_TEMPERATURE, *WARM_UP),

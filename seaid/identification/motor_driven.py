@@ -21,9 +21,12 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, white_noise
-from seaid.drives import DefaultTerms, is_dry, states, total_ratio
+from seaid.drives import is_dry, total_ratio
+from seaid.drives.drives import DefaultTerms
+from seaid.drives.equations import states
 from seaid.errors import IdentificationError
-from seaid.estimation import Parameter, Residuals, joined
+from seaid.estimation import Parameter
+from seaid.estimation.nonlinear_least_squares import Residuals, joined
 from seaid.identification.refined_parameters import Advance, Change, Layout, block_means
 from seaid.identification.simulated_joints import (
     NUDGE,
@@ -36,19 +39,14 @@ from seaid.identification.simulated_joints import (
 )
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.unseen_springs import SAMPLES
-from seaid.log import (
-    POSITION_BAND,
-    Log,
-    Motion,
-    decimated,
-    decimation,
-    low_pass,
-    reconstruct_motion,
-    still_speed,
-)
-from seaid.regressor import actuator_columns, load_columns
+from seaid.log import Log, Motion, low_pass, reconstruct_motion
+from seaid.log.filtering import decimation
+from seaid.log.motion import POSITION_BAND, decimated
+from seaid.log.rows import still_speed
+from seaid.regressor.load import load_columns
+from seaid.regressor.regression import actuator_columns
 from seaid.robot import Robot
-from seaid.simulation import Response, TorqueJacobians, torque_jacobians
+from seaid.simulation.plant import Response, TorqueJacobians, torque_jacobians
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.

@@ -22,45 +22,36 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._files import toml_table
-from seaid.checks import DriveRows, Scale, actuator_drive, duration_s, load_drive, scale_of, size_of
-from seaid.drives import (
-    COULOMB,
-    LEVEL_OF,
-    PARAMETERS,
-    WARM_UP,
-    Drive,
-    DriveRegressor,
-    ParameterName,
-    parameter_named,
+from seaid.checks.terms import (
+    DriveRows,
+    Scale,
+    actuator_drive,
+    duration_s,
+    load_drive,
+    scale_of,
+    size_of,
 )
+from seaid.drives import PARAMETERS, Drive, ParameterName
+from seaid.drives.regressor import DriveRegressor
+from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
 from seaid.errors import IdentificationError
-from seaid.estimation import (
-    RANK_TOLERANCE,
-    Estimate,
-    QRFactor,
-    equal_weights,
-    ordinary,
-    qr_factor_of,
-    scaled_svd,
-    separable_least_squares,
-)
+from seaid.estimation import Estimate
+from seaid.estimation.least_squares import equal_weights, ordinary
+from seaid.estimation.nonlinear_least_squares import separable_least_squares
+from seaid.estimation.qr_factor import RANK_TOLERANCE, QRFactor, qr_factor_of, scaled_svd
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
 from seaid.identification.two_step import spring_torque_joints, two_step_equations
 from seaid.log import Motion
-from seaid.regressor import (
-    LoadModel,
-    Regression,
+from seaid.regressor import Regression, actuator_regression, motor_regressor
+from seaid.regressor.load import LoadModel, load_model_of, with_gear_torque
+from seaid.regressor.regression import (
     actuator_equation,
-    actuator_regression,
     actuator_rows,
-    load_model_of,
-    motor_regressor,
     signals,
     stacked,
     under_load,
-    with_gear_torque,
 )
 from seaid.robot import Robot
 

@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
-from seaid.checks import fixed_findings, nothing_to_simulate, worse_than_start
-from seaid.drives import parameter_named, readable
+from seaid.checks.predictions import nothing_to_simulate, worse_than_start
+from seaid.checks.values import fixed_findings
+from seaid.drives import readable
+from seaid.drives.terms import parameter_named
 from seaid.errors import ExcitationError, Finding, IdentificationError, SeaidError, checked
-from seaid.estimation import (
-    Parameter,
+from seaid.estimation import Parameter
+from seaid.estimation.nonlinear_least_squares import (
     Residuals,
     Step,
     gauss_newton_search,
@@ -58,27 +60,15 @@ from seaid.identification.unseen_springs import (
     with_motor_side_findings,
 )
 from seaid.identification.validation import compared
-from seaid.log import (
-    SHORTEST_STRETCH,
-    Log,
-    Motion,
-    noise_density,
-    reconstruct_motion,
-    reconstruct_motions,
-    row_samples,
-    stretches,
-    usable,
-)
-from seaid.regressor import (
-    Regress,
-    Regression,
-    actuator_regression,
-    check_offset_std,
-    load_regression,
-    motor_regressor,
-    offset_sensitivity,
-)
-from seaid.robot import check_held, coupled_names
+from seaid.log import Log, Motion, reconstruct_motion, row_samples
+from seaid.log.filtering import noise_density
+from seaid.log.motion import SHORTEST_STRETCH, reconstruct_motions
+from seaid.log.usable_parts import stretches, usable
+from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
+from seaid.regressor.load import check_offset_std, offset_sensitivity
+from seaid.regressor.regression import Regress
+from seaid.robot import coupled_names
+from seaid.robot.robot import check_held
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification

@@ -17,37 +17,30 @@ from typing import Any, Literal
 import numpy as np
 
 from seaid._arrays import BoolArray, FrozenMapping
-from seaid.checks import (
-    CODES,
-    Experiment,
-    RobotFit,
+from seaid.checks import CODES
+from seaid.checks.channels import locked_outputs, standstill_findings
+from seaid.checks.codes import consequences, guarded, is_wrong
+from seaid.checks.columns import resolved_widths
+from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
+from seaid.checks.model import (
     SideSelection,
-    consequences,
-    delay_estimate_findings,
-    experiment_of,
-    explained,
-    fit_findings,
-    guarded,
-    is_wrong,
-    joint_checks,
-    locked_outputs,
-    log_findings,
     model_findings,
     model_sides,
-    resolved_widths,
-    robot_fit,
-    scale_of_bodies,
     selections,
-    shared_findings,
-    standstill_findings,
-    unknown_scales,
-    with_torques_of,
     without_echoes,
     without_setup_echoes,
 )
-from seaid.drives import Drive, ParameterName, check_groups, places_of
+from seaid.checks.setup import joint_checks, log_findings
+from seaid.checks.values import scale_of_bodies, shared_findings, unknown_scales
+from seaid.checks.verdict import RobotFit, explained, fit_findings, robot_fit
+from seaid.drives import Drive, ParameterName
+from seaid.drives.drives import check_groups
+from seaid.drives.terms import places_of
 from seaid.errors import Finding, IdentificationError, unknown_name
-from seaid.estimation import Estimator, EstimatorName, QRFactor, estimator_named, qr_factor_of
+from seaid.estimation import Estimator, estimator_named
+from seaid.estimation.fitting import EstimatorName
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.identification.checking import (
     check_channels,
     findings_of_setup,
@@ -111,8 +104,11 @@ from seaid.identification.two_step import (
     estimate_two_step,
     joints_with_torque,
 )
-from seaid.log import Log, Motion, stretches, with_commanded_torque
-from seaid.regressor import check_offset_std, is_linear, load_model_of
+from seaid.log import Log, Motion
+from seaid.log.commands import with_commanded_torque
+from seaid.log.usable_parts import stretches
+from seaid.regressor.load import check_offset_std, load_model_of
+from seaid.regressor.regression import is_linear
 from seaid.robot import Robot
 
 

@@ -16,24 +16,18 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
-from seaid.checks import revalued
-from seaid.drives import PARAMETERS, ParameterName, parameter_named, readable, total_ratio
+from seaid.checks.values import revalued
+from seaid.drives import PARAMETERS, ParameterName, readable, total_ratio
+from seaid.drives.terms import parameter_named
 from seaid.errors import IdentificationError
-from seaid.estimation import (
-    Estimate,
-    Parameter,
-    Point,
-    Prior,
-    Residuals,
-    Step,
-    bounds_of,
-    buses_of,
-    is_stated,
-)
+from seaid.estimation import Estimate, Parameter, Prior
+from seaid.estimation.nonlinear_least_squares import Point, Residuals, Step
+from seaid.estimation.parameters import bounds_of, buses_of, is_stated
 from seaid.identification.drive_estimates import with_estimate, with_values
 from seaid.identification.stacked_fits import merged_estimates
 from seaid.log import Motion
-from seaid.regressor import BaseParameters, motor_regressor, spring_regressor
+from seaid.regressor import BaseParameters, motor_regressor
+from seaid.regressor.regression import spring_regressor
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

@@ -11,43 +11,34 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display, Result, counted, sampled_text
-from seaid.checks import (
-    CODES,
-    SURE,
-    JointCheck,
-    JointFit,
-    Verdict,
-    consequences,
+from seaid.checks import CODES, JointCheck, JointFit, Verdict
+from seaid.checks.channels import excluded_findings
+from seaid.checks.codes import consequences, guarded, merged, that_matter
+from seaid.checks.tolerances import SURE
+from seaid.checks.values import (
     drive_findings,
-    excluded_findings,
     fixed_findings,
     gear_findings,
-    guarded,
-    merged,
     noise_findings,
     offset_findings,
     rigid_gear,
-    that_matter,
     unused_findings,
-    verdict_of,
 )
+from seaid.checks.verdict import verdict_of
 from seaid.drives import ParameterName
 from seaid.errors import Finding, by_severity
-from seaid.estimation import (
-    Estimate,
-    FittedRows,
-    ModelChecks,
-    QRFactor,
-    SharedParameter,
-    estimator_named,
-)
+from seaid.estimation import Estimate, FittedRows, SharedParameter, estimator_named
+from seaid.estimation.estimate import ModelChecks
+from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.datasets import Dataset, processing_of
 from seaid.identification.drive_estimates import with_estimate, with_fixed_delays
 from seaid.identification.gear import gear_estimates, own_estimates, with_gears
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.log import Log, Motion, Processing
-from seaid.regressor import BaseParameters, LoadModel, torque_slopes
+from seaid.regressor import BaseParameters
+from seaid.regressor.base import torque_slopes
+from seaid.regressor.load import LoadModel
 from seaid.robot import Robot
 
 _FAR_M = 1e4

@@ -27,23 +27,18 @@ from typing import Any, TypeVar
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import CODES, disagreement, homogeneous, shared_scale
-from seaid.drives import IDEAL_DRIVE, MOTOR_CONSTANTS, STD_OF_TORQUE, Drive, ParameterName, readable
+from seaid.checks import CODES
+from seaid.checks.values import disagreement, homogeneous, shared_scale
+from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, readable
+from seaid.drives.drives import STD_OF_TORQUE
+from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import ExcitationError, Finding, IdentificationError
-from seaid.estimation import (
-    Estimate,
-    FittedRows,
-    QRFactor,
-    Rows,
-    at_slots,
-    equal_weights,
-    long_run,
-    names_of_all,
-    qr_factor_of,
-    row_step,
-    slots,
-    solve,
-)
+from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.covariance import at_slots, long_run, row_step, slots
+from seaid.estimation.fitting import Rows
+from seaid.estimation.least_squares import equal_weights, solve
+from seaid.estimation.parameters import names_of_all
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,
@@ -65,20 +60,11 @@ from seaid.identification.two_step import (
     propagated_names,
     rows_of_conditions,
 )
-from seaid.log import POSITION_BAND, Log, Motion, low_pass
-from seaid.regressor import (
-    OFFSET_STEP,
-    LoadModel,
-    Regress,
-    Regression,
-    actuator_regression,
-    load_regression,
-    shifted_encoder,
-    spring_regression,
-    stacked,
-    torque_changes,
-    with_changes,
-)
+from seaid.log import Log, Motion, low_pass
+from seaid.log.motion import POSITION_BAND
+from seaid.regressor import Regression, actuator_regression, load_regression
+from seaid.regressor.load import OFFSET_STEP, LoadModel, shifted_encoder, torque_changes
+from seaid.regressor.regression import Regress, spring_regression, stacked, with_changes
 from seaid.robot import Robot
 
 WIDER = 1.6

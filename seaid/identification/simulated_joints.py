@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import Drive, groups_of
+from seaid.drives import Drive
+from seaid.drives.drives import groups_of
 from seaid.errors import IdentificationError, listed
-from seaid.estimation import Residuals
+from seaid.estimation.nonlinear_least_squares import Residuals
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.refined_parameters import (
     Advance,
@@ -33,35 +34,26 @@ from seaid.identification.refined_parameters import (
     layout_of,
     point_of,
 )
-from seaid.log import (
-    OF_CONTROLLERS,
-    Log,
-    Motion,
-    commanded_part,
-    low_pass,
-    reconstruct_motion,
-    relative_supply,
-    spline_derivatives,
-    stretches,
-    usable,
-    with_directions,
-)
-from seaid.regressor import (
-    LoadModel,
-    drive_torques,
-    load_columns,
-    motor_regressor,
-    spring_regressor,
-)
-from seaid.robot import Robot, at_drives, at_joints, check_held, group_of
-from seaid.simulation import (
+from seaid.log import Log, Motion, low_pass, reconstruct_motion
+from seaid.log.channels import OF_CONTROLLERS
+from seaid.log.commands import commanded_part, relative_supply
+from seaid.log.filtering import spline_derivatives
+from seaid.log.motion import with_directions
+from seaid.log.usable_parts import stretches, usable
+from seaid.regressor import motor_regressor
+from seaid.regressor.load import LoadModel, drive_torques, load_columns
+from seaid.regressor.regression import spring_regressor
+from seaid.robot import Robot, at_drives, at_joints
+from seaid.robot.robot import check_held
+from seaid.robot.transmission import group_of
+from seaid.simulation.plant import (
     Response,
     TorqueJacobians,
     response_to,
-    rollout,
     torque_jacobians,
     with_joints,
 )
+from seaid.simulation.replaying import rollout
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification

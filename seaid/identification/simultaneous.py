@@ -26,22 +26,23 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.checks import SURE, noise_findings
-from seaid.drives import ParameterName, groups_of, parameter_of, readable
+from seaid.checks.tolerances import SURE
+from seaid.checks.values import noise_findings
+from seaid.drives import ParameterName, readable
+from seaid.drives.drives import groups_of
+from seaid.drives.terms import parameter_of
 from seaid.errors import ExcitationError, IdentificationError, listed
-from seaid.estimation import (
-    Estimate,
-    Estimator,
-    FittedRows,
+from seaid.estimation import Estimate, Estimator, FittedRows
+from seaid.estimation.least_squares import (
     equal_weights,
     estimate_of_rows,
     extrapolated,
-    qr_factor_of,
     settled_weights,
     solve,
     weights_at,
     with_drifts_of,
 )
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.simulated_joints import AT_ONCE
@@ -53,16 +54,9 @@ from seaid.identification.stacked_fits import (
     spring_of,
 )
 from seaid.log import Motion
-from seaid.regressor import (
-    LoadModel,
-    Regression,
-    actuator_equation,
-    actuator_regression,
-    known_friction,
-    load_regression,
-    spring_regressor,
-    stacked,
-)
+from seaid.regressor import Regression, actuator_regression, load_regression
+from seaid.regressor.load import LoadModel
+from seaid.regressor.regression import actuator_equation, known_friction, spring_regressor, stacked
 from seaid.robot import Robot
 
 MOST_ITERATIONS = 50

@@ -22,22 +22,17 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import DELAY_PARAMETER, ParameterName, parameter_of, unit_of
+from seaid.drives import ParameterName, unit_of
+from seaid.drives.controller import DELAY_PARAMETER
+from seaid.drives.terms import parameter_of
 from seaid.errors import Finding
-from seaid.estimation import (
-    Constraints,
-    Estimate,
-    FittedRows,
-    ModelChecks,
-    QRFactor,
-    Rows,
-    SharedParameter,
-    independent_rows,
-    shared_columns,
-    shared_parameters,
-    triangle,
-)
-from seaid.regressor import Regression, spring_regressor
+from seaid.estimation import Estimate, FittedRows, SharedParameter
+from seaid.estimation.estimate import ModelChecks, independent_rows
+from seaid.estimation.fitting import Rows
+from seaid.estimation.parameters import Constraints, shared_columns, shared_parameters
+from seaid.estimation.qr_factor import QRFactor, triangle
+from seaid.regressor import Regression
+from seaid.regressor.regression import spring_regressor
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

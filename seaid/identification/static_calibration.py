@@ -19,12 +19,13 @@ from scipy.special import stdtr
 
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
-from seaid.checks import calibration_findings
+from seaid.checks.values import calibration_findings
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
-from seaid.log import Log, open_tables
-from seaid.regressor import joint_torques
+from seaid.log import Log
+from seaid.log.readers.opening import open_tables
+from seaid.regressor.base import joint_torques
 from seaid.robot import Robot, at_drives, torques_at_drives
 
 Law = Literal["linear", "cubic"]

@@ -16,28 +16,22 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import ParameterName, groups_of, joint_of, parameter_of, places_of
+from seaid.drives import ParameterName
+from seaid.drives.drives import groups_of
+from seaid.drives.terms import joint_of, parameter_of, places_of
 from seaid.errors import IdentificationError
-from seaid.estimation import (
-    Change,
-    Estimator,
-    FittedRows,
-    ModelChecks,
-    Rows,
-    Share,
-    SharedParameter,
+from seaid.estimation import Estimator, FittedRows, SharedParameter, fit
+from seaid.estimation.estimate import ModelChecks
+from seaid.estimation.fitting import Change, Rows, qr_factor_of_rows, with_columns
+from seaid.estimation.instrumental_variables import (
     deflection_instruments,
-    equal_weights,
-    fit,
     instrumental,
-    joined_rows,
     projected_columns,
-    qr_factor_of_rows,
-    shares_of,
     unattenuated,
-    with_columns,
     with_predicted_columns,
 )
+from seaid.estimation.least_squares import equal_weights
+from seaid.estimation.parameters import Share, joined_rows, shares_of
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory, rows_of_equations
 from seaid.identification.drive_estimates import (
     CONSTANTS,
@@ -64,18 +58,11 @@ from seaid.identification.stacked_fits import (
     with_torque_columns,
 )
 from seaid.log import Motion
-from seaid.regressor import (
-    INPUT_FIELDS,
-    LoadModel,
-    Regress,
-    Regression,
-    actuator_regression,
-    load_regression,
-    motor_regressor,
-    spring_regression,
-    spring_regressor,
-)
-from seaid.robot import Robot, group_of
+from seaid.regressor import Regression, actuator_regression, load_regression, motor_regressor
+from seaid.regressor.load import LoadModel
+from seaid.regressor.regression import INPUT_FIELDS, Regress, spring_regression, spring_regressor
+from seaid.robot import Robot
+from seaid.robot.transmission import group_of
 
 _OF_CURRENT = "torque_constant"
 """That of a current, which is measured, with noise; a voltage is what the drive applies."""

@@ -22,32 +22,21 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import hidden_springs, motor_side_findings, noisy_springs
+from seaid.checks.predictions import hidden_springs, motor_side_findings, noisy_springs
 from seaid.drives import total_ratio
 from seaid.errors import ExcitationError, Finding, IdentificationError, LogError
-from seaid.estimation import LEAST_STD, RANK_TOLERANCE, scaled_svd
+from seaid.estimation.nonlinear_least_squares import LEAST_STD
+from seaid.estimation.qr_factor import RANK_TOLERANCE, scaled_svd
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.two_step import joints_with_torque
-from seaid.log import (
-    FEWEST_PERIODS,
-    Log,
-    Motion,
-    decimated,
-    in_band_at,
-    low_pass,
-    reconstruct_motions,
-    row_samples,
-    spline_derivatives,
-)
-from seaid.regressor import (
-    LoadModel,
-    actuator_columns,
-    load_columns,
-    load_model_of,
-    spring_regressor,
-)
+from seaid.log import Log, Motion, low_pass, row_samples
+from seaid.log.filtering import spline_derivatives
+from seaid.log.motion import FEWEST_PERIODS, decimated, reconstruct_motions
+from seaid.log.rows import in_band_at
+from seaid.regressor.load import LoadModel, load_columns, load_model_of
+from seaid.regressor.regression import actuator_columns, spring_regressor
 from seaid.robot import Robot
-from seaid.simulation import torque_jacobians, with_joints
+from seaid.simulation.plant import torque_jacobians, with_joints
 
 if TYPE_CHECKING:
     from seaid.identification.result import Identification

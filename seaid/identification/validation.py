@@ -9,26 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
-from seaid.checks import Verdict, verdict_of
-from seaid.drives import between_encoders
+from seaid.checks import Verdict
+from seaid.checks.verdict import verdict_of
+from seaid.drives.terms import between_encoders
 from seaid.errors import by_severity
 from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
-from seaid.regressor import (
+from seaid.regressor.load import load_side, load_torques, unknown_friction, with_gear_torque
+from seaid.regressor.regression import (
     INPUTS,
     actuator_columns,
     has_deflection,
     known_friction,
-    load_side,
-    load_torques,
     sensed_torque,
     signals,
     spring_regressor,
     under_load,
-    unknown_friction,
-    with_gear_torque,
 )
 
 if TYPE_CHECKING:

@@ -26,34 +26,20 @@ import pinocchio as pin
 from scipy.special import fdtrc, stdtrit
 
 from seaid._arrays import Array, FrozenMapping, is_constant, safely
-from seaid.checks import (
-    CODES,
-    MANY_TIMES,
-    MOST,
-    NEGLIGIBLE,
-    RARE,
-    Observation,
-    observed,
-    only_joint,
-)
+from seaid.checks import CODES
+from seaid.checks.codes import Observation, observed, only_joint
+from seaid.checks.tolerances import MANY_TIMES, MOST, NEGLIGIBLE, RARE
 from seaid.errors import Finding, listed
-from seaid.estimation import Estimate, FittedRows, with_further_columns
-from seaid.identification import Dataset, rows_in_memory
+from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.fitting import with_further_columns
+from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.legged.floating import FloatingRobot
 from seaid.legged.load_side import accelerometer_rows, wrench_rows
-from seaid.log import (
-    CHANNELS,
-    BaseLog,
-    BaseMotion,
-    Log,
-    Motion,
-    base_jumps,
-    low_pass,
-    matrices,
-    needed_columns,
-    quaternion_rates,
-)
-from seaid.regressor import LoadModel, Regress
+from seaid.log import BaseLog, Log, Motion, low_pass
+from seaid.log.base_log import BaseMotion, base_jumps, matrices, needed_columns, quaternion_rates
+from seaid.log.channels import CHANNELS
+from seaid.regressor.load import LoadModel
+from seaid.regressor.regression import Regress
 from seaid.robot import FloatingBase, Robot
 
 if TYPE_CHECKING:

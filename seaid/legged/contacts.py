@@ -25,7 +25,9 @@ from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid._progress import Display
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import FittedRows
-from seaid.identification import Dataset, SensorErrors, for_sensors
+from seaid.identification.datasets import Dataset
+from seaid.identification.result import SensorErrors
+from seaid.identification.validation import for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
 from seaid.legged.feet import (
     FeetInMotion,
@@ -48,22 +50,22 @@ from seaid.legged.floating import (
 )
 from seaid.legged.load_side import contact_force_columns, contact_force_rows
 from seaid.log import (
-    FOUND_CONTACT,
-    BaseMotion,
     Description,
     Log,
     LogDescription,
     Motion,
     Repair,
-    decimated,
-    decimation,
     in_band,
-    inside_transients,
     low_pass,
-    meaning_of,
     reconstruct_motion,
 )
-from seaid.regressor import LoadModel
+from seaid.log.base_log import BaseMotion
+from seaid.log.describe.names import meaning_of
+from seaid.log.filtering import decimation
+from seaid.log.motion import decimated
+from seaid.log.repair import FOUND_CONTACT
+from seaid.log.rows import inside_transients
+from seaid.regressor.load import LoadModel
 from seaid.robot import Contact, Robot, torques_at_joints
 
 if TYPE_CHECKING:

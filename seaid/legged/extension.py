@@ -16,22 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.checks import is_wrong, observed, unseen_motion
+from seaid.checks.codes import is_wrong, observed
+from seaid.checks.predictions import unseen_motion
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
-from seaid.excitation import standing_robot
-from seaid.identification import (
-    Dataset,
-    Extension,
-    Fit,
-    Identification,
-    SensorErrors,
-    Traces,
-    Validation,
-    compared,
-    extension_of,
-    fit_of,
-)
+from seaid.excitation.stance import standing_robot
+from seaid.identification import Fit, Identification, Validation
+from seaid.identification.datasets import Dataset
+from seaid.identification.result import Extension, SensorErrors, extension_of
+from seaid.identification.validation import Traces, compared, fit_of
 from seaid.legged.base import (
     base_findings,
     guide_findings,
@@ -50,11 +43,14 @@ from seaid.legged.feet import (
 from seaid.legged.floating import FloatingRobot, floating, row_scale
 from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
 from seaid.log import Log, Motion
-from seaid.regressor import BodyEquations, LoadModel, LoadSide, body_equations, load_side
+from seaid.regressor.base import BodyEquations, body_equations
+from seaid.regressor.load import LoadModel, LoadSide, load_side
 from seaid.robot import BASE_ROWS, Robot
 
 if TYPE_CHECKING:
-    from seaid.excitation import JointLimits, Limits, Stance, StandingRobot
+    from seaid.excitation import Limits, Stance
+    from seaid.excitation.limits import JointLimits
+    from seaid.excitation.stance import StandingRobot
 
 
 @dataclass(frozen=True, eq=False, repr=False)

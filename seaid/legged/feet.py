@@ -26,34 +26,24 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
-from seaid.checks import (
-    CODES,
-    FEW,
-    MOST,
-    RARE,
-    SURE,
-    TWICE,
-    Observation,
-    in_description,
-    observed,
-    only_joint,
-)
+from seaid.checks import CODES
+from seaid.checks.codes import Observation, in_description, observed, only_joint
+from seaid.checks.tolerances import FEW, MOST, RARE, SURE, TWICE
 from seaid.errors import ExcitationError, Finding, listed
-from seaid.estimation import Estimate, FittedRows, ordinary, scaled_svd, with_further_columns
+from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.fitting import with_further_columns
+from seaid.estimation.least_squares import ordinary
+from seaid.estimation.qr_factor import scaled_svd
 from seaid.legged.floating import FloatingRobot, contact_map
 from seaid.legged.load_side import late_flag_rows, radius_rows
-from seaid.log import (
-    LEAST_LIFT,
-    POSITION_BAND,
-    BaseMotion,
-    Log,
-    Motion,
-    as_toml,
-    changed_source,
-    in_band,
-    inside_transients,
-)
-from seaid.regressor import LoadModel, Regression, stacked
+from seaid.log import Log, Motion, in_band
+from seaid.log.base_log import LEAST_LIFT, BaseMotion
+from seaid.log.description import as_toml, changed_source
+from seaid.log.motion import POSITION_BAND
+from seaid.log.rows import inside_transients
+from seaid.regressor import Regression
+from seaid.regressor.load import LoadModel
+from seaid.regressor.regression import stacked
 from seaid.robot import Contact, FloatingBase, Robot
 
 CONTACT_FLAGS = CODES["contact-flags"]

@@ -31,38 +31,28 @@ from seaid.legged.floating import (
     stance_rows,
     without_contact_forces,
 )
-from seaid.log import (
-    LEAST_LIFT,
-    PIECE_SAMPLES,
-    POSITION_BAND,
-    BaseMotion,
-    Motion,
-    decimated,
-    loaded,
-    row_samples,
-)
-from seaid.regressor import (
-    BodyEquations,
-    Joints,
-    JointStates,
-    Links,
+from seaid.log import Motion, row_samples
+from seaid.log.base_log import LEAST_LIFT, BaseMotion, loaded
+from seaid.log.motion import POSITION_BAND, decimated
+from seaid.log.rows import PIECE_SAMPLES
+from seaid.regressor import Regression
+from seaid.regressor.base import BodyEquations, Joints, JointStates, Links, Stances, left_to_right
+from seaid.regressor.load import (
     LoadModel,
     LoadSide,
-    Regression,
     Springs,
-    Stances,
     drive_columns,
     drive_parameters,
     drive_torques,
     joined,
-    left_to_right,
     load_rows,
     load_signals,
     load_targets,
-    rows_by_pieces,
     unknown_frictions,
 )
-from seaid.robot import BASE_ROWS, HANGING, Robot
+from seaid.regressor.regression import rows_by_pieces
+from seaid.robot import BASE_ROWS, Robot
+from seaid.robot.floating_base import HANGING
 
 _RATES = 16.0
 """Rate over the cutoff at which columns of a floating base are computed: products of three of its

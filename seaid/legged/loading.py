@@ -8,16 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from seaid.errors import RobotError, checked
-from seaid.regressor import check_constant_ratios
-from seaid.robot import (
-    SNAP_RAD,
-    BaseKind,
-    Contact,
-    Payload,
-    Robot,
-    base_of_assembly,
-    robot_of_file,
-)
+from seaid.regressor.base import check_constant_ratios
+from seaid.robot import BaseKind, Contact, Payload, Robot
+from seaid.robot.floating_base import base_of_assembly
+from seaid.robot.robot import robot_of_file
+from seaid.robot.urdf import SNAP_RAD
 
 
 @checked(RobotError)

@@ -20,19 +20,11 @@ import pinocchio as pin
 
 from seaid._arrays import Array, finite, number, safely
 from seaid.errors import ExcitationError, shown, unknown_name
-from seaid.excitation import (
-    DEFAULT_ACCELERATION,
-    Basis,
-    JointLimits,
-    Limits,
-    SplineBasis,
-    Stance,
-    StancePlan,
-    States,
-    Trajectory,
-    check_nominal_bodies,
-    positive_values,
-)
+from seaid.excitation import Limits, Stance, StancePlan, Trajectory
+from seaid.excitation.basis import Basis, SplineBasis
+from seaid.excitation.criteria import States
+from seaid.excitation.flatness import check_nominal_bodies
+from seaid.excitation.limits import DEFAULT_ACCELERATION, JointLimits, positive_values
 from seaid.legged.floating import (
     FloatingRobot,
     configurations,

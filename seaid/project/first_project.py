@@ -17,32 +17,22 @@ import numpy as np
 from seaid._arrays import Array, safely
 from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
-from seaid.checks import BODY, POOR, JointCheck, is_unsigned, no_measurements
-from seaid.drives import (
-    COMMANDS,
-    Controller,
-    MotorInput,
-    SeriesElasticDrive,
-    drives_from_mapping,
-    read_drives,
-    write_drives,
-)
+from seaid.checks import JointCheck
+from seaid.checks.commands import is_unsigned, no_measurements
+from seaid.checks.tolerances import BODY, POOR
+from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, read_drives, write_drives
+from seaid.drives.terms import MotorInput
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
-from seaid.legged import FloatingRobot, load_robot, with_leg_order
-from seaid.log import (
-    STILL,
-    Description,
-    Log,
-    LogDescription,
-    as_toml,
-    describe_log,
-    logs_of_files,
-    low_pass,
-    open_tables,
-    read_log,
-    read_or_describe,
-)
+from seaid.legged import FloatingRobot, load_robot
+from seaid.legged.contacts import with_leg_order
+from seaid.log import Description, Log, LogDescription, describe_log, low_pass, read_log
+from seaid.log.describe import logs_of_files
+from seaid.log.description import as_toml
+from seaid.log.filtering import STILL
+from seaid.log.readers.opening import open_tables
+from seaid.log.reading import read_or_describe
 from seaid.robot import BaseKind, Contact, Payload, Robot
 
 _OWN_PART = 0.7

@@ -12,10 +12,11 @@ from seaid._arrays import FrozenMapping
 from seaid._files import PROJECT_FILE, read_toml, real_path
 from seaid._progress import Display, counted
 from seaid.errors import SeaidError, Severity, checked, listed, unknown_name
-from seaid.estimation import EstimatorName
-from seaid.identification import Method
+from seaid.estimation.fitting import EstimatorName
+from seaid.identification.problem import Method
 from seaid.legged import find_contacts, load_robot
-from seaid.log import Interval, Log, Reader, Repairs, read_log, types_of
+from seaid.log import Log, Repairs, read_log
+from seaid.log.tables import Interval, Reader, types_of
 from seaid.robot import BaseKind, Contact, Payload, Robot
 
 FILE_NAME = PROJECT_FILE

@@ -33,7 +33,7 @@ from seaid._files import (
     write_whole,
 )
 from seaid._progress import Display, value_text
-from seaid.checks import Level
+from seaid.checks.verdict import Level
 from seaid.errors import (
     Finding,
     SeaidError,
@@ -43,22 +43,22 @@ from seaid.errors import (
     checked,
     reason_of,
 )
-from seaid.excitation import run_all
+from seaid.excitation.search import run_all
 from seaid.identification import (
-    CONDITION_SPECIFIC,
     Conditions,
     Identification,
     Validation,
     identify,
     identify_conditions,
     validate,
-    verdict_with,
 )
+from seaid.identification.conditions import CONDITION_SPECIFIC
+from seaid.identification.validation import verdict_with
 from seaid.log import Log
 from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
 from seaid.project.saved import FILE, Run, facts_of, provenance_of, save_run
-from seaid.report import package_versions
+from seaid.report.html_experiment import package_versions
 from seaid.robot import Robot
 from seaid.simulation import ReplayComparison, compare_replays
 
@@ -542,7 +542,7 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
 
 def summary_of(run: Run, details: bool = True) -> str:
     """Return an identification and its validations as text, with all tables or the first ones."""
-    from seaid.report import short_text
+    from seaid.report.text import short_text
 
     fit = run.identification
     parts = [str(short_text(fit, fit.nominal or fit.known, details))]

@@ -28,12 +28,15 @@ from numpy.typing import NDArray
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import MOST_JSON_BYTES, followed, whole_file
 from seaid._progress import Display
-from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, drives_from_mapping
+from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import SeaidError, checked, hints_of, listed, reason_of, shortened, shown
 from seaid.identification import Identification, Validation
-from seaid.log import Motion, decimated
-from seaid.report import package_versions, system_name
-from seaid.robot import Robot, joints_of, model_of
+from seaid.log import Motion
+from seaid.log.motion import decimated
+from seaid.report.html_experiment import package_versions, system_name
+from seaid.robot import Robot
+from seaid.robot.pinocchio_model import joints_of, model_of
 from seaid.simulation import ReplayComparison
 
 FILE = "identification.npz"

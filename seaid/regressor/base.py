@@ -18,7 +18,8 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
-from seaid.robot import coupled_groups, rows_at_drives
+from seaid.robot import coupled_groups
+from seaid.robot.transmission import rows_at_drives
 
 if TYPE_CHECKING:
     from seaid.log import Motion

@@ -16,14 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import LEVEL_OF, ParameterName, total_ratio
+from seaid.drives import ParameterName, total_ratio
+from seaid.drives.terms import LEVEL_OF
 from seaid.errors import IdentificationError, LogError
-from seaid.log import (
-    PIECE_SAMPLES,
-    in_band_at,
-    joint_standstill,
-    row_samples,
-)
+from seaid.log import row_samples
+from seaid.log.rows import PIECE_SAMPLES, in_band_at, joint_standstill
 from seaid.regressor.base import (
     Joints,
     Links,
@@ -50,14 +47,10 @@ from seaid.regressor.regression import (
     unknown_motor_friction,
     with_changes,
 )
-from seaid.robot import (
-    UNITS,
-    Robot,
-    at_drives,
-    check_held,
-    group_of,
-    torques_at_drives,
-)
+from seaid.robot import Robot, at_drives, torques_at_drives
+from seaid.robot.inertia import UNITS
+from seaid.robot.robot import check_held
+from seaid.robot.transmission import group_of
 
 if TYPE_CHECKING:
     from seaid.log import Motion

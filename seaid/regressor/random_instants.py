@@ -17,7 +17,8 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M, s_K
+from seaid.drives import PARAMETERS
+from seaid.drives.equations import K_t, K_u, N, r_L, r_M, s_K
 from seaid.errors import SymbolicError
 from seaid.regressor.base import joint_torques, random_states, rigid_body_regressor
 from seaid.regressor.exact.geometry import number

@@ -14,32 +14,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import (
-    COMMANDS,
-    drive_regressor,
-    is_dry,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-    total_ratio,
-)
+from seaid.drives import COMMANDS, is_dry, motor_equation, spring_equation, total_ratio
+from seaid.drives.equations import joint_equation
+from seaid.drives.regressor import drive_regressor
 from seaid.errors import LogError
-from seaid.log import (
-    PIECE_SAMPLES,
-    POSITION_BAND,
-    Motion,
-    in_band_at,
-    is_friction_known,
-    moving,
-    pieces,
-    row_samples,
-    standstill,
-    still_share,
-)
+from seaid.log import Motion, row_samples, standstill
+from seaid.log.filtering import is_friction_known, moving
+from seaid.log.motion import POSITION_BAND
+from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces, still_share
 from seaid.robot import at_drives, torques_at_drives
 
 if TYPE_CHECKING:
-    from seaid.drives import Drive, DriveRegressor
+    from seaid.drives import Drive
+    from seaid.drives.regressor import DriveRegressor
     from seaid.log import LongLog
     from seaid.robot import Robot
 

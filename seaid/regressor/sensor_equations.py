@@ -19,26 +19,22 @@ import sympy as sp
 from flint import fmpq
 
 from seaid._arrays import BoolArray, safely
-from seaid.drives import (
+from seaid.drives import PARAMETERS_OF, Drive, ParameterName, motor_equation, spring_force
+from seaid.drives.equations import (
     PARAMETER_NAMES,
-    PARAMETERS_OF,
     SIGNALS,
-    Drive,
     K_t,
     K_u,
-    MotorInput,
     N,
-    ParameterName,
-    flat_names,
     joint_equation,
     known_values,
-    motor_equation,
     r_L,
     r_M,
     s_K,
-    spring_force,
     tau_L,
 )
+from seaid.drives.regressor import flat_names
+from seaid.drives.terms import MotorInput
 from seaid.errors import RobotError
 from seaid.regressor.exact.geometry import exact_number
 from seaid.robot import Robot

@@ -20,7 +20,9 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Drive, joint_of, stated_delay_s
+from seaid.drives import Drive
+from seaid.drives.drives import stated_delay_s
+from seaid.drives.terms import joint_of
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
@@ -46,7 +48,8 @@ from seaid.regressor.sensor_equations import (
     plain,
     system_of,
 )
-from seaid.robot import Robot, check_held
+from seaid.robot import Robot
+from seaid.robot.robot import check_held
 
 Sensor = Literal[
     "motor_position",

@@ -14,11 +14,12 @@ from scipy.special import chdtrc, stdtr, stdtridf
 from seaid._progress import Display, Result, counted
 from seaid.drives import ParameterName, readable
 from seaid.errors import IdentificationError, SeaidError, checked
-from seaid.estimation import Estimate, scaled_svd
+from seaid.estimation import Estimate
+from seaid.estimation.qr_factor import scaled_svd
 from seaid.excitation import ExcitationMeasures, excitation_measures
 from seaid.identification import Identification
 from seaid.log import Motion
-from seaid.regressor import INPUT_FIELDS
+from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot
 
 Dependence = Literal["independent", "correlated", "unknown"]
@@ -247,7 +248,7 @@ def comparison_of_parameters(
 
 def _estimates_of_file(path: Path) -> _Estimates:
     """Return the estimates of a file, whose parameters are taken as uncorrelated."""
-    from seaid.export import parameters_content
+    from seaid.export.parameters import parameters_content
 
     content = parameters_content(path)
     try:

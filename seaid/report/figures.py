@@ -19,18 +19,13 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import write_whole
-from seaid.drives import (
-    PARAMETERS,
-    PARAMETERS_OF,
-    Drive,
-    friction_curve,
-    parameter_named,
-    spring_curve,
-    states,
-)
+from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive, friction_curve, spring_curve
+from seaid.drives.equations import states
+from seaid.drives.terms import parameter_named
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
-from seaid.regressor import actuator_columns, drive_columns, load_torques, signals
+from seaid.regressor.load import drive_columns, load_torques
+from seaid.regressor.regression import actuator_columns, signals
 from seaid.report.formats import cut
 from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
 

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple
 
 from seaid._arrays import Array
 from seaid._files import plain
-from seaid.checks import POOR
+from seaid.checks.tolerances import POOR
 from seaid.drives import readable
 
 NONE = "–"

@@ -15,9 +15,10 @@ from seaid._files import write_whole
 from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.errors import SeaidError, checked
-from seaid.export import content_of
+from seaid.export.parameters import content_of
 from seaid.frequency import FrequencyResponse
-from seaid.identification import Identification, StaticCalibration, Validation, compared
+from seaid.identification import Identification, StaticCalibration, Validation
+from seaid.identification.validation import compared
 from seaid.report import figures, formats, html_charts, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of, measures_of
 from seaid.report.formats import is_partial, probability, rendered, share, short

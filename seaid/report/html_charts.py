@@ -17,14 +17,12 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
-from seaid.estimation import (
-    POORLY_DETERMINED,
-    directions,
-    first_term,
-    qr_factor_of,
-    settled_weights,
-)
-from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
+from seaid.estimation.estimate import POORLY_DETERMINED
+from seaid.estimation.least_squares import settled_weights
+from seaid.estimation.qr_factor import directions, first_term, qr_factor_of
+from seaid.regressor import load_regression
+from seaid.regressor.load import with_gear_torque
+from seaid.regressor.regression import stacked, under_load
 from seaid.report import formats
 from seaid.report.formats import (
     Column,
@@ -36,12 +34,11 @@ from seaid.report.formats import (
     table_of,
     words,
 )
-from seaid.report.html_traces import SIDES, axis_time, torque_units
+from seaid.report.html_traces import SIDES, Run, axis_time, torque_units
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
     from seaid.log import Motion
-    from seaid.report.html_traces import Run
     from seaid.robot import Robot
 
 _WIDTH, _HEIGHT = 460.0, 300.0

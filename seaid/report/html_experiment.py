@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid.checks import LEAST_DELAY_S
-from seaid.drives import IDEAL_DRIVE, ParameterName, drive_table, readable, total_ratio
+from seaid.checks.tolerances import LEAST_DELAY_S
+from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, drive_table, readable, total_ratio
 from seaid.errors import listed
-from seaid.log import has_holes, row_samples
+from seaid.log import Motion, Processing, has_holes, row_samples
 from seaid.report import formats
 from seaid.report.formats import (
     NONE,
@@ -31,15 +31,12 @@ from seaid.report.formats import (
 )
 from seaid.report.tables import measured
 from seaid.report.text import exact_text, method_text
-from seaid.robot import at_drives
+from seaid.robot import Robot, at_drives
 
 if TYPE_CHECKING:
-    from seaid.drives import Drive
     from seaid.estimation import Estimate
     from seaid.excitation import ExcitationMeasures
     from seaid.identification import Identification
-    from seaid.log import Motion, Processing
-    from seaid.robot import Robot
 
 _PACKAGES = ("numpy", "scipy", "pin", "sympy")
 _SAME = 1e-9

@@ -17,7 +17,8 @@ import scipy
 
 from seaid._arrays import Array
 from seaid.report.formats import rendered, svg_path
-from seaid.robot import THIN, is_physical, second_moments
+from seaid.robot import is_physical
+from seaid.robot.inertia import THIN, second_moments
 
 if TYPE_CHECKING:
     from seaid.identification import Identification

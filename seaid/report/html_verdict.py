@@ -15,18 +15,19 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import counted
-from seaid.checks import POOR, excluded_instants, inconsistent_bodies, regression_notes
-from seaid.drives import MOTOR_CONSTANTS, PARAMETERS_OF
-from seaid.errors import SEVERITIES, Severity
-from seaid.identification import compared, verdict_with
+from seaid.checks.channels import excluded_instants
+from seaid.checks.tolerances import POOR
+from seaid.checks.values import inconsistent_bodies, regression_notes
+from seaid.drives import PARAMETERS_OF, Drive
+from seaid.drives.terms import MOTOR_CONSTANTS
+from seaid.errors import SEVERITIES, Finding, Severity
+from seaid.identification.validation import compared, verdict_with
 from seaid.legged import FloatingRobot
 from seaid.log import row_samples
 from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
 from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
 
 if TYPE_CHECKING:
-    from seaid.drives import Drive
-    from seaid.errors import Finding
     from seaid.estimation import Estimate
     from seaid.identification import Fit, Identification
     from seaid.report.html_traces import Run

@@ -31,7 +31,8 @@ from seaid.report.formats import (
 )
 from seaid.report.html_robot import center_of_mass
 from seaid.report.html_traces import SIDES, torque_units
-from seaid.robot import BASE_ROWS, principal_moments
+from seaid.robot import BASE_ROWS
+from seaid.robot.inertia import principal_moments
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate

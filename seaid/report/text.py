@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._progress import counted, field_texts
-from seaid.drives import ParameterName, joint_of, parameter_of
-from seaid.errors import listed
+from seaid.drives import ParameterName
+from seaid.drives.terms import joint_of, parameter_of
+from seaid.errors import Finding, listed
 from seaid.legged import FloatingRobot
-from seaid.log import has_holes
+from seaid.log import Log, has_holes
 from seaid.report import formats, tables
 from seaid.report.formats import (
     Column,
@@ -35,8 +36,7 @@ from seaid.report.formats import (
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
-    from seaid.checks import TermComparison
-    from seaid.errors import Finding
+    from seaid.checks.terms import TermComparison
     from seaid.estimation import Estimate
     from seaid.excitation import Excitation, ExcitationMeasures
     from seaid.frequency import FrequencyResponse
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
-    from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
     from seaid.robot import DependentJoint, Robot

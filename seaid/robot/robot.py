@@ -15,7 +15,9 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._progress import Display, counted
-from seaid.drives import IDEAL_DRIVE, Drive, Ratios, drives_from_mapping, read_drives
+from seaid.drives import IDEAL_DRIVE, Drive, read_drives
+from seaid.drives.angle_ratio import Ratios
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError, SeaidError, shown, unknown_name
 from seaid.robot.floating_base import FloatingBase
 from seaid.robot.inertia import parameter_names, to_pinocchio
@@ -477,13 +479,11 @@ def _obstacle(robot: Robot, tree: UrdfTree, name: str) -> str:
 def _drives(
     tree: UrdfTree, moving: Sequence[str], drives: str | Path | Mapping[str, Any] | None
 ) -> dict[str, Drive]:
-    if drives is None:
-        declared: dict[str, Drive] = {}
-    elif isinstance(drives, str | Path):
-        declared = read_drives(drives)
-    else:
+    declared, file = dict[str, Drive](), ""
+    if isinstance(drives, str | Path):
+        declared, file = read_drives(drives), f" of '{drives}'"
+    elif drives is not None:
         declared = drives_from_mapping(drives)
-    file = f" of '{drives}'" if isinstance(drives, str | Path) else ""
     where = f"drives{file} for '{tree.name}'"
     for name in declared:
         if name not in tree.joints:
@@ -496,10 +496,10 @@ def _drives(
                 "load it with independent_mimics=True",
                 "independent_mimics=True",
             )
-    for name in moving:
-        check_kind(name, tree.joints[name].type, declared.get(name, IDEAL_DRIVE))
-        _check_reach(tree.joints[name], declared.get(name, IDEAL_DRIVE))
     by_joint = {name: declared.get(name, IDEAL_DRIVE) for name in moving}
+    for name, drive in by_joint.items():
+        check_kind(name, tree.joints[name].type, drive)
+        _check_reach(tree.joints[name], drive)
     check_transmission(moving, by_joint, tree.joints.keys() - set(moving))
     return by_joint
 
@@ -519,7 +519,7 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:
-        from seaid.drives import extra_terms
+        from seaid.drives.equations import extra_terms
 
         try:
             extra_terms(drive)

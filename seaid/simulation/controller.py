@@ -10,9 +10,12 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array
-from seaid.drives import COMMANDS, DEAD_ZONES, Controller, key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import COMMANDS, DEAD_ZONES, Controller, spring_curve, unit_of
+from seaid.drives.functions import stretch_of
+from seaid.drives.terms import key_of
 from seaid.errors import RobotError
-from seaid.log import Log, commanded_part, relative_supply
+from seaid.log import Log
+from seaid.log.commands import commanded_part, relative_supply
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, effective_inertia, inverse_dynamics
 

@@ -18,7 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray, safely
-from seaid.drives import DriveFunctions, OfState, after_travel
+from seaid.drives.equations import after_travel
+from seaid.drives.functions import DriveFunctions, OfState
 from seaid.errors import RobotError, SeaidError
 from seaid.simulation.plant import (
     JOINT_POSITION,

@@ -15,21 +15,16 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import (
-    BY_TEMPERATURE,
-    PARAMETERS_OF,
-    WARM_UP,
-    Drive,
-    DriveFunctions,
-    Ratios,
-    drive_functions,
-    extra_torque,
-    is_plain,
-)
+from seaid.drives import PARAMETERS_OF, Drive
+from seaid.drives.angle_ratio import Ratios
+from seaid.drives.equations import extra_torque
+from seaid.drives.functions import DriveFunctions, drive_functions, is_plain
+from seaid.drives.terms import BY_TEMPERATURE, WARM_UP
 from seaid.errors import RobotError
 from seaid.log import Motion
-from seaid.regressor import torque_slopes
-from seaid.robot import Robot, coupled_groups, rows_at_drives, torques_at_drives
+from seaid.regressor.base import torque_slopes
+from seaid.robot import Robot, coupled_groups, torques_at_drives
+from seaid.robot.transmission import rows_at_drives
 
 _safely = partial(safely, what="the mass matrix", error=RobotError)
 

@@ -15,11 +15,15 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, sampled_text
-from seaid.checks import diverged_replay, least_inertias, not_replayed, replay_worse
+from seaid.checks.predictions import diverged_replay, least_inertias, not_replayed, replay_worse
 from seaid.drives import COMMANDS, IDEAL_DRIVE, PARAMETERS_OF, Drive
 from seaid.errors import Finding, LogError, RobotError, SeaidError, checked
-from seaid.log import Log, check_whole, low_pass, select_cutoff, spline_derivatives
-from seaid.robot import Robot, at_drives, check_held, group_of
+from seaid.log import Log, low_pass, select_cutoff
+from seaid.log.filtering import spline_derivatives
+from seaid.log.usable_parts import check_whole
+from seaid.robot import Robot, at_drives
+from seaid.robot.robot import check_held
+from seaid.robot.transmission import group_of
 from seaid.simulation.controller import (
     CommandedSteps,
     PositionControllers,

@@ -13,7 +13,8 @@ from seaid._progress import Display, track
 from seaid.errors import SeaidError, checked, unknown_name
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion
-from seaid.robot import Robot, check_held, torques_at_joints
+from seaid.robot import Robot, torques_at_joints
+from seaid.robot.robot import check_held
 from seaid.simulation.controller import input_gain, joint_controller, motor_inputs
 from seaid.simulation.forward_dynamics import (
     accelerations,

@@ -20,15 +20,10 @@ import pinocchio as pin
 from seaid._arrays import Array, finite, frozen, safely
 from seaid._progress import MOST_NAMES, counted
 from seaid.errors import RobotError, listed
-from seaid.robot import (
-    Robot,
-    UrdfTree,
-    find_mesh,
-    inconsistency,
-    reread_urdf,
-    search_folders,
-    second_moments,
-)
+from seaid.robot import Robot
+from seaid.robot.inertia import inconsistency, second_moments
+from seaid.robot.robot_file import reread_urdf
+from seaid.robot.urdf import UrdfTree, find_mesh, search_folders
 
 Color = tuple[int, int, int]
 

@@ -7,27 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid.drives import MOTOR_CONSTANTS, friction_curve, total_ratio
+from seaid.drives import friction_curve, total_ratio
+from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import ExcitationError, LogError, SeaidError
-from seaid.excitation import (
-    Excitation,
-    Trajectory,
+from seaid.excitation import Excitation, Trajectory
+from seaid.excitation.flatness import (
     check_nominal_bodies,
     load_torques,
     parallel_elements,
     transmission,
 )
-from seaid.log import Log, Motion, in_band, inside_transients, reconstruct_motions
-from seaid.regressor import INPUT_FIELDS
-from seaid.robot import at_drives, at_joints, torques_at_drives
-
-if TYPE_CHECKING:
-    from seaid.robot import Robot
+from seaid.log import Log, Motion, in_band
+from seaid.log.motion import reconstruct_motions
+from seaid.log.rows import inside_transients
+from seaid.regressor.regression import INPUT_FIELDS
+from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 
 MEASURED, NOMINAL, IDENTIFIED = SOURCES = ("measured", "nominal", "identified")
 

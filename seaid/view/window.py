@@ -23,6 +23,7 @@ from seaid.log import Log, Motion
 from seaid.robot import Robot
 from seaid.view.panel import (
     NOTHING,
+    Panel,
     deflection_colors,
     draw_plots,
     notes_of,
@@ -30,14 +31,11 @@ from seaid.view.panel import (
     slider_end,
     table,
 )
-from seaid.view.picture import picture_of, rest_posture
-from seaid.view.playback import playback_of, scales
+from seaid.view.picture import Picture, picture_of, rest_posture
+from seaid.view.playback import Playback, Shown, playback_of, scales
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
-    from seaid.view.panel import Panel
-    from seaid.view.picture import Picture
-    from seaid.view.playback import Playback, Shown
     from seaid.view.stage import Stage
 
 _FRAMES_HZ = 30.0

@@ -16,15 +16,12 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, frozen
-from seaid.drives import (
-    IDEAL_DRIVE,
-    Drive,
+from seaid.drives import IDEAL_DRIVE, Drive, motor_equation, spring_force
+from seaid.drives.equations import (
     N,
     i_M,
     joint_equation,
-    motor_equation,
     r_L,
-    spring_force,
     t,
     tau_G,
     tau_L,
@@ -55,8 +52,10 @@ from seaid.regressor.exact.program import (
     regressor_program,
 )
 from seaid.regressor.exact.recursion import null_space
-from seaid.robot import Robot, check_held, coupled_groups, parameter_names
-from seaid.symbolic import MAX_TERMS
+from seaid.robot import Robot, coupled_groups
+from seaid.robot.inertia import parameter_names
+from seaid.robot.robot import check_held
+from seaid.symbolic.polynomial import MAX_TERMS
 
 _SUSPICIOUS = 1e10
 
