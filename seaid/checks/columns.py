@@ -15,17 +15,8 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray, white_noise
+from seaid.checks import engine
 from seaid.checks.codes import CODES, in_drives
-from seaid.checks.engine import (
-    Accepted,
-    Alternative,
-    Candidate,
-    ColumnCheck,
-    Equation,
-    Trial,
-    equation_of,
-    linear_candidate,
-)
 from seaid.checks.terms import (
     DriveRows,
     TermComparison,
@@ -80,9 +71,9 @@ class Side:
         return fitted.rows is not None and (fitted.settled is not None or fitted.equal)
 
     @cached_property
-    def equation(self) -> Equation:
+    def equation(self) -> engine.Equation:
         """The rows of the fit with the weights of its equations."""
-        return equation_of(self.fitted)
+        return engine.equation_of(self.fitted)
 
     def unexplained(self, joint: str) -> float:
         """Return the error of the equation of a joint over its torque without the mean."""
@@ -229,7 +220,7 @@ _ELASTIC = (*_PLAIN, "smooth_coulomb", "asymmetric", "quadratic", "load", "strib
 _LAWS = ("cubic", "fifth", "dead_zone", "dahl", "damping")
 
 
-def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[Candidate]:
+def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[engine.Candidate]:
     """Return the terms of a field that a drive lacks and can have, as candidates."""
     possible = list(possible_terms(side.robot.drives[joint], {field: terms}))
     if not possible:
@@ -245,7 +236,7 @@ _MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Widths of Coulomb friction that are tried, over the one that the encoders resolve."""
 
 
-def _friction(side: Side, joint: str) -> list[Candidate]:
+def _friction(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the friction that a drive lacks; that of elastic drives is in their motor equation."""
     drive = side.robot.drives[joint]
     if drive.is_elastic and not side.is_motor:
@@ -259,14 +250,14 @@ def _friction(side: Side, joint: str) -> list[Candidate]:
     return _terms(side, joint, "friction", terms)
 
 
-def _parallel_springs(side: Side, joint: str) -> list[Candidate]:
+def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the spring parallel to a joint; what holds a locked output, and yields, is none."""
     if side.is_motor or side.swing(joint) < LEAST_SWING:
         return []
     return _terms(side, joint, "parallel_spring", ("linear",))
 
 
-def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
+def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the torque of the known bodies at a joint whose gains may be in another unit.
 
     With y = tau - tau_known and gains that are 1 / s of their unit, tau = (tau_known + ...) / s: y
@@ -276,7 +267,7 @@ def _gain_scales(side: Side, joint: str) -> Iterator[Candidate]:
     is_given = drive.controller is not None and not drive.is_up_to_scale
     has_bodies = np.any(side.robot.known_parameters) and side.robot.base_is_held
     if is_given and has_bodies and not side.is_motor:
-        yield linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
+        yield engine.linear_candidate(joint, "gain_scale", "", partial(_known_torque, side, joint))
 
 
 def _known_torque(side: Side, joint: str) -> Array:
@@ -285,11 +276,11 @@ def _known_torque(side: Side, joint: str) -> Array:
     return np.asarray(rows[:, None] * side.torque_of_known)
 
 
-def _spring_laws(side: Side, joint: str) -> list[Candidate]:
+def _spring_laws(side: Side, joint: str) -> list[engine.Candidate]:
     return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
 
 
-def _is_impossible(found: Accepted) -> bool:
+def _is_impossible(found: engine.Accepted) -> bool:
     """Whether a linear parameter of a term that cannot be negative is: damping or hysteresis.
 
     A torque that is late by d has the slope of the spring's torque with -d, which is a damping of
@@ -305,7 +296,7 @@ def _is_impossible(found: Accepted) -> bool:
 
 
 def _missing_terms(
-    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
 ) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
     if any(map(_is_impossible, accepted)):
@@ -350,7 +341,7 @@ def _lines_of_terms(
     return remedy
 
 
-def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> bool:
+def _matters(side: Side, joint: str, trials: Sequence[engine.Trial], share: float) -> bool:
     """Whether terms that a drive lacks matter, and are no effect of the sampling or of gravity."""
     if share <= MATTERS or _is_sampled(side, joint, trials):
         return False
@@ -365,7 +356,7 @@ def _matters(side: Side, joint: str, trials: Sequence[Trial], share: float) -> b
     return (is_exact or before > MOST) and after < MOST
 
 
-def _is_sampled(side: Side, joint: str, trials: Sequence[Trial]) -> bool:
+def _is_sampled(side: Side, joint: str, trials: Sequence[engine.Trial]) -> bool:
     """Whether a term is the effect of an encoder step, a sample, or a coarse grid of widths."""
     drive = side.robot.drives[joint]
     # the width of a term that was added by itself is one of a coarse grid
@@ -385,7 +376,7 @@ _FOLLOWS = {
 
 
 def _gain_is_scaled(
-    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
 ) -> Finding | None:
     """Return the finding of gains in another unit, or of bodies that are heavier or lighter."""
     (change,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
@@ -422,7 +413,7 @@ def _contradicting(side: Side, joint: str) -> list[str]:
     law = side.robot.drives[joint].controller
     alike = [x for x in side.joints if side.robot.drives[x].controller == law and x != joint]
     columns = np.hstack([_known_torque(side, x) for x in (*alike, joint)])
-    equation = side.equation.with_alternatives([Alternative(columns, columns.shape[1])])
+    equation = side.equation.with_alternatives([engine.Alternative(columns, columns.shape[1])])
     factors, errors = equation.last(columns.shape[1])
     apart = np.abs(factors - factors[-1]) > SURE * np.hypot(errors, errors[-1])
     return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
@@ -433,21 +424,21 @@ _AT_ANGLES = "torques that hold the joint at several angles show springs and mas
 _AT_LOADS = "deflections of the locked joint under slow loads show the law of its spring"
 
 DRIVE_CHECKS = (
-    ColumnCheck(CODES["missing-term"], _friction, _missing_terms, _AT_SPEEDS),
-    ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms, _AT_ANGLES),
-    ColumnCheck(
+    engine.ColumnCheck(CODES["missing-term"], _friction, _missing_terms, _AT_SPEEDS),
+    engine.ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms, _AT_ANGLES),
+    engine.ColumnCheck(
         CODES["gain-scale"],
         _gain_scales,
         _gain_is_scaled,
         "a link on a scale shows whether gains or masses are wrong",
         "gains of the controller in another unit",
     ),
-    ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms, _AT_LOADS),
+    engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms, _AT_LOADS),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 
 
-def included_term(trial: Trial) -> Finding:
+def included_term(trial: engine.Trial) -> Finding:
     """Return the note that a term was added to a drive whose friction nobody named."""
     candidate, comparison, values = trial.candidate, trial.comparison, trial.alternative.values
     width = "".join(f" over {value:.2g} rad/s" for value in values.values())

@@ -872,7 +872,7 @@ def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
 Change = Callable[[Experiment, float], Experiment]
 """The experiment with another value of its set-up; 0 changes nothing, and changes add up."""
 
-_STEP, _MOST_STEPS = 1e-3, 8
+_STEP, MOST_STEPS = 1e-3, 8
 """Step of a difference quotient, and steps of a search."""
 
 
@@ -885,7 +885,7 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     torque that is changed would bias least squares.
     """
     value = start
-    for _ in range(_MOST_STEPS * experiment.has_bodies):
+    for _ in range(MOST_STEPS * experiment.has_bodies):
         changed = change(experiment, value)
         ahead, of_file = change(changed, _STEP), changed.of_file
         x, z = (

@@ -19,6 +19,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
+from seaid.checks import engine
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import (
     CODES,
@@ -28,16 +29,8 @@ from seaid.checks.codes import (
     only_joint,
     zeros_in_description,
 )
-from seaid.checks.engine import (
-    Accepted,
-    Alternative,
-    Candidate,
-    ColumnCheck,
-    Equation,
-    Selection,
-    linear_candidate,
-)
 from seaid.checks.experiment import (
+    MOST_STEPS,
     Experiment,
     Transform,
     best_value,
@@ -66,7 +59,7 @@ _ORDERS = {"motor": (1, 2, 3, 4, 6), "joint": (1, 2, 3, 4, 5, 6, 8, 10, 12), "me
 strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
 
 
-def _orders(side: Side, joint: str) -> Iterator[Candidate]:
+def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the cosine and sine of the orders that a drive lacks and the motion covers."""
     if not side.is_motor:
         return
@@ -82,7 +75,7 @@ def _orders(side: Side, joint: str) -> Iterator[Candidate]:
             # less than half a period looks like the spring
             if (name, order) not in known and order * width >= np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
-                yield linear_candidate(joint, name, str(order), columns)
+                yield engine.linear_candidate(joint, name, str(order), columns)
 
 
 def _angles(drive: DriveRows, name: str) -> list[Array]:
@@ -105,7 +98,9 @@ def _harmonic(side: Side, joint: str, name: str, order: int) -> Array | None:
     return None if np.min(sizes) < tol.POOR * np.sqrt(0.5 * len(pair)) else pair
 
 
-def _periodic(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding | None:
+def _periodic(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
     """Return the finding of periodic errors, with their orders as TOML, none of a huge one."""
     drive, estimate = side.robot.drives[joint], side.fitted.estimate
     is_error = joint not in side.gears and not drive.is_nonlinear_spring
@@ -267,9 +262,8 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
             findings.append(_slipped(experiment, j, i, step))
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
-    return findings, experiment.with_changes(
-        motor=motor, counted=counted
-    ) if findings else experiment
+    changed = experiment.with_changes(motor=motor, counted=counted)
+    return findings, changed if findings else experiment
 
 
 def _slipped(experiment: Experiment, j: int, i: int, step: float) -> Finding:
@@ -284,6 +278,20 @@ def _slipped(experiment: Experiment, j: int, i: int, step: float) -> Finding:
         remedy="tighten it and repeat, or read the parts before and after as two logs, in "
         f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]",
     )
+
+
+def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
+    """Yield joints of whose motion much is between the encoders, and no deflection explains it."""
+    for j in _between_encoders(experiment):
+        part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
+        if part > tol.SEVERE:
+            yield CODES["loose-encoder"].wrong(
+                f"the encoders of {joint} show two motions: what is between them is {part:.0%} of "
+                "the motion of the joint, beyond what a torque deflects",
+                joint,
+                evidence={"part between the encoders": part},
+                remedy="plot both positions: one is that of another joint or quantity, or slips",
+            )
 
 
 def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
@@ -380,6 +388,38 @@ def _against_another_link(
     )
 
 
+def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
+    """Yield springs of joints whose drives are given as stiff, of each and of all together."""
+    # a drive without a spring has no motor equation of its own
+    names, stiff = experiment.robot.joint_names, np.isnan(experiment.of_motors)
+    springs = {j: x for j in experiment.used if stiff[j] and (x := _spring(experiment, j))}
+    for joints in dict.fromkeys([*((j,) for j in springs), tuple(springs)]):
+        stiffness, motor = dict[str, float](), experiment.motor.copy()
+        for j in joints:
+            stiffness[names[j]] = springs[j][0]
+            motor[0, :, j] -= springs[j][1]
+        values = (f"{joint} by {k:.3g} N m/rad" for joint, k in stiffness.items())
+        yield Transform(
+            CODES["gear-compliance"],
+            "the encoders move apart in proportion to the torque, as on both sides of a spring "
+            f"({listed(values)}), and the drives are given as stiff",
+            experiment.with_changes(motor=motor),
+            only_joint([*stiffness]),
+            in_drives({(joint,): 'type = "series_elastic"' for joint in stiffness}),
+            evidence={f"stiffness of {joint}": k for joint, k in stiffness.items()},
+            penalty=float(len(joints)),
+        )
+
+
+def _spring(experiment: Experiment, j: int) -> tuple[float, Array] | None:
+    """Return the stiffness between the encoders of joint j, and what deflects its motor (R,)."""
+    # The spring has the torque of the motor but for its friction: k apart = tau - friction.
+    H = np.column_stack([experiment.friction[j], experiment.target[:, j]])
+    x = scaled_svd(H).solve(experiment.apart[:, j])
+    is_shown = experiment.of_encoders[j] > tol.FEW and not experiment.robot.is_prismatic[j]
+    return (1 / float(x[-1]), experiment.lever[j] * (H @ x)) if is_shown and x[-1] > 0 else None
+
+
 def linkages(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios that vary once per turn: theta = N (q + e q + c cos q + s sin q)."""
     robot = experiment.robot
@@ -441,11 +481,11 @@ def _behind_linkage(experiment: Experiment, j: int, mean: float, linkage: AngleR
     )
 
 
-def _late_torque(side: Side, joint: str) -> Iterator[Candidate]:
+def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the slope of a torque: one that is late by d is tau - d tau' to first order."""
     channel = _torque_channel(side, joint)
     if channel:
-        yield linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+        yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
 
 
 def _torque_channel(side: Side, joint: str) -> str:
@@ -509,7 +549,7 @@ _ROUNDING = 1e-3
 """Part of a column that rounding leaves of one that is in the model already."""
 
 
-def _late(side: Side, joint: str, accepted: Sequence[Accepted], share: float) -> Finding:
+def _late(side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float) -> Finding:
     """Return the finding of a torque that is late or early against the positions."""
     (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
     return _late_torques(side, [joint], delay, error, share, abs(delay) - tol.SURE * error)
@@ -538,7 +578,7 @@ def _late_torques(
     )
 
 
-def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
+def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding | None:
     """Return the finding that all motor torques are late by as much, None without it.
 
     Delays of single joints that the rows hardly show add up: the weighted mean has the error of
@@ -563,7 +603,7 @@ def common_delay(selected: Sequence[tuple[Side, Selection]]) -> Finding | None:
     return _late_torques(selected[0][0], list(delays), common, error, explained, abs(common))
 
 
-def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
+def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
     """Return the delay of each motor torque [s], and its standard error, all at once.
 
     They are next to what was accepted but for delays: a torque that is late spoils the bodies, and
@@ -576,12 +616,12 @@ def _delays(side: Side, selection: Selection) -> dict[str, tuple[float, float]]:
     accepted = [x.alternative for x in trials if x.candidate.about.code is not CODES["delay"]]
     columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
-    larger = side.equation.with_alternatives([*accepted, Alternative(late, 0)])
+    larger = side.equation.with_alternatives([*accepted, engine.Alternative(late, 0)])
     values, errors = larger.last(len(joints))
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 
-def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
+def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the torque that the fitted bodies have more where the zero of an encoder is off.
 
     The motors of springs move along, because the spring offset absorbs a constant deflection.
@@ -591,7 +631,9 @@ def _zeros(side: Side, joint: str) -> Iterator[Candidate]:
     if side.robot.has_controllers:  # an offset moves the commands as well: `commands` looks at it
         return
     if not side.robot.is_prismatic[side.robot.index(joint)] and side.swing(joint) > tol.LEAST_SWING:
-        yield linear_candidate(joint, "offset", "joint_position", partial(_turned, side, joint))
+        yield engine.linear_candidate(
+            joint, "offset", "joint_position", partial(_turned, side, joint)
+        )
 
 
 _STEP_RAD = 1e-4
@@ -602,10 +644,6 @@ def _turned(side: Side, joint: str) -> Array:
     """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
     ahead = side.torques_of(side.bodies, joint, _STEP_RAD)
     return (ahead - side.torque_of_bodies) / _STEP_RAD
-
-
-_MOST_STEPS = 8
-"""Steps of the search of an offset, which is far below a radian."""
 
 
 def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
@@ -622,15 +660,15 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
     turned_by = partial(side.torques_of, onto, joint)
     before, ahead = (turned_by(angle=x) for x in (0.0, _STEP_RAD))
     angle, change, derivative = 0.0, np.zeros_like(before), (ahead - before) / _STEP_RAD
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         # (8) at the angle: (H + dH) theta = y - d tau_known. Columns of drives do not change.
         H, y = rows.H.copy(), rows.y - change[:, count]
         H[:, :count] += change[:, :count]
         turned = replace(rows, H=H, y=y)
-        current = Equation(turned, settled_weights(qr_factor_of(turned)))
+        current = engine.Equation(turned, settled_weights(qr_factor_of(turned)))
         # (R, p + 1) @ (p + 1,): the derivative of the torque of all bodies by the angle.
         slope = derivative @ np.append(current.values[:count], 1.0)
-        column = Alternative(slope[:, None], 1)
+        column = engine.Alternative(slope[:, None], 1)
         (correction,), (error,) = current.with_alternatives([column]).last(1)
         angle += float(correction)
         if abs(correction) < tol.POOR * error:
@@ -640,7 +678,7 @@ def _searched_zero(side: Side, joint: str) -> tuple[float, float]:
 
 
 def _zero_is_off(
-    side: Side, joint: str, accepted: Sequence[Accepted], share: float
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
 ) -> Finding | None:
     """Return the finding of a joint whose zero is not that of the robot file.
 
@@ -666,21 +704,21 @@ def _zero_is_off(
 
 
 GEAR_CHECKS = (
-    ColumnCheck(
+    engine.ColumnCheck(
         CODES["transmission-error"],
         _orders,
         _periodic,
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
         "an error of the gear (order {term} of the {field})",
     ),
-    ColumnCheck(
+    engine.ColumnCheck(
         CODES["delay"],
         _late_torque,
         _late,
         "torque and position that are stamped by one clock have no delay",
         "a torque that is late or early",
     ),
-    ColumnCheck(
+    engine.ColumnCheck(
         CODES["encoder-offset"],
         _zeros,
         _zero_is_off,

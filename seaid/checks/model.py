@@ -14,16 +14,9 @@ from itertools import chain, product
 
 import numpy as np
 
+from seaid.checks import engine
 from seaid.checks.codes import CODES, as_note, guarded, joints_of
 from seaid.checks.columns import DRIVE_CHECKS, Side
-from seaid.checks.engine import (
-    Accepted,
-    Candidate,
-    ColumnCheck,
-    Selection,
-    Trial,
-    forward_selection,
-)
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import STRONG
@@ -50,12 +43,12 @@ class SideSelection:
     """
 
     side: Side
-    selection: Selection
-    findings: Mapping[tuple[ColumnCheck[Side], str], Finding]
+    selection: engine.Selection
+    findings: Mapping[tuple[engine.ColumnCheck[Side], str], Finding]
     notes: Sequence[Finding] = ()
 
     @property
-    def doubtful(self) -> set[tuple[ColumnCheck[Side], str]]:
+    def doubtful(self) -> set[tuple[engine.ColumnCheck[Side], str]]:
         """The checks and joints with a finding above a note: a note explains nothing away."""
         return {key for key, finding in self.findings.items() if finding.severity != "note"}
 
@@ -91,7 +84,7 @@ class SideSelection:
         return {(finding.code, finding.joint) for finding in findings}
 
 
-def _with_effect(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
+def _with_effect(side: Side, finding: Finding, accepted: Sequence[engine.Accepted]) -> Finding:
     """Return a finding with the parameter of the fit that its columns change most.
 
     The change is in standard errors of the estimate, and in per cent of the value.
@@ -105,7 +98,7 @@ def _with_effect(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> 
     return replace(finding, evidence={**finding.evidence, **effect})
 
 
-def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> Finding:
+def _with_rivals(side: Side, finding: Finding, accepted: Sequence[engine.Accepted]) -> Finding:
     """Return a finding with the causes that explain as much, and what decides between them.
 
     Lines that only one of the causes supports would mislead. What would be nothing if it were
@@ -128,11 +121,11 @@ def _with_rivals(side: Side, finding: Finding, accepted: Sequence[Accepted]) -> 
     )
 
 
-def _would_be_named(side: Side, trial: Trial) -> bool:
+def _would_be_named(side: Side, trial: engine.Trial) -> bool:
     """Whether a candidate is a finding if it alone is accepted into the equation of the fit."""
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
-    alone = Accepted(trial, *larger.last(alternative.columns.shape[1]))
+    alone = engine.Accepted(trial, *larger.last(alternative.columns.shape[1]))
     finding = candidate.about.finding(side, candidate.joint, [alone], trial.comparison.share)
     return finding is not None
 
@@ -242,9 +235,9 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
     return [_selected(side, *each, asked) for side, each in zip(sides, proposed, strict=True)]
 
 
-def _proposed(side: Side) -> tuple[list[Candidate], list[Finding]]:
+def _proposed(side: Side) -> tuple[list[engine.Candidate], list[Finding]]:
     """Return the candidates of a side, and notes on the checks that raise."""
-    candidates, notes = list[Candidate](), list(side.notes)
+    candidates, notes = list[engine.Candidate](), list(side.notes)
     for check, joint in product(COLUMN_CHECKS, side.joints):
         with guarded(check.code, notes):
             of_check = [replace(x, about=check) for x in check.candidates(side, joint)]
@@ -253,12 +246,12 @@ def _proposed(side: Side) -> tuple[list[Candidate], list[Finding]]:
 
 
 def _selected(
-    side: Side, candidates: Sequence[Candidate], notes: list[Finding], asked: int
+    side: Side, candidates: Sequence[engine.Candidate], notes: list[Finding], asked: int
 ) -> SideSelection:
     """Return what the rows of a side support, without candidates that turn out to be nothing."""
-    selection, findings = Selection((), side.equation, ()), {}
+    selection, findings = engine.Selection((), side.equation, ()), {}
     with guarded(CODES["missing-term"], notes):
-        selection = forward_selection(side.equation, candidates, asked, STRONG)
+        selection = engine.forward_selection(side.equation, candidates, asked, STRONG)
     for joint, check in product(side.joints, COLUMN_CHECKS):
         accepted = [x for x in selection.accepted if x.trial.candidate.origin == (check, joint)]
         if not accepted:

@@ -105,7 +105,7 @@ class _Trial:
         least = float(chdtri(max(transform.penalty, 1), tol.FEW / count)) / 2
         if self.shown > least:
             return remaining < tol.MOST and self.total > 0
-        is_possible = bool(self.falls) or transform.code in _OF_VALUES
+        is_possible = bool(self.falls) or transform.code.name in _OF_VALUES
         is_explained = max(middle, remaining) < tol.SEVERE
         return self.shown + self.bodies > least and is_possible and is_explained
 
@@ -117,7 +117,7 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     only a fall by half counts there. Where nearly nothing is left it is noise, whose likelihood
     shows a value that is off by little.
     """
-    changed, is_value = transform.changed, transform.code in _OF_VALUES
+    changed, is_value = transform.changed, transform.code.name in _OF_VALUES
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
@@ -292,8 +292,8 @@ def _median(values: Array) -> float:
 
 
 _OF_VALUES = (
-    *(CODES["encoder-offset"], CODES["gear-ratio"], CODES["geometry"], CODES["gravity"]),
-    *(CODES["nominal-values"], CODES["payload"], CODES["rotor-inertia"], CODES["torque-scale"]),
+    *("encoder-offset", "gear-compliance", "gear-ratio", "geometry", "gravity"),
+    *("nominal-values", "payload", "rotor-inertia", "torque-scale"),
 )
 """Mistakes that may be small."""
 
@@ -428,7 +428,7 @@ def _torques(experiment: Experiment) -> str:
     return "t" if _is_off(experiment, "sensors", tol.POOR) else "ts"
 
 
-_UNITS = {"mNm": 1e3, "kNm": 1e-3}
+_UNITS = {"mNm": 1e3, "Ncm": 1e2, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
 
@@ -721,6 +721,7 @@ MISTAKES: Possible = {
     _has_encoders_apart: {
         gears.coupled_motors: CODES["coupled-joints"],
         gears.differentials: CODES["coupled-joints"],
+        gears.undeclared_springs: CODES["gear-compliance"],
         gears.linkages: CODES["varying-ratio"],
     },
 }
@@ -828,11 +829,15 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     findings, without = mistakes(with_torques_of(experiment, kept))
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
-    of_file = Observation(CODES["nominal-values"], bodies.file_findings)
-    return [*findings, *beyond, *observed([of_file], without)]
+    return [*findings, *beyond, *observed(_OF_REST, without)]
 
 
 _BEYOND_LIMITS = Observation(CODES["unit"], channels.limit_findings)
+_OF_REST = (
+    Observation(CODES["loose-encoder"], gears.unlike_motions),
+    Observation(CODES["nominal-values"], bodies.file_findings),
+)
+"""What is found next to all mistakes."""
 
 
 def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:

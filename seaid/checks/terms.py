@@ -15,14 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid._files import toml_table
-from seaid.checks.engine import (
-    Alternative,
-    Candidate,
-    ModelComparison,
-    Trial,
-    compared_candidates,
-    equation_of,
-)
+from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, Drive, ParameterName, unit_of
 from seaid.drives.drives import term_fields
 from seaid.drives.regressor import DriveRegressor
@@ -31,13 +24,7 @@ from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
 from seaid.log import Motion
 from seaid.log.rows import in_band_at
-from seaid.regressor import Regression, joint_regressor, motor_regressor
-from seaid.regressor.regression import (
-    actuator_equation,
-    input_signals,
-    known_friction,
-    spring_regressor,
-)
+from seaid.regressor import Regression, joint_regressor, motor_regressor, regression
 from seaid.robot import Robot, torques_at_drives
 
 _DIRECTED = (
@@ -125,7 +112,7 @@ class DriveRows:
 
     def terms(
         self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})
-    ) -> Iterator[Alternative]:
+    ) -> Iterator[engine.Alternative]:
         """Yield a term at each point of its grid; `grids` {parameter: values} replace its own."""
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
@@ -155,7 +142,7 @@ class DriveRows:
         # Columns that replace others are no further parameters, values on a grid are.
         more = len(added) + len(grid)
         for at, H in zip(points, columns, strict=True):
-            yield Alternative(H, more, places, FrozenMapping(at | zero), names)
+            yield engine.Alternative(H, more, places, FrozenMapping(at | zero), names)
 
     def _places(self, names: Sequence[str]) -> tuple[int, ...]:
         """Return the places of parameters of the drive among those of the rows."""
@@ -210,7 +197,7 @@ class DriveRows:
             motion = self.motions[run]
             if is_elastic:
                 regressor = self.regressor(self.robot, self.joint)
-                known = known_friction(self.robot, motion, self.joint, regressor)
+                known = regression.known_friction(self.robot, motion, self.joint, regressor)
             else:
                 known = motion.where_known(index, np.ones(len(motion.time)))
             chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
@@ -254,10 +241,10 @@ def actuator_drive(
     robot: Robot, motions: Sequence[Motion], joint: str, rows: Regression, theta: Array
 ) -> DriveRows:
     """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
-    equations = [actuator_equation(robot, motion, joint) for motion in motions]
+    equations = [regression.actuator_equation(robot, motion, joint) for motion in motions]
     # The other equation is (4b), with the torque of a sensor.
     is_motor = equations[0][0] == motor_regressor(robot, joint)
-    regressor = motor_regressor if is_motor else spring_regressor
+    regressor = motor_regressor if is_motor else regression.spring_regressor
     signals = [by_name for _, by_name in equations]
     factors = {robot.index(joint): 1.0}
     return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
@@ -278,27 +265,24 @@ def load_drive(
     # a joint by C^-T.
     unit, regressor = np.eye(robot.n)[index], motor_regressor
     shares = unit * robot.drives[joint].ratio
-    signals = [input_signals(robot, motion, index) for motion in motions]
+    signals = [regression.input_signals(robot, motion, index) for motion in motions]
     if at_joint:  # of its own states, also where a drive moves several joints
         shares, regressor = torques_at_drives(robot.transmission, unit), joint_regressor
         for by_name, motion in zip(signals, motions, strict=True):
             states = (state[:, index] for state in motion.joint_states)
-            by_name |= dict(zip(_JOINT, states, strict=True))
+            by_name |= dict(zip(("theta_L", "theta_L_dot", "theta_L_ddot"), states, strict=True))
     factors = {place: share for place, share in enumerate(shares.tolist()) if share}
     return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
-
-
-_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 
 def term_candidates(
     drive: DriveRows,
     terms: Iterable[tuple[str, str]],
     grids: Mapping[str, Sequence[float]] = FrozenMapping({}),
-) -> list[Candidate]:
+) -> list[engine.Candidate]:
     """Return terms (field, term) of a drive as candidates."""
     return [
-        Candidate(drive.joint, field, term, partial(drive.terms, field, term, grids))
+        engine.Candidate(drive.joint, field, term, partial(drive.terms, field, term, grids))
         for field, term in terms
     ]
 
@@ -323,16 +307,14 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     turn = max(float(np.ptp(motion.motor_position[:, index])) for motion in motions) / 2
     middle, reach = 0.0, 1.0
     if drive.is_elastic:
-        signals = [actuator_equation(robot, motion, joint)[1] for motion in motions]
-        motor, load = (np.concatenate([x[name] for x in signals]) for name in _ANGLES)
+        signals = [regression.actuator_equation(robot, motion, joint)[1] for motion in motions]
+        angles = ([x[name] for x in signals] for name in ("theta_M", "theta_L"))
+        motor, load = map(np.concatenate, angles)
         # The deflection of (3), r_M / N theta_M - r_L theta_L.
         stretch = drive.motor_radius / drive.ratio * motor - drive.load_radius * load
         low, high = float(np.min(stretch)), float(np.max(stretch))
         middle, reach = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
     return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), middle, reach)
-
-
-_ANGLES = ("theta_M", "theta_L")
 
 
 def duration_s(motions: Sequence[Motion]) -> float:
@@ -360,7 +342,7 @@ class TermComparison:
     field: str
     term: str
     step: int
-    comparison: ModelComparison | None
+    comparison: engine.ModelComparison | None
     reason: str = ""
     selected: bool = False
     values: Mapping[str, float] = FrozenMapping({})
@@ -372,7 +354,9 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported_overall
 
 
-def evidence_of(comparison: ModelComparison, values: Mapping[str, float]) -> dict[str, float]:
+def evidence_of(
+    comparison: engine.ModelComparison, values: Mapping[str, float]
+) -> dict[str, float]:
     """Return the numbers of a comparison at `values` of nonlinear parameters, as evidence."""
     return {
         "explained": comparison.explained,
@@ -415,10 +399,10 @@ def compared_terms(
     `count` is the number of all comparisons, `grids` {nonlinear parameter: values} replace those of
     the search.
     """
-    reason, trials = _NO_COLUMN, list[Trial]()
+    reason, trials = _NO_COLUMN, list[engine.Trial]()
     try:
         candidates = term_candidates(drive, terms, grids)
-        trials = compared_candidates(equation_of(fitted), candidates, count)
+        trials = engine.compared_candidates(engine.equation_of(fitted), candidates, count)
     except IdentificationError as problem:  # too few rows
         reason = str(problem)
     compared = {trial.candidate.name: trial for trial in trials}

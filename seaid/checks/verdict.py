@@ -22,15 +22,8 @@ from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, gu
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
 from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
-from seaid.estimation import Estimate, FittedRows
+from seaid.estimation import Estimate, FittedRows, qr_factor
 from seaid.estimation.covariance import row_step
-from seaid.estimation.qr_factor import (
-    RANK_TOLERANCE,
-    deleted_residual,
-    qr_factor_of,
-    scaled_svd,
-    triangle,
-)
 from seaid.regressor import BaseParameters, Regression
 from seaid.regressor.base import regressor_at_drives
 from seaid.robot import BASE_ROWS
@@ -283,7 +276,7 @@ class RobotFit:
             places = np.searchsorted(self.fit.qr_factor.equations, rows.joint)
             weight = np.asarray(self.fit.weights)[places]
             columns, y = weight[:, None] * rows.H, weight * rows.y
-            deleted = deleted_residual(columns, y, apart, tol.CORRELATED_ROWS)[0]
+            deleted = qr_factor.deleted_residual(columns, y, apart, tol.CORRELATED_ROWS)[0]
             deleted = _beyond_friction(rows, self.fit, deleted / weight)
             others = _bursts(self.joint_names, rows, deleted, tol.BURST, window_s)
             bursts |= {run: x for run, x in others.items() if len(set().union(*x.values())) > 1}
@@ -417,13 +410,13 @@ def _blocks(fit: FittedRows) -> tuple[Array, float]:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
         return np.full(len(rows.y), NAN), float("inf")
-    parts = [qr_factor_of(rows.at(mask)) for mask in masks]
+    parts = [qr_factor.qr_factor_of(rows.at(mask)) for mask in masks]
     factors = [
         part.weighted_factor(fit.weights[np.searchsorted(fit.qr_factor.equations, part.equations)])
         for part in parts
     ]
-    R = triangle(np.concatenate(factors))
-    svd = scaled_svd(R[:, :-1])
+    R = qr_factor.triangle(np.concatenate(factors))
+    svd = qr_factor.scaled_svd(R[:, :-1])
     theta, kept = svd.solve(R[:, -1]), svd.rank()
     # (H^T H)^+ = root root^T: in the coordinates z of theta = root z the columns are orthonormal.
     root = (svd.vectors[:kept] / svd.norms).T / svd.sizes[:kept]
@@ -435,7 +428,7 @@ def _blocks(fit: FittedRows) -> tuple[Array, float]:
         shares, V = safely(np.linalg.eigh, X.T @ X, what="a block of the logs")
         gradient = V.T @ (X.T @ (factor[:, -1] - factor[:, :-1] @ theta))
         variance = shares * (1 - shares)
-        real = variance > RANK_TOLERANCE
+        real = variance > qr_factor.RANK_TOLERANCE
         scores.append(gradient[real] ** 2 / variance[real])
         change = np.where(1 - shares > tol.POOR, gradient / np.maximum(1 - shares, tol.POOR), 0.0)
         targets[mask] = rows.H[mask] @ (theta - root @ (V @ change))
@@ -617,7 +610,7 @@ def _prediction_errors(
     # The mean of h C h^T over the instants, joint by joint.
     variance = np.einsum("rjp,pq,rjq->j", H, estimate.covariance[:p, :p], H) / count
     sizes = np.std(H @ estimate.values[:p], axis=0)
-    moved = np.flatnonzero(sizes > RANK_TOLERANCE * np.max(sizes, initial=0.0)).tolist()
+    moved = np.flatnonzero(sizes > qr_factor.RANK_TOLERANCE * np.max(sizes, initial=0.0)).tolist()
     return {robot.joint_names[j]: float(np.sqrt(variance[j]) / sizes[j]) for j in moved}
 
 

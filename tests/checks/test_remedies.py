@@ -196,6 +196,23 @@ def coupled(columns: Columns) -> Columns:
     }
 
 
+def torque_at_motor(angle: np.ndarray) -> np.ndarray:
+    """Return the torque of rotor and friction at an angle of the motor (T,)."""
+    speed, acceleration = (savgol_filter(angle, 31, 5, order, 1 / RATE_HZ) for order in (1, 2))
+    return np.asarray(ROTOR * acceleration + VISCOUS * speed + COULOMB * np.sign(speed))
+
+
+def sprung(columns: Columns) -> Columns:
+    """Return columns of an arm with springs of 200 and 100 N m/rad behind the last two gears."""
+    found = dict(columns)
+    for joint, stiffness in (("elbow", 200.0), ("wrist", 100.0)):
+        position, torque = f"{joint}.motor_position_rad", f"{joint}.motor_torque_Nm"
+        load = columns[torque] - torque_at_motor(columns[position])
+        found[position] = columns[position] + RATIO * (RATIO * load / stiffness)
+        found[torque] = load + torque_at_motor(found[position])
+    return found
+
+
 IN_DEGREES = "angles of a joint in degrees"
 MISTAKES: dict[str, tuple[str, Change]] = {
     "all angles in degrees": ("unit", of("", POSITIONS, 180 / np.pi)),
@@ -223,6 +240,7 @@ MISTAKES: dict[str, tuple[str, Change]] = {
     "motor encoder with another sign": ("sign", of("elbow", ("motor_position",), -1.0)),
     "motor encoder in counts": ("unit", of("elbow", ("motor_position",), 4096 / (2 * np.pi))),
     "joint encoders in counts": ("unit", of("", ("joint_position",), 2**14 / (2 * np.pi))),
+    "springs that are given as stiff": ("gear-compliance", columns_of(sprung)),
     "motor encoders in joint angles": ("unit", of("", ("motor_position",), 1 / RATIO)),
 }
 """{mistake: its code, and the change of the set-up}"""
@@ -321,10 +339,11 @@ def test_an_encoder_that_measures_against_another_link_is_named() -> None:
     assert "against another link" in finding.message
 
 
-def torque_at_motor(angle: np.ndarray) -> np.ndarray:
-    """Return the torque of rotor and friction at an angle of the motor (T,)."""
-    speed, acceleration = (savgol_filter(angle, 31, 5, order, 1 / RATE_HZ) for order in (1, 2))
-    return np.asarray(ROTOR * acceleration + VISCOUS * speed + COULOMB * np.sign(speed))
+def test_a_column_of_another_joint_is_no_motion_between_encoders() -> None:
+    columns, _ = LOGS["both positions"]()
+    copied = {"elbow.joint_position_rad": columns["wrist.joint_position_rad"]}
+    found = findings(Setup(urdf(), DRIVES, (), (columns | copied,), ({},)))
+    assert ("loose-encoder", "elbow", "wrong") in {(x.code, x.joint, x.severity) for x in found}
 
 
 def test_a_ratio_that_varies_is_none_that_is_constant_and_wrong() -> None:
