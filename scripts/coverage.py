@@ -25,10 +25,10 @@ from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid._progress import track
 from seaid.excitation import BasisName
-from seaid.log.motion import Motion
+from seaid.log import Motion
+from seaid.report import table
 from seaid.report.figures import save_figure
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

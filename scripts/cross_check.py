@@ -22,7 +22,7 @@ import seaid
 from scripts.example_robots import example_urdfs
 from seaid._files import result_folder, write_whole
 from seaid._progress import track
-from seaid.regressor.base import CrossCheck, cross_check
+from seaid.regressor import CrossCheck, cross_check
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 ROUNDED = ("kinova.urdf", "anymal-kinova.urdf", "so100.urdf", "so101.urdf")

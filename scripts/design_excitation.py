@@ -19,11 +19,12 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder
-from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
+from seaid.excitation.criteria import CRITERIA
+from seaid.excitation.limits import margins
 from seaid.regressor.load import load_model
+from seaid.report import table
 from seaid.report.formats import number, percent
-from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -36,7 +37,9 @@ def main(arguments: argparse.Namespace) -> None:
     """Load, plan, print, write."""
     begin = time.perf_counter()
     if not arguments.rate > 0:
-        raise seaid.ExcitationError(f"--rate must be more than zero, found {arguments.rate:g}")
+        raise seaid.errors.ExcitationError(
+            f"--rate must be more than zero, found {arguments.rate:g}"
+        )
     robot = seaid.load_robot(arguments.urdf, arguments.toml, joints=arguments.joints)
     output = result_folder(arguments.output or Path("out/excitation") / robot.name)
     limits = seaid.Limits(**{name: getattr(arguments, name) for name in LIMIT_NAMES})
@@ -59,7 +62,7 @@ def main(arguments: argparse.Namespace) -> None:
     )
     motion = plan.trajectory
     if arguments.ends_in_motion:
-        motion = seaid.add_run_in(motion, robot, limits)
+        motion = seaid.excitation.add_run_in(motion, robot, limits)
 
     print(head(robot, arguments, plan, motion))
     title = f"Expected standard errors, torque noise {arguments.torque_std:g} N m at 1 kHz"

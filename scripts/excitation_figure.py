@@ -9,7 +9,8 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid.errors import SeaidError
-from seaid.excitation import JointLimits, Trajectory
+from seaid.excitation import Trajectory
+from seaid.excitation.limits import JointLimits
 from seaid.report.figures import save_figure
 
 if TYPE_CHECKING:

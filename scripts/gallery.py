@@ -23,9 +23,9 @@ import pinocchio as pin
 
 import seaid
 from seaid._arrays import IndexArray
-from seaid.excitation import joint_limits
+from seaid.excitation.limits import joint_limits
 from seaid.log import in_band, low_pass, row_samples
-from seaid.robot import in_parent_frame
+from seaid.robot.inertia import in_parent_frame
 from seaid.view.picture import rest_posture
 from seaid.view.stage import aim, sphere_around
 

@@ -56,7 +56,7 @@ from seaid._progress import track
 from seaid.checks import CODES
 from seaid.errors import SeaidWarning
 from seaid.regressor import rigid_body_regressor
-from seaid.report.text import table
+from seaid.report import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -22,14 +22,16 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import read_toml
 from seaid.cli.kinds import payload_of
-from seaid.drives import Drive, key_of, unit_of
+from seaid.drives import Drive, unit_of
+from seaid.drives.terms import key_of
 from seaid.errors import RobotError
 from seaid.excitation import Trajectory, make_basis
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.regressor import joint_torques
+from seaid.simulation import Noise
 from seaid.simulation.controller import joint_controller
 from seaid.simulation.plant import plant_of
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 ROOT = Path(__file__).resolve().parents[1]
 DURATION_S, RATE_HZ, KNOT_S = 8.0, 1000.0, 0.4

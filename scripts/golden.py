@@ -41,7 +41,7 @@ from scripts.golden_cases import GROUPS, KNOWN_WRONG, cases
 from scripts.golden_records import Case, KnownWrong, Record, Records, number, of_error
 from seaid._files import write_whole
 from seaid.errors import SeaidError, SeaidWarning
-from seaid.report.text import table
+from seaid.report import table
 
 FORMAT, VERSION = "seaid golden", 1
 WRONG = "known wrong"

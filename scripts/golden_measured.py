@@ -64,7 +64,7 @@ def _gear_ratios(table: Mapping[str, Any]) -> Records:
     records: Records = {}
     for index, joint in enumerate(robot.joint_names):
         turned = behind.motor_position[:, index] / robot.drives[joint].ratio
-        found = seaid.gear_ratio(
+        found = seaid.identification.gear_ratio(
             [log.motor_position[:, index]], [np.interp(log.time, behind.time, turned)]
         )
         records[f"{joint} gear_ratio"] = ["value", found.value, found.standard_error]

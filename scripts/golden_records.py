@@ -212,7 +212,7 @@ def exported(build: Build) -> Records:
             records |= {f"{form}: {key}": record for key, record in parts.items()}
         if found.feasible is not None:
             path = folder / "randomization.json"
-            seaid.write_randomization(found, path, samples=3)
+            seaid.export.write_randomization(found, path, samples=3)
             records["randomization"] = of_file(path)
     return records
 

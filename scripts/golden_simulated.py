@@ -171,7 +171,7 @@ def _two_conditions(specific: tuple[str, ...]) -> Records:
 
 
 def _cutoffs() -> Records:
-    found = seaid.cutoff_sensitivity(_leg(), _log())
+    found = seaid.identification.cutoff_sensitivity(_leg(), _log())
     records = {"proposed": number(found.cutoffs_hz[found.proposed])}
     for hz, values, errors in zip(
         found.cutoffs_hz, found.values, found.standard_errors, strict=True
@@ -192,7 +192,7 @@ def _delays() -> Records:
             delay.delay_s,
             delay.standard_error_s,
         ]
-        for delay in seaid.estimate_delays(_leg(), _log())
+        for delay in seaid.identification.estimate_delays(_leg(), _log())
     }
 
 
@@ -385,7 +385,9 @@ def _calibrated(law: str) -> Records:
         d = np.linspace(-0.16, 0.16, 20_001)
         reading = np.interp(load - 0.3 * direction, 150.0 * d + 2000.0 * d**3, d) + 0.02
         reading = reading + 5e-4 * rng.normal(size=len(load))
-    found = seaid.calibrate_statics(seaid.Statics(load, reading), law=law)  # type: ignore[arg-type]
+    found = seaid.identification.calibrate_statics(
+        seaid.identification.Statics(load, reading), law=law
+    )  # type: ignore[arg-type]
     estimate = found.estimate
     rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
     records = {name: ["value", float(x), float(s)] for name, x, s in rows}

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import seaid
-from seaid.regressor import Sensor
-from seaid.report.text import table
+from seaid.regressor.structural_identifiability import Sensor
+from seaid.report import table
 
 BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
 HEADER = (

@@ -27,7 +27,8 @@ from seaid._files import result_folder
 from seaid.drives import IDEAL_DRIVE, total_ratio
 from seaid.legged.floating import contact_map, floating_regressor
 from seaid.log import BaseLog
-from seaid.report.text import drive_table, load_table, warning_lines
+from seaid.report import warning_lines
+from seaid.report.text import drive_table, load_table
 from seaid.robot import Contact
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

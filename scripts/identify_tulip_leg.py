@@ -25,8 +25,9 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder, write_json
 from seaid._progress import track
-from seaid.excitation import pivoted_base
-from seaid.report.text import drive_table, load_table, validation_table, warning_lines
+from seaid.excitation.criteria import pivoted_base
+from seaid.report import warning_lines
+from seaid.report.text import drive_table, load_table, validation_table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -16,8 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 import seaid
 from seaid._arrays import Array
-from seaid.legged import floating_model
-from seaid.legged.floating import contact_map
+from seaid.legged.floating import contact_map, floating_model
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
 

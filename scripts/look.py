@@ -102,7 +102,7 @@ def write_pages(folder: Path) -> Iterator[Path]:
     plan = leg_plan()
     again = experiment((TEST_MASS,), plan, sensors(9), 9)
     second = seaid.identify(load_leg((TEST_MASS,)).without_nominal(), again, feasible=True)
-    seaid.write_comparison(
+    seaid.report.write_comparison(
         found, second, folder / "leg_comparison.html", names=("Monday", "Friday")
     )
     yield folder / "leg_comparison.html"

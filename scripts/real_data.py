@@ -111,7 +111,7 @@ def packaged(package: str, name: str) -> str:
     try:
         found = files(package) or []
     except PackageNotFoundError:
-        raise seaid.RobotError(
+        raise seaid.errors.RobotError(
             f"'{name}' is a robot of {package}, which is not installed: make dev, or pip install "
             "'.[robots]'"
         ) from None
@@ -138,7 +138,7 @@ def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
         return
     try:
         logs = case.read_logs(robot, data)
-    except seaid.LogError as problem:
+    except seaid.errors.LogError as problem:
         yield Row(
             case.name,
             "refused",
@@ -248,7 +248,7 @@ def gear_rows(case: Case, robot: seaid.Robot, logs: list[seaid.Log], data: Path)
     behind = case.read_logs(robot, data, case.gears)
     for joint in robot.joint_names:
         index, published = robot.index(joint), robot.drives[joint].ratio
-        found = seaid.gear_ratio(
+        found = seaid.identification.gear_ratio(
             [log.motor_position[:, index] for log in logs],
             [
                 np.interp(log.time, other.time, other.motor_position[:, index] / published)
@@ -331,11 +331,11 @@ def servo_of(case: Case, path: Path, robot: seaid.Robot) -> Callable[[float, Arr
     """Return the servo voltages of a log description; goals hold between samples."""
     described = description_for(path, MODELS / "logs" / case.description)
     if described is None or described.time is None or described.time.column is None:
-        raise seaid.LogError(f"'{case.description}' names no time")
+        raise seaid.errors.LogError(f"'{case.description}' names no time")
     servos = [described.joints[joint]["motor_voltage"].servo for joint in robot.joint_names]
     known = [servo for servo in servos if servo is not None]
     if len(known) < robot.n:
-        raise seaid.LogError(f"'{case.description}' has no servo for every joint")
+        raise seaid.errors.LogError(f"'{case.description}' has no servo for every joint")
     names = {name for servo in known for name in servo.columns()} | {described.time.column}
     table = open_table(path).load(sorted(names))
     time = table[described.time.column]

@@ -67,7 +67,7 @@ def columns(path: Path) -> dict[str, Array]:
     for name in table.names:
         try:
             found |= table.load([name])
-        except seaid.LogError:
+        except seaid.errors.LogError:
             print(f"excluded: column '{name}' of {path.name}, which has no numbers")
     return found
 

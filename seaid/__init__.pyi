@@ -1,6 +1,7 @@
 from . import checks as checks
 from . import cli as cli
 from . import drives as drives
+from . import errors as errors
 from . import estimation as estimation
 from . import excitation as excitation
 from . import export as export

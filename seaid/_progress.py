@@ -57,10 +57,10 @@ _LONGEST_VALUE, _LONGEST_LINE, _MOST_ELEMENTS = 80, 300, 3
 
 
 class Display:
-    """Data with a `repr` of one line, which notebooks show by a table of `seaid.report`."""
+    """Data with a `repr` of one line, which notebooks show by a table of `seaid.report.text`."""
 
     table_name: ClassVar[str] = "fields_table"
-    """The function of `seaid.report` that makes the table."""
+    """The function of `seaid.report.text` that makes the table."""
 
     def _in_short(self) -> str:
         """Return what the repr has in brackets: here the fields that differ from their defaults."""
@@ -73,7 +73,7 @@ class Display:
     def _repr_html_(self) -> str:
         from seaid import report
 
-        return str(getattr(report, self.table_name)(self).html)
+        return str(getattr(report.text, self.table_name)(self).html)
 
 
 class Result(Display):
@@ -83,7 +83,7 @@ class Result(Display):
         """Return the result as text that a human reads."""
         from seaid import report
 
-        return str(getattr(report, self.table_name)(self))
+        return str(getattr(report.text, self.table_name)(self))
 
     def __str__(self) -> str:
         return self.summary()

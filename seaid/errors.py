@@ -223,14 +223,14 @@ MADE_BY = {
     "Identification": "seaid.identify(robot, logs)",
     "Validation": "seaid.validate(identification, log)",
     "BaseParameters": "seaid.base_parameters(robot)",
-    "Scene": "seaid.load_scene(urdf, robot)",
+    "Scene": "seaid.excitation.load_scene(urdf, robot)",
     "Payload": "seaid.Payload(link, mass)",
     "Limits": "seaid.Limits(velocity=2.0)",
-    "Stance": 'seaid.Stance(["left_foot", "right_foot"])',
+    "Stance": 'seaid.excitation.Stance(["left_foot", "right_foot"])',
     "Repairs": "seaid.Repairs()",
     "LogDescription": "seaid.describe_log(path, robot).description",
-    "Delay": "seaid.estimate_delays(robot, log)",
-    "FoundContacts": "seaid.find_contacts(robot, log)",
+    "Delay": "seaid.identification.estimate_delays(robot, log)",
+    "FoundContacts": "seaid.legged.find_contacts(robot, log)",
 }
 """{type of an argument: the call that makes one}."""
 

@@ -22,10 +22,10 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.estimation import EstimatorName
-from seaid.log.motion import Motion
+from seaid.estimation.fitting import EstimatorName
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.report.text import table
+from seaid.report import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -118,7 +118,7 @@ def errors(
                 seaid.identify(known, thinned(one, every), estimator=estimator, cutoff_hz=cutoff_hz)
                 for one in (log, opposite)
             ]
-        except seaid.IdentificationError:
+        except seaid.errors.IdentificationError:
             return {}
         results = [errors_of(one, truth) for one in pair]
         for name in results[0]:

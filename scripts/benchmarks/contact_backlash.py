@@ -23,7 +23,7 @@ import seaid
 from scripts.short_form import add_quick, few, sized
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
-from seaid.report.text import table
+from seaid.report import table
 from tests.experiments import wiggle
 from tests.one_joint import one_joint
 

@@ -20,7 +20,7 @@ from seaid.estimation.covariance import (
     left_of_mean,
     long_run,
 )
-from seaid.report.text import table
+from seaid.report import table
 
 JOINTS, EXPERIMENTS, ROWS_PER_PERIOD = 3, sized(300, 2), 4
 METHODS = (

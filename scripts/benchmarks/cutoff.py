@@ -25,11 +25,12 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.log import filtering
-from seaid.log.motion import Motion, reconstruct_motions
-from seaid.report.text import table
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.log import Motion, filtering
+from seaid.log.motion import reconstruct_motions
+from seaid.report import table
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

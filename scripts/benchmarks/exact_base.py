@@ -15,7 +15,7 @@ import seaid
 from scripts.example_robots import example_urdfs
 from scripts.short_form import few, sized
 from seaid.regressor.exact.grouping import Route
-from seaid.report.text import table
+from seaid.report import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PANDA_ARM = [f"panda_joint{number}" for number in range(1, 8)]

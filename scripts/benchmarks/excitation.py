@@ -24,15 +24,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import seaid
 from scripts.example_robots import example_urdf
 from scripts.short_form import add_quick, few, plan, sized
-from seaid.excitation import (
-    CRITERIA,
-    CriterionName,
-    joint_limits,
-    make_basis,
-    motion_space,
-    pivoted_base,
-)
-from seaid.excitation.boundary import EndState
+from seaid.excitation import EndState, make_basis
+from seaid.excitation.boundary import motion_space
+from seaid.excitation.criteria import CRITERIA, CriterionName, pivoted_base
+from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import load_target
 from seaid.excitation.problem import (
     Problem,
@@ -42,7 +37,7 @@ from seaid.excitation.problem import (
     value_and_gradient,
     value_of,
 )
-from seaid.report.text import table
+from seaid.report import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PANDA_ARM = [f"panda_joint{number}" for number in range(1, 8)]

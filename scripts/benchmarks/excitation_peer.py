@@ -25,10 +25,11 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.excitation import joint_limits, pivoted_base
+from seaid.excitation.criteria import pivoted_base
+from seaid.excitation.limits import joint_limits
 from seaid.regressor import joint_torques, rigid_body_regressor
+from seaid.report import table
 from seaid.report.figures import save_figure
-from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -23,14 +23,15 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.excitation import CRITERIA, CriterionName, joint_limits, make_basis, motion_space
-from seaid.excitation.boundary import EndState
-from seaid.excitation.criteria import triangular_factor
+from seaid.excitation import EndState, make_basis
+from seaid.excitation.boundary import motion_space
+from seaid.excitation.criteria import CRITERIA, CriterionName, triangular_factor
 from seaid.excitation.flatness import transmission
+from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import Target, drive_target, stacked_regressor
 from seaid.excitation.problem import make_problem, previous_logs_factor, scaled_target
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

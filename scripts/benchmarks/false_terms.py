@@ -20,8 +20,8 @@ import numpy as np
 
 import seaid
 from seaid._progress import track
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

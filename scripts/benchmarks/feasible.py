@@ -33,14 +33,15 @@ from scripts.benchmarks.random_programs import (
 )
 from scripts.short_form import add_quick, few
 from seaid._arrays import Array
-from seaid.estimation.estimate import Estimate
-from seaid.identification.consistency import FeasibleParameters, feasible_parameters
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters, random_states
+from seaid.estimation import Estimate
+from seaid.identification import FeasibleParameters
+from seaid.identification.consistency import feasible_parameters
+from seaid.regressor import base_parameters, rigid_body_regressor
+from seaid.regressor.base import random_states
 from seaid.regressor.load import LoadModel, load_model
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
-from seaid.robot.inertia import is_physical
+from seaid.robot import is_physical
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 NOISE = 0.05

@@ -37,9 +37,8 @@ from scripts.benchmarks.long_log import (
 from scripts.short_form import add_quick, sized
 from seaid._arrays import Array
 from seaid.estimation.least_squares import ordinary
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters
-from seaid.report.text import table
+from seaid.regressor import base_parameters, rigid_body_regressor
+from seaid.report import table
 
 INSTANTS = sized(300, 30)
 """Samples of a robot whose number of joints grows."""

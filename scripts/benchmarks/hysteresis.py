@@ -19,10 +19,10 @@ import numpy as np
 
 import seaid
 from seaid._progress import track
-from seaid.drives import states
-from seaid.log.motion import Motion
+from seaid.drives.equations import states
+from seaid.log import Motion
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -18,7 +18,7 @@ import numpy as np
 import seaid
 from scripts.identify_tulip_leg import MODELS, TEST_MASS, load_leg
 from scripts.short_form import add_quick, sized
-from seaid.drives import drives_from_mapping
+from seaid.drives.toml import drives_from_mapping
 from seaid.project.first_project import inferred_drives
 from seaid.robot import Robot
 from seaid.simulation import Noise

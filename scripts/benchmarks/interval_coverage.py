@@ -21,9 +21,10 @@ from scipy.signal import lfilter
 import seaid
 from seaid._arrays import Array
 from seaid.log import Log, Motion
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -87,7 +87,7 @@ def main(repeats: int) -> None:
                 times.append([seconds(command, folder) for command in (begin, "seaid run")])
             first, second = np.min(times, axis=0)
             print(f"\n{name}\n  {begin}: {first:.2f} s\n  seaid run: {second:.2f} s")
-            found = seaid.load_run(folder / "runs/latest").identification
+            found = seaid.project.load_run(folder / "runs/latest").identification
             print(f"  verdict: {found.verdict.sentence}")
             (drives,) = folder.glob("*_drives.toml")
             for joint, ratio in ratios(drives).items():

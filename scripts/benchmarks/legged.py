@@ -106,7 +106,7 @@ def intervals(legs: Quadruped, motions: int, draws: int, duration_s: float) -> N
 
 def planned(robot: seaid.Robot, legs: Quadruped, duration_s: float, seed: int) -> Targets:
     """Return an exciting motion in stance of the bodies of the file."""
-    stance = seaid.Stance(legs.feet, posture=HOME.tolist(), friction=0.5, least_load=0.3)
+    stance = seaid.excitation.Stance(legs.feet, posture=HOME.tolist(), friction=0.5, least_load=0.3)
     excitation = seaid.design_excitation(
         robot,
         duration_s,

@@ -13,8 +13,8 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.excitation import joint_limits
-from seaid.report.text import table
+from seaid.excitation.limits import joint_limits
+from seaid.report import table
 
 RATE_HZ, CHUNK = 100_000, 20_000
 KINDS = ("position", "velocity", "acceleration")
@@ -114,7 +114,7 @@ def main() -> None:
             request = random_request(rng, robot, seed)
             try:
                 plan = seaid.design_excitation(robot, **request)
-            except seaid.ExcitationError as problem:
+            except seaid.errors.ExcitationError as problem:
                 refused.append(f"robot {seed}: {problem}")
                 continue
             planned += 1

@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seaid.log.readers.opening import open_table
-from seaid.report.text import table
+from seaid.report import table
 from tests.log.describe.test_inference import (
     ALL,
     DEVELOP,

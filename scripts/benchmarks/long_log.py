@@ -24,17 +24,14 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.short_form import sized, words
 from seaid._arrays import Array
-from seaid.estimation.fitting import estimator_named, fit
+from seaid.estimation import estimator_named, fit
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_of_equations
-from seaid.log.long_log import open_long_log
-from seaid.log.motion import Motion, reconstruct_motion
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import load_model, load_regression
-from seaid.regressor.regression import Regression
-from seaid.report.text import table
+from seaid.log import Motion, open_long_log, reconstruct_motion
+from seaid.regressor import Regression, base_parameters, joint_torques, load_regression
+from seaid.regressor.load import load_model
+from seaid.report import table
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000
 RATIO, ROTOR_KG_M2, STIFFNESS_NM_PER_RAD = 100.0, 1e-4, 2e3

@@ -26,8 +26,8 @@ import seaid
 from scripts.short_form import few, sized, words
 from seaid._arrays import Array
 from seaid.drives.terms import SpringTerm
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 
 RATE_HZ, STEPS, BANDWIDTH = 1000.0, 8, 15.0
 GRAVITY = 9.81

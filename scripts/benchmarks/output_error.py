@@ -23,8 +23,8 @@ from seaid.identification.motor_driven import MotorDriven, runs_of
 from seaid.identification.output_error import MeasuredTorques
 from seaid.identification.refined_parameters import layout_of
 from seaid.log.filtering import decimation
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -28,11 +28,10 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.estimation.least_squares import ordinary
-from seaid.log.motion import Motion
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import load_model, load_regression
-from seaid.report.text import table
+from seaid.log import Motion
+from seaid.regressor import base_parameters, joint_torques, load_regression
+from seaid.regressor.load import load_model
+from seaid.report import table
 
 SAMPLES, RATE_HZ = 10_000, 100.0
 Answer = tuple[Array, dict[str, float]]

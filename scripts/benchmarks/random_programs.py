@@ -26,20 +26,16 @@ from scipy import sparse
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.drives.drives import StiffDrive
+from seaid.drives import StiffDrive
 from seaid.errors import SeaidError
-from seaid.estimation.estimate import Estimate
-from seaid.estimation.feasible import FeasiblePoint, nearest, regularised, with_selected_weight
+from seaid.estimation import Estimate, nearest
+from seaid.estimation.feasible import FeasiblePoint, regularised, with_selected_weight
 from seaid.estimation.sdp import BARRIER, Program, floored_covariance
 from seaid.identification.consistency import body_program, prior_bodies
-from seaid.regressor.base import base_parameters
+from seaid.regressor import base_parameters
 from seaid.regressor.load import LoadModel, load_model
-from seaid.robot.inertia import (
-    from_center_of_mass,
-    from_pseudo_inertia,
-    is_physical,
-    pseudo_inertia,
-)
+from seaid.robot import is_physical
+from seaid.robot.inertia import from_center_of_mass, from_pseudo_inertia, pseudo_inertia
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ROBOTS = ("leg", "stiff leg", "stiff knee", "arm", "UR10", "Panda")

@@ -26,7 +26,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.export import write_randomization
 from seaid.regressor import rigid_body_regressor
-from seaid.robot import from_pseudo_inertia, pseudo_inertia
+from seaid.robot.inertia import from_pseudo_inertia, pseudo_inertia
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

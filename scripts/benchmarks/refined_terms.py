@@ -13,8 +13,8 @@ import numpy as np
 
 import seaid
 from scripts.short_form import words
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from tests.identification.test_refined_terms import CASES, errors, log_of, robot, scores
 
 INSIDE = 1.96

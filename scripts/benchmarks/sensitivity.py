@@ -15,7 +15,7 @@ import numpy as np
 
 import seaid
 from seaid._progress import track
-from seaid.report.text import table
+from seaid.report import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

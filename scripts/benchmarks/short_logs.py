@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

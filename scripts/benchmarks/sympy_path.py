@@ -10,7 +10,7 @@ from pathlib import Path
 
 import sympy as sp
 
-from seaid.report.text import table
+from seaid.report import table
 from seaid.symbolic import equations_of_motion, reduce, separate
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

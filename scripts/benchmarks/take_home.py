@@ -19,7 +19,7 @@ from pathlib import Path
 import seaid
 from scripts.identify_tulip_leg import TEST_MASS, experiment, sensors
 from scripts.short_form import add_quick, leg_plan, sized
-from seaid.report.text import table
+from seaid.report import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 RUNS = sized(3, 1)

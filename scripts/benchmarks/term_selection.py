@@ -18,11 +18,11 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.identification.model_selection import TermSelection
-from seaid.log.motion import Motion
+from seaid.identification import TermSelection
+from seaid.log import Motion
 from seaid.log.reading import Log
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

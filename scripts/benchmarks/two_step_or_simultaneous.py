@@ -19,19 +19,18 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.drives import FrictionTerm, ParameterName
-from seaid.estimation.estimate import Estimate
+from seaid.drives import ParameterName
+from seaid.drives.terms import FrictionTerm
+from seaid.estimation import Estimate
 from seaid.estimation.least_squares import weighted
 from seaid.identification.simultaneous import (
     simultaneous_regression,
 )
-from seaid.log.motion import Motion, reconstruct_motion
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters
+from seaid.log import Motion, reconstruct_motion
+from seaid.regressor import Regression, base_parameters, rigid_body_regressor
 from seaid.regressor.load import offset_sensitivity
-from seaid.regressor.regression import Regression
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -31,8 +31,8 @@ import seaid
 from scripts.short_form import add_quick, few, sized
 from scripts.unseen_robots import PLANTS, Joint, Plant, Run, simulated, write_files
 from seaid._arrays import Array
+from seaid.report import table
 from seaid.report.formats import percent
-from seaid.report.text import table
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
     "default": {},

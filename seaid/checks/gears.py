@@ -40,8 +40,8 @@ from seaid.checks.experiment import (
     with_constant,
 )
 from seaid.checks.terms import DriveRows
-from seaid.drives import IDEAL_DRIVE
-from seaid.drives.angle_ratio import AngleRatio, Ratios
+from seaid.drives import IDEAL_DRIVE, AngleRatio
+from seaid.drives.angle_ratio import Ratios
 from seaid.errors import Finding, listed
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.qr_factor import qr_factor_of, scaled_svd

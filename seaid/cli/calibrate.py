@@ -58,15 +58,14 @@ def calibrate(
         raise typer.BadParameter("a log needs both", param_hint="--urdf, --joint")
     result.check(output, read=(table, *((urdf, drives) if joint is not None else ())))
     if urdf is None or joint is None:
-        statics = seaid.read_statics(table)
+        statics = seaid.identification.read_statics(table)
     else:
         robot = seaid.load_robot(urdf, drives)
         log = seaid.read_log(table, robot)
         statics = seaid.identification.held_poses(robot, log, joint, sensor=sensor)
-    fit = seaid.calibrate_statics(statics, law=law)
-    written(
-        output, ".html", lambda file: seaid.write_calibration(fit, file, name=joint or table.stem)
-    )
+    fit = seaid.identification.calibrate_statics(statics, law=law)
+    name = joint or table.stem
+    written(output, ".html", lambda file: seaid.report.write_calibration(fit, file, name=name))
     content = {
         "law": fit.law,
         "parameters": seaid.export.values_of(fit.estimate),

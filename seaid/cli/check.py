@@ -102,9 +102,9 @@ def _delays(
     """Return the delays in a log, and write the log without those that are significant."""
     if len(logs) > 1:
         raise typer.BadParameter("give one log: its delays are its own", param_hint="--delays")
-    (log,) = logs
-    delays = seaid.estimate_delays(robot, log, largest_s=largest_s, cutoff_hz=cutoff_hz)
-    written(output, ".csv", lambda file: seaid.write_log(seaid.correct_delays(log, delays), file))
+    log, package = logs[0], seaid.identification
+    delays = package.estimate_delays(robot, log, largest_s=largest_s, cutoff_hz=cutoff_hz)
+    written(output, ".csv", lambda file: seaid.write_log(package.correct_delays(log, delays), file))
     content = [{**asdict(delay), "is_significant": delay.is_significant} for delay in delays]
     lines = [str(delay) for delay in delays] or ["no channel is redundant with others of its joint"]
     return "\n".join(lines), {"delays": content}

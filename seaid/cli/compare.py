@@ -61,8 +61,9 @@ def compare(
 def _compare_runs(
     first: Path, second: Path, names: tuple[str, str], output: Path | None
 ) -> tuple[str, seaid.report.Comparison]:
-    fits = seaid.load_run(first).identification, seaid.load_run(second).identification
-    written(output, ".html", lambda file: seaid.write_comparison(*fits, file, names=names))
+    load, save = seaid.project.load_run, seaid.report.write_comparison
+    fits = load(first).identification, load(second).identification
+    written(output, ".html", lambda file: save(*fits, file, names=names))
     return fits[0].robot.name, seaid.report.comparison_of(*fits, names=names)
 
 

@@ -97,13 +97,13 @@ class StanceOptions:
 
     def shape(
         self, posture: float | dict[str, float] | None, robot: seaid.Robot
-    ) -> seaid.Stance | None:
+    ) -> seaid.excitation.Stance | None:
         """Return the stance; None without one."""
         if self.stance is None:
             return None
         every = None if posture is None else by_joint("--posture", posture, robot)
         values = dict(vars(self))
-        return seaid.Stance(values.pop("stance"), posture=every, **values)
+        return seaid.excitation.Stance(values.pop("stance"), posture=every, **values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +231,7 @@ def excite(
     )
     planned = plan.trajectory
     if motion.ends_in_motion or motion.basis == "multisine":
-        planned = seaid.add_run_in(planned, robot, asked)
+        planned = seaid.excitation.add_run_in(planned, robot, asked)
     written(output, ".json", lambda file: planned.save(file))
     written(set_points, ".csv", lambda file: planned.save_set_points(file, rate_hz))
     if of_base is not None and plan.stance is not None:

@@ -96,7 +96,7 @@ def export(
     facts: dict[str, Any] = {"robot": robot.name} if fit is None else judgement_of(fit)
     ranges = None
     if fit is not None and randomization is not None:
-        ranges = seaid.write_randomization(fit, randomization, level=level, samples=samples)
+        ranges = seaid.export.write_randomization(fit, randomization, level=level, samples=samples)
     model = written(
         output,
         suffix,

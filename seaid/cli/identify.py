@@ -112,7 +112,7 @@ def identify(
     if output.suffix == ".npz":
         files = (*options.files, *logs)
         origin = seaid.project.provenance_of(files, recorded, command_line())
-        seaid.save_run(fit, output, provenance=origin)
+        seaid.project.save_run(fit, output, provenance=origin)
     else:
         written(output, ".json", lambda file: seaid.write_parameters(fit, file))
     text = seaid.report.short_text(fit, robot, verbose)
@@ -175,6 +175,7 @@ def _identify_conditions(
 ) -> tuple[Any, ...]:
     """Identify the robot in several conditions, print and write the results; return findings."""
     from seaid._files import write_json
+    from seaid.identification.conditions import CONDITION_SPECIFIC
 
     logs: dict[str, list[Path]] = {}
     for name, log in condition:
@@ -184,11 +185,10 @@ def _identify_conditions(
     check_log_files(every, options.description)
     result.check(output, read=(*options.files, *every))
     robots = {name: _robot_in(options, name, payloads) for name in logs}
-    default = seaid.identification.CONDITION_SPECIFIC
     names = ("torque_joints", "cutoff_hz", "encoder_offset_std")
     fits = seaid.identify_conditions(
         {name: (robot, options.logs(logs[name], robot)) for name, robot in robots.items()},
-        condition_specific=default if specific is None else specific,
+        condition_specific=CONDITION_SPECIFIC if specific is None else specific,
         progress=is_terminal(),
         **{name: getattr(options, name) for name in names},
     )

@@ -252,7 +252,7 @@ def _identifiability_table(cases: dict[str, seaid.regressor.Identifiability]) ->
         counts = (case.body_count, len(case.identifiable), len(case.combinations), ratios)
         rows.append([name, *map(str, counts), str(len(case.unidentifiable))])
         if (base := case.derivatives) is not None:
-            bodies = sum(not seaid.drives.joint_of(name) for name in base.names)
+            bodies = sum(not seaid.drives.ParameterName.of(x).owner for x in base.names)
             pairs = zip(base.expressions, base.names, strict=True)
             alone = sum(expression == name for expression, name in pairs)
             lost = int((~base.grouping.any(axis=0)).sum())

@@ -123,7 +123,7 @@ def payload_of(text: str) -> seaid.Payload:
     return seaid.Payload(link, mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
 
 
-def contacts_of(text: str) -> list[seaid.Contact]:
+def contacts_of(text: str) -> list[seaid.robot.Contact]:
     """Return the contacts of a text: links with commas, and then :x,y,z, :flat and :radius=r."""
     links, *parts = text.split(":")
     properties: dict[str, Any] = {}
@@ -141,7 +141,7 @@ def contacts_of(text: str) -> list[seaid.Contact]:
             f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of "
             "both; contacts of another shape have a --contact of their own"
         ) from None
-    return [seaid.Contact(link, **properties) for link in names_of(links)]
+    return [seaid.robot.Contact(link, **properties) for link in names_of(links)]
 
 
 def text_of(value: Any) -> str:
@@ -163,7 +163,7 @@ def payload_text(payload: seaid.Payload) -> str:
     return ":".join([payload.link, *map(text_of, numbers if any(numbers[2]) else numbers[:2])])
 
 
-def contact_text(contact: seaid.Contact) -> str:
+def contact_text(contact: seaid.robot.Contact) -> str:
     """Return a contact as the command line has it."""
     more = ["flat"] * contact.is_flat
     more += [f"radius={text_of(contact.radius_m)}"] if contact.radius_m else []

@@ -148,7 +148,7 @@ class LogOptions(RobotOptions):
         if not self.find_contacts:
             return logs
 
-        by_log = [seaid.find_contacts(robot, log) for log in logs]
+        by_log = [seaid.legged.find_contacts(robot, log) for log in logs]
         for path, contacts in zip(paths, by_log, strict=True):
             note(f"{path}: contacts found from torques: {contacts._in_short()}")
         return [contacts.log for contacts in by_log]
@@ -185,7 +185,7 @@ class IdentifyOptions(LogOptions):
         options = (option.name for option in fields(IdentifyOptions) if option.name != "urdf")
         if run is None or (is_typed(*options, *names) and not is_typed("run")):
             return None
-        saved_run = seaid.load_run(run)
+        saved_run = seaid.project.load_run(run)
         warn_of_changes(run, saved_run.provenance)
         return saved_run
 

@@ -151,7 +151,7 @@ def _robot_of_run(project: Project, values: Mapping[str, Any]) -> Path | None:
 
     if not is_typed("run") or real_path(values["run"]).is_relative_to(real_path(project.folder)):
         return None
-    return seaid.load_run(values["run"]).identification.robot.urdf
+    return seaid.project.load_run(values["run"]).identification.robot.urdf
 
 
 def _is_same(robot: Path, urdf: Path | str) -> bool:

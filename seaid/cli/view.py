@@ -102,7 +102,7 @@ def _robots(
         return robot, seaid.read_parameters(parameters, robot)
     if run is None or (not is_typed("run") and is_typed("urdf", "drives", "joints")):
         return options.robot(), None
-    saved = seaid.load_run(run)
+    saved = seaid.project.load_run(run)
     warn_of_changes(run, saved.provenance)
     robot = options.robot() if is_typed("urdf") else saved.identification.known
     return robot, saved.identification

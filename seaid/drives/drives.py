@@ -559,7 +559,7 @@ class StiffDrive(_Parameters):
         `seaid.drives.terms`. Their parameters are identified.
     extra_terms : tuple of str
         Further torques [N m] at the motor as text, such as "c*theta_M_dot**3", see
-        `seaid.drives.extra_terms`.
+        `seaid.drives.equations.extra_terms`.
     motor_input : {"torque", "current", "voltage", "position_command", "velocity_command"}
         The logged quantity of the motor.
     controller : Controller, optional

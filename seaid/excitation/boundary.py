@@ -52,7 +52,7 @@ class EndState(Display):
 
     Examples
     --------
-    >>> start = seaid.EndState(position={"hip": 0.0, "knee": 0.5})
+    >>> start = seaid.excitation.EndState(position={"hip": 0.0, "knee": 0.5})
     >>> plan = seaid.design_excitation(robot, 10.0, start=start)
     """
 
@@ -446,7 +446,7 @@ def add_run_in(
     Examples
     --------
     >>> plan = seaid.design_excitation(robot, 10.0, basis="fourier", rest_to_rest=False)
-    >>> motion = seaid.add_run_in(plan.trajectory, robot, periods=5)
+    >>> motion = seaid.excitation.add_run_in(plan.trajectory, robot, periods=5)
     """
     check_joint_names(trajectory, robot)
     if not (periods >= 1 and periods == int(periods)):

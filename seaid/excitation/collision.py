@@ -20,9 +20,8 @@ import pinocchio as pin
 from seaid._arrays import Array, finite
 from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
 from seaid.log.readers.child_process import Answer, ChildError, doing, run_in_child
-from seaid.robot import Robot
-from seaid.robot.robot_file import reread_urdf
-from seaid.robot.urdf import UrdfTree, find_mesh, numbers_of, search_folders
+from seaid.robot import Robot, UrdfTree, reread_urdf
+from seaid.robot.urdf import find_mesh, numbers_of, search_folders
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
 """Processor time of a child: the minimum [s], and the slowest rate of reading [bytes/s]."""

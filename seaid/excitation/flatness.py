@@ -24,7 +24,8 @@ from seaid.drives.functions import (
 )
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States
-from seaid.regressor.base import joint_torques, torque_slopes
+from seaid.regressor import joint_torques
+from seaid.regressor.base import torque_slopes
 from seaid.robot import Robot, at_drives, torques_at_joints
 from seaid.robot.transmission import group_of
 
@@ -194,8 +195,8 @@ def motor_signals(
 ) -> Array:
     """Return theta_M, its speed and acceleration, those of phi, and tau: (7, T, n).
 
-    The order is that of `seaid.drives.SMOOTH_SIGNALS`; `torque` (T, n) is tau. The deflection
-    neglects the damping of a spring.
+    The order is that of `seaid.drives.functions.SMOOTH_SIGNALS`; `torque` (T, n) is tau. The
+    deflection neglects the damping of a spring.
     """
     q, v, a = (at_drives(drives.matrix, state) for state in states)
     first, second = derivative

@@ -50,7 +50,7 @@ class Box(Display):
 
     Examples
     --------
-    >>> table = seaid.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
+    >>> table = seaid.excitation.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
     """
 
     center: Sequence[float] | Array
@@ -135,8 +135,8 @@ def load_scene(
 
     Examples
     --------
-    >>> table = seaid.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
-    >>> scene = seaid.load_scene("leg.urdf", robot, keep_out=[table], clearance_m=0.02)
+    >>> table = seaid.excitation.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
+    >>> scene = seaid.excitation.load_scene("leg.urdf", robot, keep_out=[table], clearance_m=0.02)
     >>> plan = seaid.design_excitation(robot, 10.0, scene=scene)
     """
     if not (np.isfinite(clearance_m) and clearance_m >= 0):

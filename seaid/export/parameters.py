@@ -52,7 +52,7 @@ _FARTHEST_M = 1e9
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
-    from seaid.identification.validation import verdict_with
+    from seaid.identification import verdict_with
     from seaid.legged import whole_body
 
     robot = found.robot

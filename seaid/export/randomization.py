@@ -144,7 +144,7 @@ def write_randomization(
     Examples
     --------
     >>> found = seaid.identify(robot, log, feasible=True)
-    >>> for one in seaid.write_randomization(found, "ranges.json").unidentified:
+    >>> for one in seaid.export.write_randomization(found, "ranges.json").unidentified:
     ...     print(one.name, one.of, one.nominal, one.why)
     """
     path = Path(path)

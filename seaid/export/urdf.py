@@ -23,10 +23,9 @@ from seaid.errors import RobotError, checked, unknown_name
 from seaid.export.joint_actuators import has_plain_gear
 from seaid.export.mjcf_drives import temperature_notes
 from seaid.identification import Identification
-from seaid.robot import Robot, is_physical
+from seaid.robot import Robot, UrdfTree, is_physical, reread_urdf
 from seaid.robot.inertia import SMALLEST_KG, THIN, in_parent_frame, inconsistent_link, out_of_range
-from seaid.robot.robot_file import reread_urdf, urdf_text
-from seaid.robot.urdf import UrdfTree
+from seaid.robot.robot_file import urdf_text
 
 Edit = tuple[int, int, bytes]
 """First byte, byte after the last one, and the replacement."""

@@ -137,8 +137,8 @@ def estimate_delays(
 
     Examples
     --------
-    >>> delays = seaid.estimate_delays(robot, log)
-    >>> log = seaid.correct_delays(log, delays)
+    >>> delays = seaid.identification.estimate_delays(robot, log)
+    >>> log = seaid.identification.correct_delays(log, delays)
     """
     motion = _longest_motion(robot, log, cutoff_hz)
     if cutoff_hz is None:
@@ -184,7 +184,8 @@ def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
 
     Examples
     --------
-    >>> seaid.correct_delays(log, seaid.estimate_delays(robot, log)).report
+    >>> delays = seaid.identification.estimate_delays(robot, log)
+    >>> seaid.identification.correct_delays(log, delays).report
     """
     fields, columns = log.sensors(), log.columns()
     for delay in delays:

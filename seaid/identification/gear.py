@@ -205,7 +205,7 @@ def gear_ratio(
 
     Examples
     --------
-    >>> seaid.gear_ratio(log.motor_position[:, 0], log.joint_position[:, 0]).value
+    >>> seaid.identification.gear_ratio(log.motor_position[:, 0], log.joint_position[:, 0]).value
     """
     pairs = _pairs(motor_angle_rad, output_angle_rad)
     motor = np.concatenate([angle - angle.mean() for angle, _ in pairs])

@@ -490,7 +490,7 @@ def cutoff_sensitivity(
 
     Examples
     --------
-    >>> print(seaid.cutoff_sensitivity(robot, log, [4.0, 8.0, 16.0]))
+    >>> print(seaid.identification.cutoff_sensitivity(robot, log, [4.0, 8.0, 16.0]))
     """
     if "cutoff_hz" in options:
         raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")

@@ -18,12 +18,12 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
+from seaid.checks import TermComparison
 from seaid.checks.columns import backlash, included_term
 from seaid.checks.engine import Trial, best_of, best_trial
 from seaid.checks.model import SideSelection
 from seaid.checks.terms import (
     DriveRows,
-    TermComparison,
     actuator_drive,
     compared_terms,
     duration_s,

@@ -25,7 +25,7 @@ from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
 from seaid.log import Log
 from seaid.log.readers.opening import open_tables
-from seaid.regressor.base import joint_torques
+from seaid.regressor import joint_torques
 from seaid.robot import Robot, at_drives, torques_at_drives
 
 Law = Literal["linear", "cubic"]
@@ -131,7 +131,8 @@ def calibrate_statics(statics: Statics, *, law: Law = "linear") -> StaticCalibra
     Examples
     --------
     >>> loads = np.linspace(-14.7, 14.7, 18)
-    >>> print(seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8)))
+    >>> statics = seaid.identification.Statics(loads, loads / 159.8)
+    >>> print(seaid.identification.calibrate_statics(statics))
     """
     statics = _checked(statics)
     line, cubic = (_estimate(statics, name) for name in ("linear", "cubic"))
@@ -331,7 +332,7 @@ def read_statics(path: str | Path) -> Statics:
     >>> rows = [[load, load / 160.0] for load in range(6)]
     >>> header = "load_Nm,deflection_rad"
     >>> np.savetxt("weights.csv", rows, header=header, delimiter=",", comments="")
-    >>> seaid.calibrate_statics(seaid.read_statics("weights.csv"))
+    >>> seaid.identification.calibrate_statics(seaid.identification.read_statics("weights.csv"))
     """
     try:
         table = open_tables([Path(path)])

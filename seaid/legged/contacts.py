@@ -50,6 +50,7 @@ from seaid.legged.floating import (
 )
 from seaid.legged.load_side import contact_force_columns, contact_force_rows
 from seaid.log import (
+    FOUND_CONTACT,
     Description,
     Log,
     LogDescription,
@@ -63,7 +64,6 @@ from seaid.log.base_log import BaseMotion
 from seaid.log.describe.names import meaning_of
 from seaid.log.filtering import decimation
 from seaid.log.motion import decimated
-from seaid.log.repair import FOUND_CONTACT
 from seaid.log.rows import inside_transients
 from seaid.regressor.load import LoadModel
 from seaid.robot import Contact, Robot, torques_at_joints
@@ -520,7 +520,7 @@ def find_contacts(robot: Robot, log: Log) -> FoundContacts:
 
     Examples
     --------
-    >>> found = seaid.find_contacts(robot, log)
+    >>> found = seaid.legged.find_contacts(robot, log)
     >>> found.certainty
     >>> seaid.identify(robot, found.log)
     """

@@ -18,8 +18,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
-from seaid.robot import BASE_ROWS, Contact, FloatingBase, Robot
-from seaid.robot.floating_base import HANGING
+from seaid.robot import BASE_ROWS, HANGING, Contact, FloatingBase, Robot
 from seaid.robot.inertia import to_pinocchio
 from seaid.robot.pinocchio_model import joints_of, with_free_joint
 from seaid.robot.transmission import rows_at_drives

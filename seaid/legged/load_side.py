@@ -51,8 +51,7 @@ from seaid.regressor.load import (
     unknown_frictions,
 )
 from seaid.regressor.regression import rows_by_pieces
-from seaid.robot import BASE_ROWS, Robot
-from seaid.robot.floating_base import HANGING
+from seaid.robot import BASE_ROWS, HANGING, Robot
 
 _RATES = 16.0
 """Rate over the cutoff at which columns of a floating base are computed: products of three of its

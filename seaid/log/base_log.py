@@ -104,7 +104,7 @@ class BaseLog(Display):
 
         Examples
         --------
-        >>> hanging = replace(log, base=seaid.BaseLog.hanging(robot, len(log.time)))
+        >>> hanging = replace(log, base=seaid.log.BaseLog.hanging(robot, len(log.time)))
         >>> seaid.identify(robot, [hanging, standing])
         """
         base = robot.floating_base
@@ -112,7 +112,7 @@ class BaseLog(Display):
             link = "base" if base is None else base.link
             raise LogError(
                 f"a robot that hangs is held at its base: load it with base='floating' and, among "
-                f"contacts=, seaid.Contact({link!r}, is_flat=True)",
+                f"contacts=, seaid.robot.Contact({link!r}, is_flat=True)",
                 "contacts=",
             )
         return cls(
@@ -462,7 +462,7 @@ def _check_contacts(log: BaseLog, base: FloatingBase) -> None:
             f"the log does not say when {', '.join(silent)} of contacts= touch the ground: add the "
             f"column {contact_columns(silent[0])[0]} (1 on the ground, 0 in the air) or a "
             "measured wrench, in the air all the time 0; or find it from torques and motion: "
-            "seaid.find_contacts(robot, log), --find-contacts",
+            "seaid.legged.find_contacts(robot, log), --find-contacts",
             "contacts=",
         )
 

@@ -239,7 +239,7 @@ class LogDescription(Display):
     --------
     >>> from seaid.log.description import Clock, Source
     >>> source = Source("pos_2", unit="deg")
-    >>> description = seaid.LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
+    >>> description = seaid.log.LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
     >>> print(description.to_toml())
     """
 

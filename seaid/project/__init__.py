@@ -11,8 +11,8 @@ everything else starts without identifying again.
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
 >>> found = seaid.identify(robot, seaid.read_log("run.csv", robot))
->>> seaid.save_run(found, "leg.npz")
->>> seaid.load_run("leg.npz").identification.drives["knee_pitch"].value("stiffness")
+>>> seaid.project.save_run(found, "leg.npz")
+>>> seaid.project.load_run("leg.npz").identification.drives["knee_pitch"].value("stiffness")
 """
 
 import lazy_loader

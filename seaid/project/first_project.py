@@ -25,8 +25,7 @@ from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import LogError, SeaidError, abridged, checked, listed
 from seaid.identification import check
-from seaid.legged import FloatingRobot, load_robot
-from seaid.legged.contacts import with_leg_order
+from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import Description, Log, LogDescription, describe_log, low_pass, read_log
 from seaid.log.describe import logs_of_files
 from seaid.log.description import as_toml

@@ -39,7 +39,7 @@ class ProjectLog:
     repair : bool
         Whether faults are repaired within the usual limits.
     find_contacts : bool
-        Whether contacts without a flag are found (`seaid.find_contacts`).
+        Whether contacts without a flag are found (`seaid.legged.find_contacts`).
     condition : str
         The condition of the robot, such as "cold"; logs of one condition share all parameters.
     between_s : tuple (start, end) or None

@@ -51,9 +51,9 @@ from seaid.identification import (
     identify,
     identify_conditions,
     validate,
+    verdict_with,
 )
 from seaid.identification.conditions import CONDITION_SPECIFIC
-from seaid.identification.validation import verdict_with
 from seaid.log import Log
 from seaid.project.first_project import write_first_project
 from seaid.project.project import Options, Project, check_logs, load_project
@@ -542,7 +542,7 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
 
 def summary_of(run: Run, details: bool = True) -> str:
     """Return an identification and its validations as text, with all tables or the first ones."""
-    from seaid.report.text import short_text
+    from seaid.report import short_text
 
     fit = run.identification
     parts = [str(short_text(fit, fit.nominal or fit.known, details))]

@@ -119,8 +119,8 @@ def save_run(
 
     Examples
     --------
-    >>> seaid.save_run(result, "leg.npz", validations={"other.csv": validation})
-    >>> seaid.load_run("leg.npz").identification.summary()
+    >>> seaid.project.save_run(result, "leg.npz", validations={"other.csv": validation})
+    >>> seaid.project.load_run("leg.npz").identification.summary()
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -172,7 +172,7 @@ def load_run(path: str | Path) -> Run:
 
     Examples
     --------
-    >>> run = seaid.load_run("runs/latest")
+    >>> run = seaid.project.load_run("runs/latest")
     >>> print(run.identification.verdict.sentence)
     """
     path = followed(path)

@@ -1,3 +1,4 @@
+from . import text as text
 from .comparison import Comparison as Comparison
 from .comparison import Difference as Difference
 from .comparison import comparison_of as comparison_of

@@ -248,7 +248,7 @@ def comparison_of_parameters(
 
 def _estimates_of_file(path: Path) -> _Estimates:
     """Return the estimates of a file, whose parameters are taken as uncorrelated."""
-    from seaid.export.parameters import parameters_content
+    from seaid.export import parameters_content
 
     content = parameters_content(path)
     try:

@@ -15,7 +15,7 @@ from seaid._files import write_whole
 from seaid._progress import counted
 from seaid.checks import CODES
 from seaid.errors import SeaidError, checked
-from seaid.export.parameters import content_of
+from seaid.export import content_of
 from seaid.frequency import FrequencyResponse
 from seaid.identification import Identification, StaticCalibration, Validation
 from seaid.identification.validation import compared
@@ -156,7 +156,7 @@ def write_comparison(
     Examples
     --------
     >>> cold, warm = (seaid.identify(robot, log) for log in (cold_log, warm_log))
-    >>> seaid.write_comparison(cold, warm, "comparison.html", names=("cold", "warm"))
+    >>> seaid.report.write_comparison(cold, warm, "comparison.html", names=("cold", "warm"))
     """
     path = _page_path(path)
     result = comparison_of(first, second, names=names)
@@ -202,8 +202,9 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     Examples
     --------
     >>> loads = np.linspace(-14.7, 14.7, 18)
-    >>> found = seaid.calibrate_statics(seaid.Statics(loads, loads / 159.8))
-    >>> seaid.write_calibration(found, "weights.html", name="knee")
+    >>> statics = seaid.identification.Statics(loads, loads / 159.8)
+    >>> found = seaid.identification.calibrate_statics(statics)
+    >>> seaid.report.write_calibration(found, "weights.html", name="knee")
     """
     path = _page_path(path)
     statics, law = found.statics, found.load_at(found.statics.reading)

@@ -21,7 +21,8 @@ from seaid.checks.values import inconsistent_bodies, regression_notes
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import SEVERITIES, Finding, Severity
-from seaid.identification.validation import compared, verdict_with
+from seaid.identification import Fit, Identification, verdict_with
+from seaid.identification.validation import compared
 from seaid.legged import FloatingRobot
 from seaid.log import row_samples
 from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
@@ -29,7 +30,6 @@ from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
-    from seaid.identification import Fit, Identification
     from seaid.report.html_traces import Run
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison

@@ -36,7 +36,7 @@ from seaid.report.formats import (
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
-    from seaid.checks.terms import TermComparison
+    from seaid.checks import TermComparison
     from seaid.estimation import Estimate
     from seaid.excitation import Excitation, ExcitationMeasures
     from seaid.frequency import FrequencyResponse

@@ -20,10 +20,9 @@ import pinocchio as pin
 from seaid._arrays import Array, finite, frozen, safely
 from seaid._progress import MOST_NAMES, counted
 from seaid.errors import RobotError, listed
-from seaid.robot import Robot
-from seaid.robot.inertia import inconsistency, second_moments
-from seaid.robot.robot_file import reread_urdf
-from seaid.robot.urdf import UrdfTree, find_mesh, search_folders
+from seaid.robot import Robot, UrdfTree, inconsistency, reread_urdf
+from seaid.robot.inertia import second_moments
+from seaid.robot.urdf import find_mesh, search_folders
 
 Color = tuple[int, int, int]
 
