@@ -54,92 +54,62 @@ def test_names_and_units_stand_in_pinocchios_order() -> None:
     assert named["Ixz"] == pytest.approx(-2.0 * 0.1 * 0.3)
 
 
-@given(ten)
-def test_pseudo_inertia_and_back_is_the_same(parameters: Array) -> None:
-    pseudo = pseudo_inertia(parameters)
-    assert np.array_equal(pseudo, pseudo.T)
-    np.testing.assert_allclose(from_pseudo_inertia(pseudo), parameters, rtol=0, atol=1e-14 * 40)
-
-
-@given(ten, ten, numbers)
-def test_pseudo_inertia_is_linear(one: Array, other: Array, factor: float) -> None:
-    together = pseudo_inertia(one + factor * other)
-    apart = pseudo_inertia(one) + factor * pseudo_inertia(other)
-    np.testing.assert_allclose(together, apart, rtol=0, atol=1e-11)
-
-
-@given(seeds)
-def test_pseudo_inertia_is_that_of_pinocchio(seed: int) -> None:
+@given(seeds, ten)
+def test_pseudo_inertia_is_that_of_pinocchio_and_leads_back(seed: int, numbers: Array) -> None:
+    """The way back holds for numbers that no body has, too."""
     body, parameters = random_body(seed)
     theirs = pin.PseudoInertia.FromInertia(body).toMatrix()
     np.testing.assert_allclose(pseudo_inertia(parameters), theirs, rtol=1e-12, atol=1e-12)
+    pseudo = pseudo_inertia(numbers)
+    assert np.array_equal(pseudo, pseudo.T)
+    np.testing.assert_allclose(from_pseudo_inertia(pseudo), numbers, rtol=0, atol=1e-14 * 40)
 
 
-@given(seeds)
-def test_change_of_frame_is_that_of_pinocchio(seed: int) -> None:
+@given(seeds, ten)
+def test_change_of_frame_is_that_of_pinocchio_and_leads_back(seed: int, numbers: Array) -> None:
+    """The way back holds for numbers that no body has, too."""
     body, parameters = random_body(seed)
     placement = random_placement(seed)
     theirs = placement.act(body).toDynamicParameters()
-    scale = np.max(np.abs(theirs))
     ours = in_parent_frame(parameters, placement)
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * scale)
-
-
-@given(ten, seeds)
-def test_change_of_frame_and_back_is_the_same_for_impossible_bodies_too(
-    parameters: Array, seed: int
-) -> None:
-    placement = random_placement(seed)
-    there = in_parent_frame(parameters, placement)
-    back = in_parent_frame(there, placement.inverse())
-    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-10)
-
-
-@given(seeds)
-def test_center_of_mass_and_tensor_give_pinocchios_parameters(seed: int) -> None:
-    body, parameters = random_body(seed)
-    ours = from_center_of_mass(body.mass, body.lever, body.inertia)
-    np.testing.assert_allclose(ours, parameters, rtol=0, atol=1e-12 * np.max(np.abs(parameters)))
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.max(np.abs(theirs)))
+    back = in_parent_frame(in_parent_frame(numbers, placement), placement.inverse())
+    np.testing.assert_allclose(back, numbers, rtol=0, atol=1e-10)
 
 
 @given(seeds)
 def test_pinocchios_inertia_has_the_ten_parameters(seed: int) -> None:
-    _, parameters = random_body(seed)
+    """From centre of mass and tensor, into its type, and for a body of nothing."""
+    body, parameters = random_body(seed)
+    scale = np.max(np.abs(parameters))
+    ours = from_center_of_mass(body.mass, body.lever, body.inertia)
+    np.testing.assert_allclose(ours, parameters, rtol=0, atol=1e-12 * scale)
     back = to_pinocchio(parameters).toDynamicParameters()
-    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-12 * np.max(np.abs(parameters)))
-
-
-def test_body_of_nothing_becomes_pinocchios_zero() -> None:
+    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-12 * scale)
     assert to_pinocchio(np.zeros(10)).isApprox(pin.Inertia.Zero())
 
 
 @given(seeds, st.floats(1.001, 3))
 def test_a_body_is_possible_until_a_moment_exceeds_the_other_two(seed: int, excess: float) -> None:
+    """In any frame, and no reason is found against a possible body."""
     body, parameters = random_body(seed)
-    assert is_physical(parameters)
+    assert is_physical(in_parent_frame(parameters, random_placement(seed)))
+    assert inconsistency(parameters) is None
     moments, axes = np.linalg.eigh(body.inertia)
     moments[2] = excess * (moments[0] + moments[1])
     tensor = axes @ np.diag(moments) @ axes.T
     assert not is_physical(from_center_of_mass(body.mass, body.lever, tensor))
 
 
-@given(seeds)
-def test_possible_does_not_depend_on_the_frame(seed: int) -> None:
-    _, parameters = random_body(seed)
-    assert is_physical(in_parent_frame(parameters, random_placement(seed)))
-
-
 def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
+    """What is impossible without its tensor is named."""
     point = from_center_of_mass(2.0, np.array([0.1, -0.4, 0.3]), np.zeros((3, 3)))
     assert is_physical(point)
     assert is_physical(np.zeros(10))
     assert not is_physical(-point)
-
-
-@given(seeds)
-def test_no_reason_is_found_against_a_possible_body(seed: int) -> None:
-    _, parameters = random_body(seed)
-    assert inconsistency(parameters) is None
+    assert inconsistency(np.zeros(10)) is None
+    assert inconsistency(np.eye(10)[4]) == "inertia without mass"
+    assert inconsistency(-np.eye(10)[0]) == "a negative mass, -1 kg"
 
 
 @pytest.mark.parametrize(
@@ -160,9 +130,3 @@ def test_an_impossible_tensor_is_named_wherever_the_body_is(
     body = from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
     found = inconsistency(in_parent_frame(body, random_placement(seed)))
     assert found is None if reason is None else found is not None and reason in found
-
-
-def test_mass_that_no_body_has_is_named() -> None:
-    assert inconsistency(np.zeros(10)) is None
-    assert inconsistency(np.eye(10)[4]) == "inertia without mass"
-    assert inconsistency(-np.eye(10)[0]) == "a negative mass, -1 kg"

@@ -74,21 +74,13 @@ def test_what_is_no_tree_is_refused(tmp_path: Path, change: tuple[str, str], wor
     assert f"'{path}'" in str(caught.value)
 
 
-def test_other_gravity_is_named(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "arm.xml",
-        ARM.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>', 1),
-    )
+def test_other_gravity_is_named_and_a_free_base_is_locked(tmp_path: Path) -> None:
+    """A warning gives the gravity; the joints that are asked for leave the free joint out."""
+    moon = ARM.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>', 1)
     with pytest.warns(SeaidWarning, match=r"gravity of \(0, 0, -1.6\) m/s\^2, which gravity= must"):
-        load_robot(path)
-
-
-def test_a_free_base_is_locked_by_the_names_of_the_joints(tmp_path: Path) -> None:
-    free = ARM.replace(
-        '<geom size=".05" mass="1"/>',
-        '<freejoint name="base_free"/>' + '<geom size=".05" mass="1"/>',
-    )
-    path = write(tmp_path / "arm.xml", free)
+        load_robot(write(tmp_path / "moon.xml", moon))
+    shape = '<geom size=".05" mass="1"/>'
+    path = write(tmp_path / "arm.xml", ARM.replace(shape, f'<freejoint name="base_free"/>{shape}'))
     with pytest.raises(RobotError, match=r"'base_free' is floating; .* joints=\[...\]"):
         load_robot(path)
     assert load_robot(path, joints=["pitch"]).joint_names == ("pitch",)
@@ -105,6 +97,7 @@ def test_without_mujoco_the_package_is_named(
 
 
 def test_the_root_of_a_nominal_model_says_whether_it_has_dynamics(tmp_path: Path) -> None:
+    """Not the ending of its file, and it may be a name of a known robot."""
     body = '<inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>'
     path = write(
         tmp_path / "arm.urdf",
@@ -121,9 +114,6 @@ def test_the_root_of_a_nominal_model_says_whether_it_has_dynamics(tmp_path: Path
         '<dynamics damping="2"/></joint></robot>',
     )
     assert nominal_model(path, robot).drives == robot.drives
-
-
-def test_a_nominal_model_may_be_a_name() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
         robot = load_robot("ur5")

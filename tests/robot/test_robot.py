@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import StiffDrive
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
@@ -176,9 +176,7 @@ HERE = (0.0, 0.0, 0.0)
     ("payload", "words"),
     [
         ((0.0,), "payload on 'foot' must have a mass of more than zero, found 0.0"),
-        ((-2.0,), "payload on 'foot' must have a mass of more than zero, found -2.0"),
         ((np.nan,), "mass of the payload on 'foot' must be finite, found nan"),
-        ((np.inf,), "mass of the payload on 'foot' must be finite, found inf"),
         (("2",), "mass of the payload on 'foot' must be a number, found '2'"),
         ((1e10,), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
         ((1e-320,), "mass of the payload on 'foot' is out of range"),
@@ -251,27 +249,7 @@ def test_gravity_that_is_no_vector_is_refused(tulip_urdf: Path, gravity: tuple[f
         load_robot(tulip_urdf, gravity=gravity)
 
 
-def test_inertia_without_mass_is_refused_and_a_link_without_both_is_not(
-    write_chain: Chain, write_urdf: Callable[[str], Path]
-) -> None:
-    path = write_chain({"a": "revolute", "b": "revolute"}, empty=("a_link",))
-    robot = load_robot(path)
-    assert not np.any(robot.parameters[:10])
-    text = path.read_text().replace("mass value", "mass xvalue")
-    with pytest.raises(RobotError, match="link 'b_link': <mass> has no value"):
-        load_robot(write_urdf(text.split("\n", 1)[1].rsplit("</robot>", 1)[0]))
-
-
 # What is known before an identification, and after
-
-
-def test_drives_are_by_joint_and_ideal_where_none_is_given(tulip_leg: Robot) -> None:
-    assert tulip_leg.elastic_joints == ("hip_pitch", "knee_pitch", "ankle_pitch")
-    assert list(tulip_leg.drives) == list(tulip_leg.joint_names)
-    assert isinstance(tulip_leg.drives["hip_yaw"], StiffDrive)
-    knee = tulip_leg.drives["knee_pitch"]
-    assert isinstance(knee, SeriesElasticDrive)
-    assert knee.stiffness == 59966.0
 
 
 def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path) -> None:
@@ -283,18 +261,13 @@ def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path)
 
 
 def test_robot_is_read_only(tulip_leg: Robot) -> None:
+    """Its arrays, its drives and its fields."""
     with pytest.raises(ValueError, match="read-only"):
         tulip_leg.parameters[0] = 1.0
     with pytest.raises(TypeError):
         tulip_leg.drives["knee_pitch"] = StiffDrive(gear_ratio=1)  # type: ignore[index]
     with pytest.raises(AttributeError):
         tulip_leg.name = "other"  # type: ignore[misc]
-
-
-def test_index_names_the_nearest_joint(tulip_leg: Robot) -> None:
-    assert tulip_leg.index("knee_pitch") == 3
-    with pytest.raises(RobotError, match="tulip_leg: no joint is named 'kneepitch'; did you mean"):
-        tulip_leg.index("kneepitch")
 
 
 def test_nothing_nominal_is_left_before_an_identification(tulip_urdf: Path) -> None:
@@ -338,17 +311,29 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
 # Drives that do not fit
 
 
-def fails_with(path: Path, drives: object, words: str) -> None:
+@pytest.mark.parametrize(
+    ("drives", "words"),
+    [
+        (
+            {"kneepitch": StiffDrive(gear_ratio=1.0)},
+            r"for 'tulip_leg': no joint is named 'kneepitch'; did you mean 'knee_pitch'\? allowed:",
+        ),
+        (
+            {"knee_pitch": StiffDrive(gear_ratio=1.0, extra_terms=("c*",))},
+            r"joint 'knee_pitch': extra term 'c\*' is not an expression",
+        ),
+        ([1], "must be a path or a mapping"),
+        ({"knee_pitch": None}, "must be a table of a drive"),
+    ],
+)
+def test_drives_that_do_not_fit_are_refused(tulip_urdf: Path, drives: Any, words: str) -> None:
+    """The message names the joint, and the nearest name."""
     with pytest.raises(RobotError, match=words):
-        load_robot(path, drives)  # type: ignore[arg-type]
-
-
-def test_drive_of_a_joint_that_the_robot_lacks_offers_the_nearest(tulip_urdf: Path) -> None:
-    words = r"for 'tulip_leg': no joint is named 'kneepitch'; did you mean 'knee_pitch'\? allowed:"
-    fails_with(tulip_urdf, {"kneepitch": StiffDrive(gear_ratio=1.0)}, words)
+        load_robot(tulip_urdf, drives)
 
 
 def test_drive_for_the_other_kind_of_joint_is_refused(write_chain: Chain) -> None:
+    """Ratio and radii of a joint that turns are none of one that slides."""
     path = write_chain({"turn": "revolute", "slide": "prismatic"})
     per_m, per_turn = {"gear_ratio_rad_per_m": 9.0}, {"gear_ratio": 9.0}
     radius, both = {"motor_pulley_radius_m": 0.1}, {"load_pulley_radius_m": 0.1}
@@ -360,20 +345,10 @@ def test_drive_for_the_other_kind_of_joint_is_refused(write_chain: Chain) -> Non
         ("slide", elastic, "is prismatic: its elastic drive has motor_pulley_radius_m"),
         ("slide", elastic | radius | both, "prismatic: .* and no load_pulley_radius_m"),
     ):
-        fails_with(path, {joint: table}, f"joint '{joint}' .*{words}")
+        with pytest.raises(RobotError, match=f"joint '{joint}' .*{words}"):
+            load_robot(path, {joint: table})
     load_robot(path, {"turn": elastic | radius | both, "slide": elastic | radius})
     load_robot(path, {"turn": elastic, "slide": {"type": "stiff", **per_m}})
-
-
-def test_extra_term_that_is_no_expression_names_its_joint(tulip_urdf: Path) -> None:
-    drive = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))
-    words = r"joint 'knee_pitch': extra term 'c\*' is not an expression"
-    fails_with(tulip_urdf, {"knee_pitch": drive}, words)
-
-
-@pytest.mark.parametrize("given", [[1], 3, {"knee_pitch": None}, {"knee_pitch": "stiff"}])
-def test_drives_that_are_no_mapping_of_drives_are_refused(tulip_urdf: Path, given: object) -> None:
-    fails_with(tulip_urdf, given, "must be (a path or a mapping|a table of a drive)")
 
 
 def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> None:
@@ -381,3 +356,5 @@ def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> 
     assert tulip_leg.selected(["knee_pitch", "hip_yaw", "knee_pitch"]) == ("knee_pitch", "hip_yaw")
     assert tulip_leg.selected("knee_pitch") == ("knee_pitch",)
     assert tulip_leg.selected(None) == tulip_leg.joint_names
+    with pytest.raises(RobotError, match="tulip_leg: no joint is named 'kneepitch'; did you mean"):
+        tulip_leg.index("kneepitch")
