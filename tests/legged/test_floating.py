@@ -34,7 +34,7 @@ from seaid.legged.floating import (
 from seaid.legged.load_side import stances_of
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
-from tests.regressor.modular.stances import columns_of_stances
+from tests.regressor.stances import columns_of_stances
 
 DOWN = np.array([0.0, 0.0, -9.81])
 _UNITREE = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

@@ -20,7 +20,7 @@ from seaid.legged.floating import floating_regressor, floating_rows, planar_rota
 from seaid.log import BaseLog
 from seaid.log.filtering import spline_derivatives
 from seaid.robot import Contact, Robot
-from tests.regressor.modular.stances import columns_of_stances
+from tests.regressor.stances import columns_of_stances
 
 FEET = ("front_foot", "hind_foot")
 _BODY = (

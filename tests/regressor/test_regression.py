@@ -13,9 +13,8 @@ from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log.filtering import low_pass
 from seaid.log.motion import Motion
-from seaid.log.rows import in_band, row_samples, standstill
+from seaid.log.rows import row_samples, standstill
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
@@ -75,6 +74,7 @@ def test_what_stands_still_has_no_direction(motion: Motion) -> None:
 
 
 def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) -> None:
+    """Names and units of the columns of (7), too."""
     for joint in ELASTIC:
         rows = actuator_regression(LEG, motion, joint)
         truth = [true_value(LEG, joint, name) for name in rows.names[:3]]
@@ -87,6 +87,7 @@ def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) 
 def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
     motion: Motion, model: LoadModel
 ) -> None:
+    """Names and units of the columns of (8), too."""
     rows = load_regression(LEG, motion, model, true_springs(LEG))
     base = model.base.project(LEG.parameters)
     drives = [true_value(LEG, joint, name) for joint, name, _ in model.drives]
@@ -97,6 +98,7 @@ def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
 
 
 def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadModel) -> None:
+    """By finite differences of the torques of the springs."""
     springs = true_springs(LEG)
     rows = load_regression(LEG, motion, model, springs)
     assert rows.propagated.shape == (len(rows.y), 6)
@@ -110,16 +112,12 @@ def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadMod
 
 
 def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: LoadModel) -> None:
+    """By finite differences of the torques; a yaw does not turn gravity."""
     springs = true_springs(LEG)
-    theta = np.concatenate(
-        [
-            model.base.project(LEG.parameters),
-            [true_value(LEG, joint, name) for joint, name, _ in model.drives],
-        ]
-    )
+    drives = [true_value(LEG, joint, name) for joint, name, _ in model.drives]
+    theta = np.concatenate([model.base.project(LEG.parameters), drives])
     regress = partial(load_regression, LEG, model=model, springs=springs)
     found = offset_sensitivity(LEG, motion, regress, theta)
-    assert found.propagated.shape == (len(found.y), LEG.n)
     rows = np.searchsorted(motion.time, found.time), found.joint.astype(int)
     q, v, a = motion.joint_states
     step = 1e-4
@@ -127,7 +125,7 @@ def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: 
         shift = step * (np.arange(LEG.n) == joint)
         change = joint_torques(LEG, q + shift, v, a) - joint_torques(LEG, q, v, a)
         assert found.propagated[:, joint] == pytest.approx(-change[rows] / step, abs=1e-4)
-    assert np.max(np.abs(found.propagated[:, 0])) < 1e-6  # yaw does not turn gravity
+    assert np.max(np.abs(found.propagated[:, 0])) < 1e-6
     assert np.max(np.abs(found.propagated[:, 2])) > 10.0
 
 
@@ -143,24 +141,14 @@ def test_both_sides_of_a_row_pass_the_same_filter(motion: Motion) -> None:
     assert rows.y == pytest.approx(rows.H @ truth, abs=1e-12)
 
 
-def test_in_band_filters_every_column_alike(motion: Motion) -> None:
-    banded = replace(motion, cutoff_hz=10.0)
-    columns = np.random.default_rng(0).normal(size=(500, 2, 3))
-    found = in_band(banded, columns)
-    assert found.shape == columns.shape
-    assert np.allclose(found[:, 1, 2], low_pass(columns[:, 1, 2:], 1000.0, 10.0)[:, 0])
-
-
 def test_rows_are_decimated_and_the_ends_left_away() -> None:
+    """Rows of a standstill are left out and counted."""
     banded = replace(arm_motion(), cutoff_hz=5.0, transient_s=0.2)
     rows = actuator_regression(arm(), banded, "shoulder")
     assert np.min(rows.time) >= 0.2
     assert np.max(rows.time) <= 5.8
     assert np.min(np.diff(rows.time)) == pytest.approx(0.05)
     assert len(rows.y) + rows.excluded == len(np.arange(200, 5801, 50))
-
-
-def test_standstill_rows_are_left_out_and_counted() -> None:
     motion = arm_motion()
     speed = np.abs(motion.motor_velocity[:, 1])
     still = standstill(motion, 1)
@@ -187,15 +175,11 @@ def test_torques_at_a_reversal_have_no_influence() -> None:
     assert len(rows.y) + rows.excluded == len(row_samples(motion))
 
 
-def test_joint_that_only_rounds_stands_still() -> None:
-    motion = arm_motion()
-    velocity = motion.motor_velocity.copy()
-    velocity[:, 1] = 1e-13 * np.random.default_rng(0).normal(size=len(velocity))
-    assert np.all(standstill(replace(motion, motor_velocity=velocity), 1))
-
-
 def test_instants_beside_a_stop_are_left_out_with_it() -> None:
-    """A row behind the low pass sees the stop next to it; a reversal without a stop is none."""
+    """A row behind the low pass sees the stop next to it; a reversal without a stop is none.
+
+    A joint whose speed is of rounding alone stands still throughout.
+    """
     motion = replace(arm_motion(), cutoff_hz=5.0)
     velocity = np.ones_like(motion.motor_velocity)
     velocity[3000:3200, 1] = 0.0
@@ -203,34 +187,32 @@ def test_instants_beside_a_stop_are_left_out_with_it() -> None:
     still = np.flatnonzero(standstill(replace(motion, motor_velocity=velocity), 1))
     assert 2900 < still[0] < 3000
     assert 3200 < still[-1] < 3300
+    velocity[:, 1] = 1e-13 * np.random.default_rng(0).normal(size=len(velocity))
+    assert np.all(standstill(replace(arm_motion(), motor_velocity=velocity), 1))
 
 
 def test_stacked_keeps_the_runs_apart(motion: Motion) -> None:
-    one = actuator_regression(LEG, motion, "knee_pitch")
-    both = stacked([one, one])
-    assert both.run.tolist() == [0.0] * len(one.y) + [1.0] * len(one.y)
-    assert np.array_equal(both.H, np.vstack([one.H, one.H]))
-    assert both.excluded == 2 * one.excluded
-
-
-def test_stacking_logs_with_other_sensors_is_refused(motion: Motion) -> None:
+    """Logs with other sensors are refused."""
+    rows = actuator_regression(LEG, motion, "knee_pitch")
+    both = stacked([rows, rows])
+    assert both.run.tolist() == [0.0] * len(rows.y) + [1.0] * len(rows.y)
+    assert np.array_equal(both.H, np.vstack([rows.H, rows.H]))
+    assert both.excluded == 2 * rows.excluded
     no_motor = replace(motion, motor_torque=np.full_like(motion.motor_torque, np.nan))
-    pair = [actuator_regression(LEG, one, "knee_pitch") for one in (motion, no_motor)]
-    assert pair[1].names == ("stiffness", "spring_offset")
+    other = actuator_regression(LEG, no_motor, "knee_pitch")
+    assert other.names == ("stiffness", "spring_offset")
     with pytest.raises(LogError, match="the logs must have the same torque sensors"):
-        stacked(pair)
+        stacked([rows, other])
 
 
-def test_missing_torques_are_named(motion: Motion, model: LoadModel) -> None:
+def test_missing_torques_and_springs_are_named(motion: Motion, model: LoadModel) -> None:
+    """The joints of rows that cannot be made."""
     nothing = np.full_like(motion.motor_torque, np.nan)
     blind = replace(motion, motor_torque=nothing, joint_torque=nothing)
     with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):
         actuator_regression(LEG, blind, "knee_pitch")
     with pytest.raises(LogError, match="no torque in the log at hip_yaw, hip_roll; name the other"):
         load_regression(LEG, blind, model, true_springs(LEG))
-
-
-def test_stiff_joint_has_no_spring() -> None:
     with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
         spring_regressor(LEG, "hip_yaw")
 
@@ -268,10 +250,7 @@ def test_a_long_motion_is_evaluated_piece_by_piece(
     robot = arm().with_drives({"shoulder": replace(shoulder, joint_friction=("coulomb",))})
     long = replace(arm_motion(), cutoff_hz=8.0, transient_s=0.125)
     columns = load_model(robot, base_parameters(robot), robot.joint_names)
-    springs = {
-        joint: np.array([true_value(robot, joint, "stiffness"), 0.0])
-        for joint in robot.elastic_joints
-    }
+    springs = true_springs(robot)
     whole = load_regression(robot, long, columns, springs)
     monkeypatch.setattr("seaid.log.rows.PIECE_SAMPLES", most)
     monkeypatch.setattr("seaid.regressor.regression.PIECE_SAMPLES", most)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,10 +19,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.legged import load_robot
-from seaid.regressor import joint_torques, rigid_body_regressor
-from seaid.regressor.base import base_parameters, random_states
-from seaid.regressor.exact.geometry import exact_tree
-from seaid.regressor.exact.program import Value, regressor_program
+from seaid.regressor.base import base_parameters
 from seaid.regressor.structural_identifiability import (
     SENSORS,
     Identifiability,
@@ -33,15 +28,13 @@ from seaid.regressor.structural_identifiability import (
 )
 from seaid.robot.robot import Payload, Robot
 from tests.plants import tree, write_robot
-from tests.regressor.modular.arithmetic import ResidueNumbers
 from tests.regressor.modular.decision import exact_decision
-from tests.regressor.modular.dynamics import PRIME, residue
-from tests.regressor.trees import Joint, joints, robot_of
+from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 from tests.representatives import quick_first
 
 Chain = Callable[..., Path]
+MOTOR_SIDE: tuple[Sensor, Sensor] = ("motor_position", "motor_torque")
 BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
-ARM = Path(__file__).parents[2] / "models" / "philips_arm"
 TREE = Path(__file__).parents[1] / "data" / "mixed_arm.urdf"
 SPRING: dict[str, Any] = {
     "type": "series_elastic",
@@ -80,74 +73,74 @@ def assert_is_exact(found: Identifiability, robot: Robot, conditions: Sequence[R
 
 # One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
 
+CURRENT = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
+NO_ROTOR: dict[str, Any] = {"motor_inertia_kg_m2": None}
+KNOWN_STIFFNESS = {**NO_ROTOR, "known": ["stiffness"]}
+KNOWN_CONSTANT = {
+    **NO_ROTOR,
+    "known": ["torque_constant"],
+    "motor_input": "current",
+    "torque_constant_Nm_per_A": 0.05,
+}
+
 
 @pytest.mark.rounding
 @pytest.mark.parametrize(
-    ("sensors", "alone", "up_to_a_factor"),
+    ("sensors", "options", "alone", "up_to_a_factor"),
     [
-        ((*BOTH, "motor_torque"), EVERYTHING, set()),
-        (("motor_position", "deflection", "motor_torque"), EVERYTHING, set()),
-        (("joint_position", "deflection", "motor_torque"), EVERYTHING, set()),
-        (BOTH, set(), SPRING_OF_A | BODY),
-        ((*BOTH, "joint_torque"), SPRING_OF_A | BODY, set()),
-        (("joint_position", "joint_torque"), BODY, set()),
-        (("deflection", "joint_torque"), SPRING_OF_A, set()),
-        (("motor_position", "motor_torque", "joint_torque"), FRICTION, set()),
-        (("motor_position", "motor_torque"), set(), set()),
-        (("joint_position", "motor_torque"), set(), set()),
-        (("deflection", "motor_torque"), set(), set()),
-        (("motor_torque", "joint_torque"), set(), set()),
-        ((*BOTH, "motor_current"), EVERYTHING | {"torque_constant of a"}, set()),
-        ((*BOTH, "motor_voltage"), EVERYTHING | {"voltage_constant of a"}, set()),
-        ((*BOTH, "motor_current", "motor_torque"), EVERYTHING | {"torque_constant of a"}, set()),
+        ((*BOTH, "motor_torque"), {}, EVERYTHING, set()),
+        (("motor_position", "deflection", "motor_torque"), {}, EVERYTHING, set()),
+        (BOTH, {}, set(), SPRING_OF_A | BODY),
+        (BOTH, {"axis": "0 0 1"}, set(), SPRING_OF_A | {"Izz_a_link"}),
+        (BOTH, {"known_bodies": ["a_link"]}, SPRING_OF_A, set()),
+        ((*BOTH, "joint_torque"), {}, SPRING_OF_A | BODY, set()),
+        (("joint_position", "joint_torque"), {}, BODY, set()),
+        (("deflection", "joint_torque"), {}, SPRING_OF_A, set()),
+        (("motor_position", "motor_torque", "joint_torque"), {}, FRICTION, set()),
+        (("motor_position", "motor_torque"), {}, set(), set()),
+        (("joint_position", "motor_torque"), {}, set(), set()),
+        (("motor_torque", "joint_torque"), {}, set(), set()),
+        ((), {}, set(), set()),
+        ((*BOTH, "motor_current"), {}, EVERYTHING | {"torque_constant of a"}, set()),
+        ((*BOTH, "motor_current"), {"drive": NO_ROTOR}, set(), CURRENT),
+        (
+            (*BOTH, "motor_current"),
+            {"drive": KNOWN_STIFFNESS},
+            CURRENT - {"stiffness of a"},
+            set(),
+        ),
+        (
+            (*BOTH, "motor_current"),
+            {"drive": KNOWN_CONSTANT},
+            CURRENT - {"torque_constant of a"},
+            set(),
+        ),
         (
             (*BOTH, "motor_voltage", "motor_torque"),
+            {},
             EVERYTHING | {"voltage_constant of a", "back_emf_damping of a"},
             set(),
         ),
     ],
 )
 def test_pendulum_by_hand(
-    sensors: tuple[Sensor, ...], alone: set[str], up_to_a_factor: set[str], write_chain: Chain
+    sensors: tuple[Sensor, ...],
+    options: dict[str, Any],
+    alone: set[str],
+    up_to_a_factor: set[str],
+    write_chain: Chain,
 ) -> None:
-    robot = pendulum(write_chain)
+    """What is determined alone, up to a common factor, and not at all."""
+    robot = pendulum(write_chain, **options)
     found = identifiability(robot, sensors)
     assert_is_exact(found, robot)
     assert set(found.identifiable) == alone
     assert {name for group in found.ratios for name in group} == up_to_a_factor
     assert len(found.ratios) == bool(up_to_a_factor)
     assert found.combinations == ()
-    assert set(found.unidentifiable) == set(found.names) - alone - up_to_a_factor
+    unknown = {x for x in found.names if "known_bodies" not in options or x.endswith("of a")}
+    assert set(found.unidentifiable) == unknown - alone - up_to_a_factor
     assert found.rank == len(alone) + max(len(up_to_a_factor) - 1, 0)
-    assert found.agree
-
-
-def test_vertical_pendulum_has_its_inertia_over_its_stiffness(write_chain: Chain) -> None:
-    found = identifiability(pendulum(write_chain, axis="0 0 1"), BOTH)
-    assert set(found.ratios[0]) == SPRING_OF_A | {"Izz_a_link"}
-    assert found.rank == 2
-
-
-def test_current_alone_has_no_scale_unless_the_rotor_inertia_has_it(write_chain: Chain) -> None:
-    robot = pendulum(write_chain, drive={"motor_inertia_kg_m2": None})
-    found = identifiability(robot, (*BOTH, "motor_current"))
-    everything = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
-    assert set(found.ratios[0]) == everything
-    assert found.rank == len(everything) - 1
-    words = found.usable["a"]
-    assert "its motor torque is known only up to the scale of its torque constant" in words
-    assert "its spring torque is known only up to the scale of its stiffness" in words
-
-
-@pytest.mark.parametrize("name", ["stiffness", "torque_constant"])
-def test_one_known_constant_gives_the_scale(name: str, write_chain: Chain) -> None:
-    drive: dict[str, Any] = {"motor_inertia_kg_m2": None, "known": [name]}
-    if name == "torque_constant":
-        drive |= {"motor_input": "current", "torque_constant_Nm_per_A": 0.05}
-    found = identifiability(pendulum(write_chain, drive=drive), (*BOTH, "motor_current"))
-    everything = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
-    assert set(found.identifiable) == everything - {f"{name} of a"}
-    assert found.ratios == ()
 
 
 def test_known_payload_scales_only_beside_a_log_without_it(write_chain: Chain) -> None:
@@ -161,20 +154,21 @@ def test_known_payload_scales_only_beside_a_log_without_it(write_chain: Chain) -
     assert both.ratios == ()
 
 
-def test_known_body_scales_its_spring(write_chain: Chain) -> None:
-    found = identifiability(pendulum(write_chain, known_bodies=["a_link"]), BOTH)
-    assert set(found.identifiable) == SPRING_OF_A
-    assert set(found.unidentifiable) == FRICTION
-
-
 def test_stiff_joint_holds_its_rotor_inertia_with_the_body(write_chain: Chain) -> None:
+    """As gravity does with an extra term of its form."""
+    drive = {"type": "stiff", "gear_ratio": 50.0}
     chain = write_chain({"a": 'continuous <axis xyz="0 1 0"/>'})
-    found = identifiability(load_robot(chain, {"a": {"type": "stiff", "gear_ratio": 50.0}}))
+    found = identifiability(load_robot(chain, {"a": drive}))
     assert found.combinations == ("Iyy_a_link + 2500 motor_inertia of a",)
     assert set(found.identifiable) == FRICTION | {"mx_a_link", "mz_a_link"}
+    drive = drive | {"extra_terms": ["c*cos(theta_L)"]}
+    found = identifiability(load_robot(chain, {"a": drive}))
+    assert found.combinations[0].startswith("mx_a_link")
+    assert found.combinations[0].endswith("c of a")
 
 
 def test_motor_torque_of_one_spring_scales_those_behind_it(write_chain: Chain) -> None:
+    """The other motor's equation cannot be used, and the reason is said."""
     joints = dict.fromkeys("ab", 'continuous <axis xyz="0 1 0"/>')
     robot = load_robot(write_chain(joints), dict.fromkeys("ab", SPRING))
     found = identifiability(robot, {"a": (*BOTH, "motor_torque"), "b": BOTH})
@@ -187,6 +181,7 @@ def test_motor_torque_of_one_spring_scales_those_behind_it(write_chain: Chain) -
 
 
 def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
+    """Nothing but the base joins them."""
     joints = {x: f'continuous base {x}_arm <axis xyz="0 1 0"/>' for x in ("left", "right")}
     robot = load_robot(write_urdf(tree(joints)), dict.fromkeys(joints, SPRING))
     found = identifiability(robot, BOTH)
@@ -197,34 +192,10 @@ def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
 # The TULip leg, METHOD 1
 
 
-@pytest.mark.rounding
-@pytest.mark.parametrize(
-    ("joints", "torques", "count"),
-    [
-        (None, None, 29),
-        (None, ("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
-        (("hip_pitch", "knee_pitch", "ankle_pitch"), None, 9),
-    ],
-)
-def test_tulip_leg_has_its_table(
-    joints: tuple[str, ...] | None, torques: tuple[str, ...] | None, count: int, tulip_urdf: Path
+def test_unknown_position_spoils_all_rows_that_depend_on_it(
+    tulip_leg: Robot, write_chain: Chain
 ) -> None:
-    leg = load_robot(tulip_urdf, tulip_urdf.with_suffix(".toml"), joints=joints)
-    known = torques or leg.joint_names
-    sensors: Any = {name: (*BOTH, *["motor_torque"] * (name in known)) for name in leg.joint_names}
-    found = identifiability(leg, sensors)
-    assert found.body_count == count
-    assert found.rank == count + 4 * 3 + 2 * (len(known) - 3)
-    exact = seaid.symbolic.base_parameters(leg, torque_joints=known)
-    bodies = found.base.grouping[: found.body_count, : 10 * leg.n]
-    assert found.base.columns[:count] == exact.columns
-    np.testing.assert_allclose(bodies, exact.grouping, rtol=1e-9, atol=1e-12)
-    assert found.base.expressions[:count] == exact.expressions
-    assert found.agree
-    assert found.gap > 1e12
-
-
-def test_unknown_position_spoils_all_rows_that_depend_on_it(tulip_leg: Robot) -> None:
+    """Springs of other joints keep their motors' equations, and axes at right angles their rows."""
     full: dict[str, tuple[Sensor, ...]]
     full = dict.fromkeys(tulip_leg.joint_names, (*BOTH, "motor_torque"))
     found = identifiability(tulip_leg, full | {"knee_pitch": ("motor_position", "motor_torque")})
@@ -236,15 +207,11 @@ def test_unknown_position_spoils_all_rows_that_depend_on_it(tulip_leg: Robot) ->
         )
     assert "stiffness of hip_pitch" in found.identifiable
     assert "stiffness of knee_pitch" in found.unidentifiable
-
-
-def test_rows_that_do_not_depend_on_it_stay(write_chain: Chain) -> None:
-    slide = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
     axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-    chain = {name: f'prismatic <axis xyz="{axis}"/>{slide}' for name, axis in axes.items()}
-    robot = load_robot(write_chain(chain))
+    slides = {name: f'prismatic <axis xyz="{axis}"/>{SLIDE}' for name, axis in axes.items()}
     torque: tuple[Sensor, Sensor] = ("joint_position", "motor_torque")
-    found = identifiability(robot, {"x": torque, "y": ("motor_torque",), "z": torque})
+    sensors = {"x": torque, "y": ("motor_torque",), "z": torque}
+    found = identifiability(load_robot(write_chain(slides)), sensors)
     assert found.combinations == ("m_x_link + m_y_link",)
     assert found.identifiable == ("m_z_link",)
 
@@ -283,35 +250,8 @@ DRIVES: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("path", [TREE, ARM.with_suffix(".urdf")])
-def test_torques_modulo_the_prime_are_those_of_the_exact_program(path: Path) -> None:
-    """An independent route: the straight-line program in rationals, at rational states."""
-    robot = load_robot(path)
-    numbers = ResidueNumbers(robot, np.random.default_rng(0))
-    q, turned, v, a = numbers.states(2)
-    Y = numbers.regressor(q, turned, v, a)
-    program, entries = regressor_program(exact_tree(robot))
-    states = dict(zip("csqva", (*turned, q, v, a), strict=True))
-    known = {f"{x}{i}": values[:, i] for x, values in states.items() for i in range(robot.n)}
-
-    def value(terms: Value) -> Any:
-        parts = [
-            residue(Fraction(int(x.p), int(x.q))) * math.prod(known[name] for name in factors)
-            for factors, x in terms.items()
-        ]
-        return sum(parts) % PRIME
-
-    for step, terms in program.steps.items():
-        known[step] = value(terms)
-    expected = np.zeros_like(Y)
-    for (row, column), terms in entries.items():
-        expected[:, row, column] = value(terms)
-    assert np.array_equal(Y, expected)
-    bodies = numbers.random(robot.parameters.size)
-    assert np.array_equal(numbers.torques(q, turned, v, a, bodies), Y @ bodies % PRIME)
-
-
 def test_all_terms_come_along() -> None:
+    """Springs, friction, motors and extra terms of all kinds, on both sides of dead zones."""
     robot = load_robot(TREE, DRIVES)
     found = identifiability(robot)
     assert found.agree
@@ -327,41 +267,8 @@ def test_all_terms_come_along() -> None:
     unscaled = identifiability(robot, (*BOTH, "motor_current"))
     assert [len(group) for group in unscaled.ratios] != []
     assert_is_exact(unscaled, robot)
-
-
-def test_random_instants_are_on_both_sides_of_a_dead_zone() -> None:
-    robot, sensors = load_robot(TREE, DRIVES), (*BOTH, "motor_voltage", "motor_torque")
-    assert [identifiability(robot, sensors, seed=seed).rank for seed in range(3)] == [58] * 3  # type: ignore[arg-type]
-
-
-def test_gravity_and_an_extra_term_of_the_same_form_come_together(write_chain: Chain) -> None:
-    drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": ["c*cos(theta_L)"]}
-    robot = load_robot(write_chain({"a": 'continuous <axis xyz="0 1 0"/>'}), {"a": drive})
-    found = identifiability(robot)
-    assert "-" in found.combinations[0] or "+" in found.combinations[0]
-    assert found.combinations[0].startswith("mx_a_link")
-    assert found.combinations[0].endswith("c of a")
-
-
-EXAMPLES = (
-    *("ur5_robot.urdf", "xarm7.urdf", "talos_left_arm.urdf", "a1.urdf", "tiago_no_hand.urdf"),
-    *("double_pendulum.urdf", "finger_edu.urdf", "hextilt_flying_arm_5.urdf"),
-)
-
-
-@pytest.mark.rounding
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_all_torques_give_the_base_parameters(
-    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_path(name))
-    found = identifiability(robot, ("joint_position", "joint_torque"))
-    exact = seaid.symbolic.base_parameters(robot)
-    assert found.base.columns == exact.columns
-    scale = np.max(np.abs(exact.grouping), axis=1, keepdims=True)
-    assert np.max(np.abs(found.base.grouping - exact.grouping) / scale) < 1e-8
-    assert np.array_equal(found.base.grouping != 0, exact.grouping != 0)
-    assert found.agree
+    sensors: tuple[Sensor, ...] = (*BOTH, "motor_voltage", "motor_torque")
+    assert [identifiability(robot, sensors, seed=seed).rank for seed in range(3)] == [58] * 3
 
 
 SETS: tuple[tuple[Sensor, ...] | None, ...] = (
@@ -398,12 +305,16 @@ def with_springs(path: Path, **options: Any) -> Robot:
 def test_answers_are_those_without_rounding(
     name: str, mimics: bool, example_path: Callable[[str], Path]
 ) -> None:
+    """Robots of several kinds with drives of several kinds, by several sets of sensors."""
     robot = with_springs(example_path(name), independent_mimics=mimics)
     for sensors in SETS:
         assert_is_exact(identifiability(robot, sensors), robot)
+    found, exact = identifiability(robot, SETS[0]), seaid.symbolic.base_parameters(robot)
+    assert found.base.columns[: found.body_count] == exact.columns
 
 
-def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) -> None:
+def test_coupled_drives(write_chain: Chain) -> None:
+    """A sum and a difference of two joints, with all sensors and with some."""
     plain = {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5}
     drives = {
         "b": {**plain, "transmission": {"b": 0.5, "c": 0.5}},
@@ -412,24 +323,18 @@ def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) 
     axes = {"a": "0 0 1", "b": "0 1 0", "c": "1 0 0"}
     chain = write_chain({name: f'continuous <axis xyz="{x}"/>' for name, x in axes.items()})
     robot = load_robot(chain, drives)
-    found = identifiability(robot)
-    assert found.agree
+    some: dict[str, tuple[Sensor, ...]] = {"a": ("joint_position",), "b": MOTOR_SIDE}
+    found, less = (
+        identifiability(robot, sensors)
+        for sensors in (None, some | {"c": ("motor_position", "deflection")})
+    )
+    for answer in (found, less):
+        assert_is_exact(answer, robot)
     assert found.body_count == len(base_parameters(robot).columns)
     assert "stiffness of c" in found.identifiable
-    sensors: dict[str, tuple[Sensor, ...]]
-    sensors = {"a": ("joint_position",), "b": ("motor_position", "motor_torque")}
-    some = identifiability(robot, sensors | {"c": ("motor_position", "deflection")})
-    for answer in (found, some):
-        assert_is_exact(answer, robot)
-    assert some.ratios == ()
+    assert less.ratios == ()
     part = identifiability(robot, dict.fromkeys("ac", BOTH) | {"b": (*BOTH, "motor_torque")})
     assert part.rank >= len(base_parameters(robot, torque_joints=["b"]).columns)
-
-
-def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None:
-    assert identifiability(tulip_leg.without_nominal()).base.expressions == (
-        identifiability(tulip_leg).base.expressions
-    )
 
 
 @pytest.mark.parametrize(
@@ -438,17 +343,12 @@ def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None
 def test_a_rank_without_a_clear_gap_or_that_other_instants_contradict_is_not_sure(
     name: str, value: Any, tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert identifiability(tulip_leg).agree
+    """Nominal values make no difference."""
+    sure = identifiability(tulip_leg.without_nominal())
+    assert sure.agree
+    assert sure.base.expressions == identifiability(tulip_leg).base.expressions
     monkeypatch.setattr(f"seaid.regressor.structural_identifiability.{name}", value)
     assert not identifiability(tulip_leg).agree
-
-
-@pytest.mark.rounding
-def test_another_seed_gives_the_same_answer(load_quietly: Callable[..., Robot]) -> None:
-    robot = load_quietly(TREE, TREE.with_suffix(".toml"))
-    first, second = (identifiability(robot, BOTH, seed=seed) for seed in (0, 1))
-    assert first.ratios == second.ratios
-    assert first.base.columns == second.base.columns
 
 
 sensor_sets = st.frozensets(st.sampled_from(SENSORS))
@@ -496,39 +396,11 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
     assert full.body_count == len(base_parameters(robot).columns)
 
 
-# By solving: a pendulum with analytic motion, columns and noise-free signals written here
-
-
-@pytest.mark.rounding
-def test_null_space_of_an_arm_on_springs_without_torques() -> None:
-    """The nominal arm by inverse dynamics: all of (8) at once is told but for one factor."""
-    robot = load_robot(ARM.with_suffix(".urdf"), ARM.with_name("philips_arm_elastic.toml"))
-    base = base_parameters(robot)
-    states = random_states(robot, seed=5)
-    torques, Y = joint_torques(robot, *states), base.reduce(rigid_body_regressor(robot, *states))
-    n, count = robot.n, len(torques)
-    springs = [robot.drives[joint].values["stiffness"] for joint in robot.joint_names]
-    H = np.zeros((count, n, 2 * n + len(base.columns)))
-    for i in range(n):
-        H[:, i, i], H[:, i, n + i] = torques[:, i] / springs[i], 1.0
-    H[:, :, 2 * n :] = -Y
-    flat = H.reshape(count * n, -1)
-    scale = np.linalg.norm(flat, axis=0)
-    _, sizes, directions = np.linalg.svd(flat / scale, full_matrices=False)
-    assert sizes[-2] > 1e-6 * sizes[0]
-    assert sizes[-1] < 1e-12 * sizes[0]
-    factor = directions[-1] / scale
-    true = np.concatenate([springs, np.zeros(n), base.project(robot.parameters)])
-    np.testing.assert_allclose(factor / factor[0], true / true[0], rtol=1e-6, atol=1e-9)
-    found = identifiability(robot, BOTH)
-    assert [len(group) for group in found.ratios] == [flat.shape[1]]
-    assert found.rank == flat.shape[1] - 1
-
-
 # Words
 
 
 def test_table_says_all_of_it(write_chain: Chain) -> None:
+    """Counts, factors, equations that cannot be used, and the agreement of both ranks."""
     text = str(identifiability(pendulum(write_chain), BOTH))
     assert "14 parameters, of which the sensors determine 4 combinations" in text
     assert "Up to scale: 5" in text
@@ -536,38 +408,41 @@ def test_table_says_all_of_it(write_chain: Chain) -> None:
     assert "Unidentifiable: 9" in text
     assert "agree" in text
     assert max(map(len, text.splitlines())) <= 100
+    assert "no sensor" in identifiability(pendulum(write_chain), ()).summary()
+    no_rotor = pendulum(write_chain, drive={"motor_inertia_kg_m2": None})
+    words = identifiability(no_rotor, (*BOTH, "motor_current")).usable["a"]
+    assert "its motor torque is known only up to the scale of its torque constant" in words
+    assert "its spring torque is known only up to the scale of its stiffness" in words
 
 
-def test_no_sensor_tells_nothing(tulip_leg: Robot) -> None:
-    found = identifiability(tulip_leg, ())
-    assert found.rank == 0
-    assert found.base.columns == ()
-    assert found.unidentifiable == found.names
-    assert "no sensor" in found.summary()
+@pytest.mark.parametrize(
+    ("sensors", "words"),
+    [
+        (("motor_torqe",), r"'hip_yaw'.* 'motor_torqe'; did you mean 'motor_torque'"),
+        ({"knee_pitc": BOTH}, r"'knee_pitc'; did you mean 'knee_pitch'"),
+        ("deflection", r"must be a list of names or a .* text 'deflection'"),
+    ],
+)
+def test_unknown_names_are_refused_with_the_nearest(
+    sensors: Any, words: str, tulip_leg: Robot
+) -> None:
+    """Names of sensors and of joints."""
+    with pytest.raises(RobotError, match=words):
+        identifiability(tulip_leg, sensors)
 
 
-def test_unknown_names_are_refused_with_the_nearest(tulip_leg: Robot, write_chain: Chain) -> None:
-    with pytest.raises(RobotError, match=r"'hip_yaw'.* 'motor_torqe'; did you mean 'motor_torque'"):
-        identifiability(tulip_leg, ("motor_torqe",))  # type: ignore[arg-type]
-    with pytest.raises(RobotError, match=r"'knee_pitc'; did you mean 'knee_pitch'"):
-        identifiability(tulip_leg, {"knee_pitc": BOTH})
-    with pytest.raises(RobotError, match=r"must be a list of names or a .* text 'deflection'"):
-        identifiability(tulip_leg, "deflection")  # type: ignore[arg-type]
+def test_conditions_of_another_robot_are_refused(tulip_leg: Robot, write_chain: Chain) -> None:
+    """Conditions differ by their payloads alone."""
     with pytest.raises(RobotError, match="the same robot with other payloads"):
         identifiability(tulip_leg, conditions=[pendulum(write_chain)])
 
 
-def script(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run scripts/identifiability.py on the leg."""
-    root = Path(__file__).parents[2]
-    leg = ("scripts/identifiability.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
-    command = [sys.executable, *leg, *arguments]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-
-
 @pytest.mark.slow  # a script for many choices
 def test_script_compares_choices_of_sensors() -> None:
-    done = script()
+    """Its table has the counts of METHOD 1 for the leg."""
+    leg = ("scripts/identifiability.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
+    command, root = [sys.executable, *leg], Path(__file__).parents[2]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     cells = [line.strip().split("  ") for line in done.stdout.splitlines()]
     counts = {line[0]: [cell.strip() for cell in line[1:] if cell] for line in cells}
@@ -577,7 +452,6 @@ def test_script_compares_choices_of_sensors() -> None:
 
 # What motor angle and motor torque determine with their derivatives, against simulations
 
-MOTOR_SIDE: tuple[Sensor, ...] = ("motor_position", "motor_torque")
 RATIO = 50.0
 PENDULUM = {"Iyy": 0.09, "mx": 0.24, "mz": -0.1}
 DRIVE = {"viscous": 3e-4, "inertia": 4e-5, "stiffness": 60.0, "offset": 1.5}
@@ -651,26 +525,20 @@ def test_the_count_is_that_of_simulated_motor_angles(
     assert "By derivatives of motor angle and motor torque" in str(found.summary())
 
 
-def test_the_leg_joints_sensed_by_motor_onlys() -> None:
+def test_motor_sides_alone_determine_all_of_the_leg_but_one_combination() -> None:
+    """The offset of the ankle's spring turns the foot; the other joints may have any sensors."""
     leg = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
     by_regression = seaid.identifiability(leg)
     found = seaid.identifiability(leg, MOTOR_SIDE)
     assert found.derivatives is not None
     assert by_regression.derivatives is None
-    # all but one: the offset of the ankle's spring turns the foot
     assert len(found.derivatives.columns) == by_regression.rank - 1 == 44
     assert found.derivatives.gap > 1e6
-    expressions = found.derivatives.expressions
-    for joint in leg.elastic_joints:
-        assert f"stiffness of {joint}" in expressions
-
-
-def test_the_other_joints_may_have_any_sensors() -> None:
-    leg = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    assert {f"stiffness of {x}" for x in leg.elastic_joints} <= {*found.derivatives.expressions}
     both: tuple[Sensor, ...] = (*MOTOR_SIDE, "joint_position")
     sensors = {joint: MOTOR_SIDE if joint == "knee_pitch" else both for joint in leg.joint_names}
-    found = seaid.identifiability(leg, sensors)
-    assert found.derivatives is not None
-    assert len(found.derivatives.columns) == 45
+    derivatives = seaid.identifiability(leg, sensors).derivatives
+    assert derivatives is not None
+    assert len(derivatives.columns) == 45
     sensors["hip_yaw"] = ("motor_torque",)
     assert seaid.identifiability(leg, sensors).derivatives is None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from math import lcm
 from typing import Any
 
@@ -20,14 +20,11 @@ from flint import nmod_mat
 from numpy.typing import NDArray
 
 from seaid.regressor.exact.geometry import exact_number, exact_tree
+from seaid.regressor.exact.program import Value, regressor_program
 from seaid.robot import Robot
-from tests.regressor.modular.dynamics import (
-    PRIME,
-    ModularDynamics,
-    Words,
-    modular_dynamics,
-    residue,
-)
+
+PRIME = 2**29 - 3
+"""Sums of up to 32 products are below 2^63."""
 
 Known = dict[sp.Expr, Any]
 """{symbol or function: its values}, each a number or (T,)."""
@@ -36,7 +33,39 @@ Known = dict[sp.Expr, Any]
 Residues = NDArray[np.object_]
 """Integers from 0 to PRIME - 1."""
 
+States = tuple[Residues, tuple[Residues, Residues], Residues, Residues]
+"""q, cosine and sine of all bodies' angles, v and a."""
+
 _inverse = np.frompyfunc(lambda x: pow(x, -1, PRIME), 1, 1)
+
+_Terms = list[tuple[int, tuple[str, ...]]]
+
+
+def residue(value: Fraction) -> int:
+    """Return a rational modulo PRIME."""
+    return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
+
+
+@cache
+def _program_of(robot: Robot) -> tuple[dict[str, _Terms], dict[tuple[int, int], _Terms]]:
+    """Return steps and elements of the exact regressor of all bodies, coefficients as residues."""
+
+    def terms(value: Value) -> _Terms:
+        return [(residue(Fraction(int(x.p), int(x.q))), names) for names, x in value.items()]
+
+    program, entries = regressor_program(exact_tree(robot))
+    steps = {name: terms(value) for name, value in program.steps.items()}
+    return steps, {place: terms(value) for place, value in entries.items()}
+
+
+def _sum_of(terms: _Terms, known: dict[str, Any]) -> Any:
+    total: Any = 0
+    for coefficient, names in terms:
+        product: Any = coefficient
+        for name in names:
+            product = product * known[name] % PRIME
+        total = total + product
+    return total % PRIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +79,6 @@ class ResidueNumbers:
     robot: Robot
     rng: np.random.Generator
 
-    @cached_property
-    def _dynamics(self) -> ModularDynamics:
-        return modular_dynamics(exact_tree(self.robot))
-
     def depends(self) -> NDArray[np.bool_]:
         """Return whether each torque (n,) depends on the motion of each joint (n,).
 
@@ -64,8 +89,7 @@ class ResidueNumbers:
         # Row 0 has the first motion throughout; in row 1 + k joint k has the second one.
         changed = np.vstack([np.zeros(len(leaders), dtype=bool), np.arange(n)[:, None] == leaders])
         states = [np.where(changed, new, old) for old, new in zip(first, second, strict=True)]
-        bodies = self.random(10 * len(leaders)).astype(np.int64)
-        torques = self.on_leaders(self._dynamics.torques(states, bodies))
+        torques = self._regressor(states) @ self.random(10 * len(leaders)) % PRIME
         return np.asarray((torques[1:] != torques[0]).T)
 
     @cached_property
@@ -92,11 +116,7 @@ class ResidueNumbers:
         """Return random numbers, none of them zero."""
         return self.rng.integers(1, PRIME, shape).astype(object)
 
-    def signal(self, count: int) -> Residues:
-        """Return random values of a signal."""
-        return self.random(count)
-
-    def states(self, count: int) -> tuple[Residues, tuple[Residues, Residues], Residues, Residues]:
+    def states(self, count: int) -> States:
         """Return random q, cosine and sine of all bodies' angles, v and a, of `count` instants.
 
         Cosine and sine are independent of q, because no polynomial relation links them. Those of
@@ -113,38 +133,35 @@ class ResidueNumbers:
             turned[:, :, body] = _turned(cosine[:, leader], sine[:, leader], turns)
         return q, (turned[0], turned[1]), v, a
 
-    def regressor(
-        self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
-    ) -> Residues:
+    def regressor(self, state: States) -> Residues:
         """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
-        return self.on_leaders(self._dynamics.regressor(self.of_bodies(q, turned, v, a)))
+        return self._regressor(self.of_bodies(*state))
 
-    def torques(
-        self,
-        q: Residues,
-        turned: tuple[Residues, Residues],
-        v: Residues,
-        a: Residues,
-        bodies: Residues,
-    ) -> Residues:
+    def torques(self, state: States, bodies: Residues) -> Residues:
         """Return `regressor` @ bodies, (T, n)."""
-        states = self.of_bodies(q, turned, v, a)
-        return self.on_leaders(self._dynamics.torques(states, bodies.astype(np.int64)))
+        return np.asarray(self.regressor(state) @ bodies % PRIME)
 
     def of_bodies(
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
-    ) -> list[Words]:
+    ) -> list[Residues]:
         """Return the states (T, b) of the joints of all bodies: q, cosine, sine, v and a."""
         factors = np.array([residue(x) for x in self._multipliers], dtype=object)
         q, v, a = (x[:, self._leaders] * factors % PRIME for x in (q, v, a))
-        return [x.astype(np.int64) for x in (q, *turned, v, a)]
+        return [q, *turned, v, a]
 
-    def on_leaders(self, torques: Words) -> Residues:
-        """Return the torques (T, n, ...) of the independent joints: tau = E^T tau_all."""
-        sums = torques[:, : self.robot.n].astype(object)
-        for body in range(self.robot.n, len(self._leaders)):
-            share = torques[:, body].astype(object) * residue(self._multipliers[body])
-            sums[:, self._leaders[body]] += share
+    def _regressor(self, states: list[Residues]) -> Residues:
+        """Return the regressor at states of all bodies, on the leaders: tau = E^T tau_all."""
+        steps, entries = _program_of(self.robot)
+        words = zip("qcsva", (x.astype(np.int64) for x in states), strict=True)
+        bodies = range(len(self._leaders))
+        known: dict[str, Any] = {f"{x}{b}": values[:, b] for x, values in words for b in bodies}
+        for name, terms in steps.items():
+            known[name] = _sum_of(terms, known)
+        shape = len(states[0]), self.robot.n, 10 * len(self._leaders)
+        sums = np.zeros(shape, dtype=object)
+        for (body, column), terms in entries.items():
+            share = residue(self._multipliers[body]) * _sum_of(terms, known)
+            sums[:, self._leaders[body], column] += share
         return np.asarray(sums % PRIME)
 
     def product(self, A: Residues, B: Residues) -> Residues:
@@ -163,11 +180,7 @@ class ResidueNumbers:
 
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
-        return above * _inverse(self.reduced(below)) % PRIME
-
-    def reduced(self, values: Any) -> Any:
-        """Return sums and products modulo the prime."""
-        return values % PRIME
+        return above * _inverse(below % PRIME) % PRIME
 
     def value(self, expression: sp.Expr, known: dict[sp.Expr, Any]) -> Any:
         """Return an expression of known symbols; the functions in it are added to `known`."""

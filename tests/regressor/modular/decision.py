@@ -30,7 +30,14 @@ from seaid.regressor.sensor_equations import (
     system_of,
 )
 from seaid.robot import Robot
-from tests.regressor.modular.arithmetic import Known, ResidueNumbers, Residues, echelon
+from tests.regressor.modular.arithmetic import (
+    PRIME,
+    Known,
+    ResidueNumbers,
+    Residues,
+    States,
+    echelon,
+)
 
 _STATES = ("", "_dot", "_ddot")
 
@@ -52,9 +59,7 @@ def random_truth(numbers: ResidueNumbers, system: System) -> Truth:
             value = numbers.random(1)[0]
             # Of the size of motor speeds, so that tanh(w / w_C) and exp(-(w / w_S)^2) change.
             is_speed = name in PARAMETERS and PARAMETERS[name].unit == "rad/s"
-            known[symbol] = (
-                numbers.reduced(value * numbers.number(_speed(drive))) if is_speed else value
-            )
+            known[symbol] = value * numbers.number(_speed(drive)) % PRIME if is_speed else value
         drives.append(known)
     bodies = numbers.random(system.robot.parameters.size)
     bodies[system.robot.is_known] = 0
@@ -91,8 +96,8 @@ def columns_at_instants(
                     slopes[:, place] += _number(numbers, factor) * numbers.value(slope, drives[i])
         for w, sums in enumerate(system.sums):
             if e in sums:
-                H[:, w] += _number(numbers, sums[e]) * numbers.reduced(slopes)
-    return numbers.reduced(H).reshape(-1, starts[-1])
+                H[:, w] += _number(numbers, sums[e]) * (slopes % PRIME)
+    return np.asarray(H % PRIME).reshape(-1, starts[-1])
 
 
 @cache
@@ -105,9 +110,9 @@ def _number(numbers: ResidueNumbers, value: fmpq) -> Any:
     return numbers.number(Fraction(int(value.p), int(value.q)))
 
 
-def _matrix(numbers: ResidueNumbers, matrix: fmpq_mat, dtype: Any) -> Any:
+def _matrix(numbers: ResidueNumbers, matrix: fmpq_mat) -> Residues:
     rows = [[_number(numbers, x) for x in row] for row in matrix.tolist()]
-    return np.array(rows, dtype=dtype)
+    return np.array(rows, dtype=object)
 
 
 def _instants(
@@ -119,36 +124,34 @@ def _instants(
     payload: Any,
 ) -> tuple[Any, list[Known]]:
     """Return the regressor (T, n, 10n) at random instants and the signals of every drive."""
-    q, turned, v, a = numbers.states(count)
+    state = numbers.states(count)
     exact = fmpq_mat([[exact_number(x) for x in row] for row in robot.transmission])
-    C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
+    C, C_inv = (_matrix(numbers, x) for x in (exact, exact.inv()))
     drives: list[Known] = []
     for i, drive in enumerate(terms):
-        known = {**truth.drives[i], **_load_signals(numbers, robot, i, C[i], (q, turned, v, a))}
+        known = {**truth.drives[i], **_load_signals(numbers, i, C[i], state)}
         _turn_motor(numbers, drive, known, count)
         drives.append(known)
     if payload is None:
-        Y, loads = numbers.regressor(q, turned, v, a), [None] * robot.n
+        Y, loads = numbers.regressor(state), [None] * robot.n
     else:
-        bodies = numbers.reduced(truth.bodies + payload)
-        a = _balanced(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
+        bodies = (truth.bodies + payload) % PRIME
+        a = _balanced(numbers, terms, drives, state, C_inv, bodies)
         for i, drive in enumerate(terms):
             drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
             # Stiff drives' motors follow the new accelerations; behind springs they stay as drawn.
             if drive.spring is None:
                 _turn_motor(numbers, drive, drives[i], count)
-        Y = numbers.regressor(q, turned, v, a)
+        Y = numbers.regressor((*state[:3], a))
         loads = list(numbers.product(numbers.product(Y, bodies), C_inv).T)
     for drive, known, load in zip(terms, drives, loads, strict=True):
         _drive_motor(numbers, drive, known, load, count)
     return Y, drives
 
 
-def _load_signals(
-    numbers: ResidueNumbers, robot: Robot, i: int, row: Any, state: tuple[Any, Any, Any, Any]
-) -> Known:
+def _load_signals(numbers: ResidueNumbers, i: int, row: Any, state: States) -> Known:
     """Return the states of a drive's coordinate `row` @ q; of a joint also cosine and sine."""
-    q, turned, v, a = state
+    (q, turned, v, a), robot = state, numbers.robot
     pairs = zip(_STATES, (q, v, a), strict=True)
     known: Known = {plain(f"theta_L{suffix}"): numbers.product(x, row) for suffix, x in pairs}
     if not robot.is_prismatic[i] and np.array_equal(robot.transmission[i], np.eye(robot.n)[i]):
@@ -163,25 +166,25 @@ def _turn_motor(numbers: ResidueNumbers, drive: DriveTerms, known: Known, count:
         load = known[plain(f"theta_L{suffix}")]
         motor = plain(f"theta_M{suffix}")
         if drive.spring is None:
-            known[motor] = numbers.reduced(known[N] * load)
+            known[motor] = known[N] * load % PRIME
             continue
-        known[motor] = numbers.signal(count)
+        known[motor] = numbers.random(count)
         if suffix == "":
             # (3): the deflection is drawn, and theta_M = N / r_M (d + r_L theta_L) follows.
-            known[STRETCH] = numbers.signal(count)
+            known[STRETCH] = numbers.random(count)
             into = numbers.over(known[N], known[r_M])
-            stretched = numbers.reduced(known[STRETCH] + known[r_L] * load)
-            known[motor] = numbers.reduced(into * stretched)
+            stretched = (known[STRETCH] + known[r_L] * load) % PRIME
+            known[motor] = into * stretched % PRIME
         elif suffix == "_dot":
             rate = numbers.over(known[r_M] * known[motor], known[N])
-            known[STRETCH_DOT] = numbers.reduced(rate - known[r_L] * load)
+            known[STRETCH_DOT] = (rate - known[r_L] * load) % PRIME
 
 
 def _balanced(
     numbers: ResidueNumbers,
     terms: Sequence[DriveTerms],
     drives: Sequence[Known],
-    state: tuple[Any, Any, Any, Any],
+    state: States,
     C_inv: Any,
     bodies: Any,
 ) -> Any:
@@ -193,18 +196,17 @@ def _balanced(
     # The torques are affine in a: unit steps of the drives' accelerations give the inertia.
     stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
     repeated, cosines, sines, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
-    turns = cosines, sines
-    torques = numbers.torques(repeated, turns, speeds, numbers.reduced(stepped), bodies)
+    torques = numbers.torques((repeated, (cosines, sines), speeds, stepped % PRIME), bodies)
     # ((1 + e) T, n) -> (1 + e, T, e): without a step, then one step per elastic drive.
     loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
-    inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
+    inertia = ((loads[1:] - loads[0]) % PRIME).transpose(1, 2, 0)
     wanted = -loads[0]
     for place, i in enumerate(elastic):
         # (8) of elastic drives: r_L F - joint terms = torque of the bodies.
         force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
         wanted[:, place] += force - numbers.value(terms[i].joint, drives[i])
-    change = numbers.solve(inertia, numbers.reduced(wanted))
-    return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
+    change = numbers.solve(inertia, wanted % PRIME)
+    return (a + numbers.product(change, C_inv.T[elastic])) % PRIME
 
 
 def _drive_motor(
@@ -214,18 +216,18 @@ def _drive_motor(
     tau, current, voltage = (plain(MOTOR_SIGNALS[sensor]) for sensor in MOTOR_SIGNALS)
     if load is None:
         for signal in (tau, current, voltage, plain("tau_G")):
-            known[signal] = numbers.signal(count)
+            known[signal] = numbers.random(count)
         return
-    load = numbers.reduced(load + numbers.value(drive.joint, known))
+    load = (load + numbers.value(drive.joint, known)) % PRIME
     known[plain("tau_G")] = load
     torque = _number(numbers, drive.share) * load + numbers.value(drive.motor, known)
-    known[tau] = numbers.reduced(torque)
+    known[tau] = torque % PRIME
     for constant in (K_t, s_K):
         if constant in known:
             known[current] = numbers.over(known[tau], known[constant])
     if K_u in known:
         lost = known.get(BACK_EMF, 0) * known[plain("theta_M_dot")]
-        known[voltage] = numbers.over(numbers.reduced(known[tau] + lost), known[K_u])
+        known[voltage] = numbers.over(known[tau] + lost, known[K_u])
 
 
 _MORE_INSTANTS = 6
