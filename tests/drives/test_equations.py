@@ -10,13 +10,9 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import (
-    F_C,
     I_M,
-    F_v,
     N,
     extra_torque,
-    f_0,
-    k,
     motor_equation,
     r_L,
     r_M,
@@ -57,62 +53,55 @@ def same(left: Any, right: Any) -> bool:
     return all(sp.expand(entry) == 0 for entry in sp.Matrix(left) - sp.Matrix(right))
 
 
-# (7) and (8) to (10), symbol for symbol
+# (8) to (10), symbol for symbol; test_terms.py has (7) and (4b) with numbers
+
+GEAR = r_M / N
+DEFLECTION = GEAR * theta_M - r_L * theta_L
+FRICTION = ("viscous_friction", "coulomb_friction")
+SPRING = ("stiffness", "spring_offset")
+COLUMNS: list[tuple[Any, Drive, Any, list[Any], tuple[str, ...], tuple[str, ...]]] = [
+    (
+        motor_equation,
+        LINEAR,
+        tau_M - I_M * acceleration,
+        [speed, sp.sign(speed), GEAR * DEFLECTION, GEAR],
+        (*FRICTION, *SPRING),
+        ("N m s/rad", "N m", "N/m", "N"),
+    ),
+    (
+        motor_equation,
+        replace(ROTARY, friction=("coulomb",), motor_inertia_kg_m2=None),
+        tau_M,
+        [sp.sign(speed), GEAR * DEFLECTION, GEAR, acceleration],
+        ("coulomb_friction", *SPRING, "motor_inertia"),
+        ("N m", "N m/rad", "N m", "kg m^2"),
+    ),
+    (
+        motor_equation,
+        STIFF,
+        tau_M - tau_L / N,
+        [speed, sp.sign(speed), 1, acceleration],
+        (*FRICTION, "friction_offset", "motor_inertia"),
+        ("N m s/rad", "N m", "N m", "kg m^2"),
+    ),
+    (spring_equation, LINEAR, tau_L / r_L, [DEFLECTION, 1], SPRING, ("N/m", "N")),
+]
 
 
-def test_motor_equation_is_7_with_the_force_of_unknown_zeros() -> None:
-    force = k * (r_M / N * theta_M - r_L * theta_L) + f_0  # (3)
-    seven = I_M * acceleration + F_v * speed + F_C * sp.sign(speed) + r_M / N * force - tau_M
-    assert sp.expand(motor_equation(LINEAR).expression - seven) == 0
-    assert sp.expand(motor_equation(ROTARY).expression - seven) == 0
-
-
-def test_7_gives_exactly_the_columns_of_10() -> None:
-    form = motor_regressor(LINEAR)
-    deflection = r_M / N * theta_M - r_L * theta_L
-    assert form.names == ("viscous_friction", "coulomb_friction", "stiffness", "spring_offset")
-    assert same([form.zeta], [tau_M - I_M * acceleration])
-    assert form.units == ("N m s/rad", "N m", "N/m", "N")
-    assert motor_regressor(ROTARY).units == ("N m s/rad", "N m", "N m/rad", "N m")
-    assert same([form.row], [[speed, sp.sign(speed), r_M / N * deflection, r_M / N]])
-
-
-def test_unknown_rotor_inertia_becomes_a_column() -> None:
-    form = motor_regressor(replace(LINEAR, motor_inertia_kg_m2=None))
-    assert same([form.zeta], [tau_M])
-    assert form.names[4] == "motor_inertia"
-    assert form.row[4] == acceleration
-
-
-def test_spring_equation_is_4b_and_tells_stiffness_and_offset() -> None:
-    regressor = drive_regressor(spring_equation(LINEAR), LINEAR)
-    assert same([regressor.zeta], [tau_L / r_L])
-    assert same([regressor.row], [[r_M / N * theta_M - r_L * theta_L, 1]])
-    assert regressor.names == ("stiffness", "spring_offset")
-    assert regressor.units == ("N/m", "N")
-
-
-def test_stiff_drive_has_the_joint_torque_behind_its_gear() -> None:
-    form = motor_regressor(STIFF)
-    friction = ("viscous_friction", "coulomb_friction", "friction_offset")
-    assert form.names == (*friction, "motor_inertia")
-    assert form.units == ("N m s/rad", "N m", "N m", "kg m^2")
-    assert same([form.zeta], [tau_M - tau_L / N])
-    assert same([form.row], [[speed, sp.sign(speed), 1, acceleration]])
-
-
-# Over samples
-
-
-def test_true_parameters_give_the_motor_torque_of_the_equation() -> None:
-    s = signals(4)
-    truth = np.array([8e-5, 4.56e-3, 83008.0, 12.0])
-    gear = 0.020 / 111.0
-    force = 83008.0 * (gear * s["theta_M"] - 0.040 * s["theta_L"]) + 12.0
-    friction = 8e-5 * s["theta_M_dot"] + 4.56e-3 * np.sign(s["theta_M_dot"])
-    s["tau_M"] = 3.4e-6 * s["theta_M_ddot"] + friction + gear * force
-    zeta, R = motor_regressor(LINEAR).evaluate(s)
-    np.testing.assert_allclose(R @ truth, zeta, rtol=1e-11, atol=1e-14)
+@pytest.mark.parametrize(("equation_of", "drive", "zeta", "row", "names", "units"), COLUMNS)
+def test_equations_give_exactly_the_columns_of_10(
+    equation_of: Any,
+    drive: Drive,
+    zeta: Any,
+    row: list[Any],
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+) -> None:
+    """Friction has the terms that the drive names, and an unknown rotor inertia is a column."""
+    form = drive_regressor(equation_of(drive), drive)
+    assert same([form.zeta], [zeta])
+    assert same([form.row], [row])
+    assert (form.names, form.units) == (names, units)
 
 
 # A user's own term: its column and its name, and nothing else changes

@@ -2,21 +2,24 @@
 
 import json
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm, MotorInput, ParameterName, SpringTerm, parameter_of, readable
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive, is_dry
+from seaid.drives import FrictionTerm, ParameterName, SpringTerm, parameter_of, readable
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, is_dry
 from seaid.drives.equations import (
     PARAMETER_NAMES,
+    DriveEquation,
     dry_friction,
     joint_equation,
     motor_equation,
     spring_equation,
+    states,
 )
 from seaid.drives.functions import friction_curve
 from seaid.drives.regressor import drive_regressor, non_linear
@@ -59,6 +62,16 @@ VALUES = {
     "spring_damping": 0.4,
     "spring_offset": 0.3,
     "deflection_zero": 0.05,
+    "motor_inertia": 1e-5,
+    "friction_offset": -0.01,
+    "viscous_temperature_slope": 1e-4,
+    "coulomb_temperature_slope": -2e-3,
+    "torque_constant": 0.05,
+    "voltage_constant": 0.4,
+    "parallel_stiffness": 3.0,
+    "parallel_preload": -0.7,
+    "joint_viscous_friction": 0.2,
+    "joint_coulomb_friction": 0.11,
 }
 CHOICES = [
     (("viscous", "coulomb"), ("linear",), ()),
@@ -85,7 +98,7 @@ def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
     names = [
         *(f"theta_{side}{dots}" for side in "ML" for dots in ("", "_dot", "_ddot")),
-        *("tau_M", "tau_L", "i_M", "u_M", "tau_G", "t_log"),
+        *("tau_M", "tau_L", "i_M", "u_M", "tau_G", "t_log", "Delta_T"),
     ]
     return {name: rng.normal(size=count) for name in names}
 
@@ -102,7 +115,7 @@ def test_what_is_linear_stays_linear(
             drive_regressor(motor_equation(drive), drive).evaluate(signals())
 
 
-def with_own_values(drive: SeriesElasticDrive) -> SeriesElasticDrive:
+def with_own_values(drive: Drive) -> Drive:
     """Return a drive with the values of its own parameters."""
     return drive.with_values({x: VALUES[x] for x in drive.parameter_names if x in VALUES})
 
@@ -158,85 +171,118 @@ def test_dry_terms_are_those_that_act_against_the_motion(term: FrictionTerm) -> 
     assert is_dry(drive) == (dry_friction(drive) != 0)
 
 
-def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> None:
-    drive = replace(STIFF, friction=("smooth_coulomb", "load")).with_values(
-        {"coulomb_friction": 0.1, "coulomb_width": 2.0, "load_friction": 0.05}
-    )
-    s = signals()
-    R = drive_regressor(motor_equation(drive), drive).evaluate(s)[1]
-    smooth = np.tanh(s["theta_M_dot"] / 2.0)
-    np.testing.assert_allclose(R[:, 0], smooth)
-    np.testing.assert_allclose(R[:, 2], np.abs(s["tau_G"]) / 50 * smooth)
-    assert dry_friction(drive) == 0
-    sharp = replace(drive, friction=("coulomb", "load"), nominal={})
-    R = drive_regressor(motor_equation(sharp), sharp).evaluate(s)[1]
-    np.testing.assert_allclose(R[:, 1], np.abs(s["tau_G"]) / 50 * np.sign(s["theta_M_dot"]))
+# Every term against its formula in the documents, written out again
 
 
-@pytest.mark.parametrize("motor_input", ["torque", "current", "voltage"])
-@pytest.mark.parametrize("friction", [("viscous",), ("viscous", "coulomb", "load"), ("load",)])
-def test_a_row_balances_the_torque_at_the_motor(
-    motor_input: MotorInput, friction: tuple[FrictionTerm, ...]
-) -> None:
-    """The load's torque counts 1/N there, whatever scale Algorithm 1 leaves."""
-    drive = replace(STIFF, motor_input=motor_input, friction=friction)
-    regressor = drive_regressor(motor_equation(drive), drive)
-    s = signals()
-    more = {**s, "tau_L": s["tau_L"] + 1.0}
-    change = regressor.evaluate(more)[0] - regressor.evaluate(s)[0]
-    np.testing.assert_allclose(change, -1 / 50, rtol=1e-9)
+def friction_by_hand(drive: Drive, s: dict[str, Array], behind_gear: Array) -> Array:
+    """Return the friction of the motor [N m], with the torque of the load at the motor."""
+    w, v = s["theta_M_dot"], VALUES
+    x, cold = s["theta_L"] - 0.3, np.exp(-s["t_log"] / v["warm_up_time"])
+    smooth = {
+        "viscous": v["viscous_friction"] * w,
+        "quadratic": v["quadratic_friction"] * w * np.abs(w),
+        "asymmetric": v["asymmetric_friction"] * np.abs(w),
+        "viscous_temperature": v["viscous_temperature_slope"] * s["Delta_T"] * w,
+        "viscous_warm_up": v["cold_viscous_friction"] * cold * w,
+        "offset": v["friction_offset"],
+    }
+    levels = {
+        **dict.fromkeys(DIRECTIONS, v["coulomb_friction"]),
+        "stribeck": v["stribeck_friction"] * np.exp(-((w / v["stribeck_speed"]) ** 2)),
+        "load": v["load_friction"] * np.abs(behind_gear),
+        "coulomb_position": v["coulomb_position_slope"] * x
+        + v["coulomb_position_curvature"] * x**2,
+        "coulomb_temperature": v["coulomb_temperature_slope"] * s["Delta_T"],
+        "coulomb_warm_up": v["cold_coulomb_friction"] * cold,
+    }
+    assert {*smooth, *levels} == {*get_args(FrictionTerm)}
+    direction = next((DIRECTIONS[x] for x in drive.friction if x in DIRECTIONS), np.sign)(w)
+    if "dahl" in drive.friction:
+        direction = states(s["theta_M"], v["presliding_angle"])[0]
+    total = sum(smooth.get(x, 0.0) + levels.get(x, 0.0) * direction for x in drive.friction)
+    return np.asarray(total + 0.0 * w)
 
 
-def test_dead_zone_takes_its_width_away_on_both_sides() -> None:
-    drive = replace(ELASTIC, spring=("linear", "dead_zone")).with_values(
-        {"stiffness": 10.0, "dead_zone": 0.1, "deflection_zero": 0.02}
-    )
-    s = {"theta_M": 50 * np.array([-0.38, -0.05, 0.1, 0.42]), "theta_L": np.zeros(4)}
-    s["tau_L"] = np.zeros(4)
-    regressor = drive_regressor(spring_equation(drive), drive)
-    zeta, R = regressor.evaluate(s)
-    values = [drive.values[name] for name in regressor.names]
-    np.testing.assert_allclose(R @ values - zeta, [-3.0, 0.0, 0.0, 3.0], atol=1e-12)
+DIRECTIONS: dict[str, Callable[[Array], Array]] = {
+    "coulomb": np.sign,
+    "smooth_coulomb": lambda w: np.tanh(w / VALUES["coulomb_width"]),
+    "shifted_coulomb": lambda w: np.tanh((w - VALUES["coulomb_shift"]) / VALUES["coulomb_width"]),
+    "dahl": np.sign,
+}
 
 
-@pytest.mark.parametrize(
-    ("motor_input", "signal", "name"),
-    [("current", "i_M", "torque_constant"), ("voltage", "u_M", "voltage_constant")],
-)
-def test_current_or_voltage_has_a_constant_as_its_column(
-    motor_input: MotorInput, signal: str, name: str
-) -> None:
-    drive = replace(STIFF, motor_input=motor_input)
-    regressor = drive_regressor(motor_equation(drive), drive)
-    s = signals()
-    zeta, R = regressor.evaluate(s)
-    np.testing.assert_array_equal(R[:, regressor.names.index(name)], -s[signal])
-    np.testing.assert_allclose(zeta, -s["tau_L"] / 50 - 1e-5 * s["theta_M_ddot"])
+def force_by_hand(drive: SeriesElasticDrive, s: dict[str, Array]) -> Array:
+    """Return the force of the spring, dead zones as a width that is taken away on both sides."""
+    v, lever = VALUES, drive.motor_radius / drive.ratio
+    stretch = lever * s["theta_M"] - drive.load_radius * s["theta_L"]
+    rate = lever * s["theta_M_dot"] - drive.load_radius * s["theta_L_dot"]
+    d = stretch - v["deflection_zero"] if drive.is_nonlinear_spring else stretch
+    g, rounding = v["dead_zone"], v["dead_zone_rounding"]
+    if "dead_zone" in drive.spring:
+        d = np.sign(d) * np.maximum(np.abs(d) - g, 0)
+    elif "smooth_dead_zone" in drive.spring:
+        d = d - (np.hypot(d + g, rounding) - np.hypot(d - g, rounding)) / 2
+    terms = {
+        "linear": v["stiffness"] * d,
+        "cubic": v["cubic_stiffness"] * d**3,
+        "fifth": v["fifth_stiffness"] * d**5,
+        "damping": v["spring_damping"] * rate,
+        "preload": v["spring_offset"] if drive.is_nonlinear_spring else 0.0,
+        "dahl": v["hysteresis_force"] * states(stretch, v["hysteresis_deflection"])[0],
+        **dict.fromkeys(("dead_zone", "smooth_dead_zone"), 0.0),
+    }
+    assert {*terms} == {*get_args(SpringTerm)}
+    offset = 0.0 if drive.is_nonlinear_spring else v["spring_offset"]
+    return np.asarray(sum(terms[x] for x in drive.spring) + offset)
 
 
-def test_what_acts_beside_the_drive_has_columns_at_the_joint() -> None:
-    drive = replace(
-        ELASTIC, parallel_spring=("linear", "preload"), joint_friction=("viscous", "coulomb")
-    )
-    regressor = drive_regressor(joint_equation(drive), drive)
-    assert regressor.units == ("N m/rad", "N m", "N m s/rad", "N m")
-    s = signals()
-    zeta, R = regressor.evaluate(s)
-    np.testing.assert_array_equal(zeta, s["tau_L"])
-    speed = s["theta_L_dot"]
-    np.testing.assert_array_equal(
-        R, np.column_stack([s["theta_L"], np.ones(40), speed, np.sign(speed)])
-    )
+BESIDE: dict[str, Any] = {
+    "parallel_spring": ("linear", "preload"),
+    "joint_friction": ("viscous", "coulomb"),
+}
+WITH_TERMS: dict[str, Drive] = {
+    "everything": replace(EVERYTHING, **BESIDE),
+    "memory": MEMORY,
+    "linear spring on pulleys": SeriesElasticDrive(
+        gear_ratio=111.0, motor_pulley_radius_m=0.02, load_pulley_radius_m=0.04
+    ),
+    "known stiffness": replace(ELASTIC, stiffness_Nm_per_rad=80.0, known=("stiffness",)),
+    "stiff": replace(
+        STIFF,
+        friction=("viscous", "coulomb", "offset", "load", "viscous_temperature"),
+    ),
+    "current": replace(
+        STIFF,
+        motor_input="current",
+        friction=("smooth_coulomb", "load", "coulomb_temperature"),
+    ),
+    "voltage": StiffDrive(gear_ratio=50.0, motor_input="voltage", friction=("load",)),
+}
 
 
-def test_a_known_parameter_has_no_column() -> None:
-    drive = replace(ELASTIC, stiffness_Nm_per_rad=80.0, known=("stiffness",))
-    regressor = drive_regressor(motor_equation(drive), drive)
-    assert regressor.names == ("viscous_friction", "coulomb_friction", "spring_offset")
-    free = replace(drive, known=())
-    s = signals()
-    zeta, R = drive_regressor(motor_equation(free), free).evaluate(s)
-    np.testing.assert_allclose(regressor.evaluate(s)[0], zeta - 80.0 * R[:, 2])
+@pytest.mark.parametrize("name", WITH_TERMS)
+def test_equations_are_those_of_the_formulas(name: str) -> None:
+    """The residuals of (7) and (4b) [N m], and of what acts beside the drive at the joint."""
+    drive, s = with_own_values(WITH_TERMS[name]), signals()
+    load, scale = s["tau_L"] / drive.ratio, {"torque": 1.0, "current": 0.05, "voltage": 0.4}
+    behind_gear = s["tau_G"] / drive.ratio
+    expected: dict[Callable[[Any], DriveEquation], Array] = {}
+    if isinstance(drive, SeriesElasticDrive):
+        force = force_by_hand(drive, s)
+        behind_gear = load = drive.motor_radius / drive.ratio * force
+        expected[spring_equation] = s["tau_L"] / drive.load_radius - force
+    signal = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}[drive.motor_input]
+    torque = scale[drive.motor_input] * s[signal] - VALUES["motor_inertia"] * s["theta_M_ddot"]
+    expected[motor_equation] = torque - friction_by_hand(drive, s, behind_gear) - load
+    if drive.parallel_spring:
+        beside = 3.0 * s["theta_L"] - 0.7 + 0.2 * s["theta_L_dot"]
+        expected[joint_equation] = s["tau_L"] - beside - 0.11 * np.sign(s["theta_L_dot"])
+    for equation_of, residual in expected.items():
+        regressor = drive_regressor(equation_of(drive), drive)
+        zeta, R = regressor.evaluate(s)
+        assert not {*regressor.names} & {*drive.known}
+        values = [VALUES[parameter] for parameter in regressor.names]
+        np.testing.assert_allclose(zeta - R @ values, residual, rtol=1e-9, atol=1e-12)
 
 
 def test_columns_carry_their_parameter_and_joint() -> None:
