@@ -15,6 +15,7 @@ from scipy.linalg import block_diag, null_space
 
 from seaid._arrays import Array
 from seaid.robot import HANGING, Contact, Robot
+from seaid.symbolic import ExactBaseParameters
 
 _MORE_ROWS, _OF_BRANCH = 12, 6
 """Rows beyond the number of parameters, and the most rows of an instant that show a branch of the
@@ -49,6 +50,26 @@ def columns_of_stances(
     tuple of int
         Those from the left, with the base before the other bodies.
     """
+    H = rows_of_stances(robot, stances, torque_joints, measured, seed)
+    return tuple((pivot - 10) % H.shape[1] for pivot in _leftmost(H))
+
+
+def check_floating(exact: ExactBaseParameters, robot: Robot) -> None:
+    """Check exact base parameters of a floating base: columns and grouping, by rows in flight."""
+    H = rows_of_stances(robot, [()])
+    assert exact.columns == tuple(_leftmost(H))
+    scale = np.max(np.abs(H))
+    np.testing.assert_allclose(H[:, exact.columns] @ exact.grouping, H, atol=1e-9 * scale)
+
+
+def rows_of_stances(
+    robot: Robot,
+    stances: Sequence[Sequence[str]],
+    torque_joints: Sequence[str] | None = None,
+    measured: Sequence[str] = (),
+    seed: int = 0,
+) -> Array:
+    """Return the rows (R, m) of some stances, the columns of the base before those of others."""
     model, rng = _FreeFlyer(robot), np.random.default_rng(seed)
     known = [6 + robot.index(joint) for joint in robot.selected(torque_joints)]
     width = len(robot.parameters)
@@ -61,8 +82,7 @@ def columns_of_stances(
             count += min(max(len(instant), 1), _OF_BRANCH)
     H = np.vstack(blocks)
     H[:, robot.is_known] = 0
-    order = np.roll(np.arange(width), 10)  # the base is the last body
-    return tuple(int(order[pivot]) for pivot in _leftmost(H[:, order]))
+    return np.roll(H, 10, axis=1)
 
 
 class _FreeFlyer:

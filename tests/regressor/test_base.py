@@ -14,14 +14,12 @@ import pytest
 
 from seaid.errors import ExcitationError, RobotError, SeaidError
 from seaid.legged import load_robot
-from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import (
     base_parameters,
     cross_check,
     grouped_text,
     left_to_right,
     negligible,
-    random_states,
 )
 from seaid.robot.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
@@ -130,16 +128,6 @@ def test_names_and_grouping_agree(tulip_leg: Robot) -> None:
     assert base_parameters(tulip_leg, seed=2).expressions == base.expressions
 
 
-def test_project_gives_the_same_torque_as_the_standard_parameters(tulip_leg: Robot) -> None:
-    """For parameters of no real body, too."""
-    base = base_parameters(tulip_leg)
-    theta = np.random.default_rng(0).normal(size=50)
-    standard = np.zeros(50)
-    standard[list(base.columns)] = base.project(theta)
-    Y = rigid_body_regressor(tulip_leg, *random_states(tulip_leg, 3))
-    assert np.allclose(Y @ standard, Y @ theta, rtol=0, atol=1e-9 * np.max(np.abs(Y @ theta)))
-
-
 @pytest.mark.rounding
 def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> None:
     """The torques of a motion tell less than those of random states."""
@@ -203,6 +191,7 @@ def test_grouping_as_text(coefficients: list[float], text: str) -> None:
 def test_a_regressor_larger_than_memory_is_refused_before_it_is_made(
     tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Its size and what is allowed are said."""
     monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 39e3)
     words = "has 5 joints that move: the regressor over 20 samples takes 4e-05 GB, allowed"
     with pytest.raises(ExcitationError, match=words):
@@ -302,7 +291,15 @@ def test_two_robots_are_not_compared(
 
 @pytest.mark.slow  # a script with exact base parameters of several robots
 def test_table_of_the_script(tmp_path: Path) -> None:
-    done = run_script("--only", "kinova", "--output", str(tmp_path))
+    """A row for each robot and chain, and for the angles as they are written."""
+    script = Path(__file__).parents[2] / "scripts" / "cross_check.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--only", "kinova", "--output", str(tmp_path)],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("3 of 3 agree")
     assert done.stdout.rstrip().endswith(f"Table: {tmp_path / 'cross_check.md'}")
@@ -310,14 +307,3 @@ def test_table_of_the_script(tmp_path: Path) -> None:
     assert "| kinova | 6 | 36 | 36 | yes |" in text
     assert "| anymal-kinova: leg to LF_KFE | 3 | 17 | 17 | yes |" in text
     assert "| kinova, as written | 6 | 36 | 38 | no |" in text
-
-
-def run_script(*arguments: str) -> subprocess.CompletedProcess[str]:
-    script = Path(__file__).parents[2] / "scripts" / "cross_check.py"
-    return subprocess.run(
-        [sys.executable, str(script), *arguments],
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )

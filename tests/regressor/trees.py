@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,16 @@ joints = st.tuples(
 """Kind, axis, place, angles and number of the parent."""
 
 
-def robot_of(folder: Path, tree: list[Joint], drives: Any = None, **options: Any) -> Robot:
-    """Return the robot of a tree, whose joints are j1, j2, ..."""
+def write_tree(folder: Path, tree: list[Joint], bodies: Mapping[str, str] | str = "") -> Path:
+    """Write the URDF of a tree, whose joints are j1, j2, ... and links l0, l1, ..."""
     joints = {
         f"j{number}": f"{kind} l{min(parent, number - 1)} l{number} "
         f'<axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}'
         for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1)
     }
-    path = write_robot(folder / "tree.urdf", joints)
-    return load_robot(path, drives, **options)
+    return write_robot(folder / "tree.urdf", joints, bodies)
+
+
+def robot_of(folder: Path, tree: list[Joint], drives: Any = None, **options: Any) -> Robot:
+    """Return the robot of a tree."""
+    return load_robot(write_tree(folder, tree), drives, **options)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.drives.drives import StiffDrive
@@ -14,17 +16,10 @@ from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Payload, Robot
+from tests.regressor.trees import Joint, joints, write_tree
 
 Load = Callable[..., Robot]
 Chain = Callable[..., Path]
-
-LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="30"/>'
-ARM = {
-    "shoulder": f'revolute {LIMIT}<axis xyz="0 0 1"/><origin xyz="0 0 0.4" rpy="0.3 -0.2 0.1"/>',
-    "slide": f'prismatic {LIMIT}<axis xyz="1 0 0"/>',
-    "elbow": 'continuous <axis xyz="0.6 -0.8 0.3"/>',
-    "wrist": f'revolute {LIMIT}<axis xyz="0 -1 0"/>',
-}
 
 
 def states(n: int, seed: int = 0) -> tuple[Array, Array, Array]:
@@ -64,64 +59,64 @@ def test_joints_and_torques_are_those_of_pinocchios_own_reader(
     assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
 
 
-@pytest.mark.parametrize(
-    ("joints", "gravity"),
-    [
-        ({**ARM, "tool": "fixed", "tip": "fixed"}, (0.0, 0.0, -9.81)),
-        ({"stand": "fixed", "plate": "fixed", **ARM}, (0.0, 0.0, -9.81)),  # parts of the base
-        (ARM, (1.0, -2.0, 3.0)),
-    ],
+def body(number: int) -> str:
+    """Return the inertia of a link, different for every number."""
+    rng = np.random.default_rng(number)
+    com, rpy = (" ".join(map(str, rng.uniform(-0.3, 0.3, 3))) for _ in range(2))
+    ixx, iyy, izz = 0.02 + 0.01 * rng.random(3)
+    return (
+        f'<inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{number}"/><inertia ixx="{ixx}" '
+        f'ixy="0.001" ixz="-0.002" iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
+    )
+
+
+@given(
+    tree=st.lists(joints, min_size=1, max_size=5),
+    data=st.data(),
+    gravity=st.sampled_from([(0.0, 0.0, -9.81), (1.0, -2.0, 3.0)]),
 )
-def test_chain_of_all_joint_kinds_is_that_of_pinocchios_own_reader(
-    joints: dict[str, str], gravity: tuple[float, float, float], write_chain: Chain
+def test_any_robot_is_that_of_pinocchios_own_reader(
+    tree: list[Joint],
+    data: st.DataObject,
+    gravity: tuple[float, float, float],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    path = write_chain(joints)
-    robot, theirs = load_robot(path, gravity=gravity), own_reader(path)
-    assert robot.joint_names == tuple(ARM)
-    assert robot.body_names == ("shoulder_link", "slide_link", "elbow_link", "wrist_link")
-    assert robot.is_prismatic == (False, True, False, False)
+    """Joints are in the user's order and others locked at zero; links may be fixed or loaded.
+
+    A payload adds to the known side, and not to the parameters.
+    """
+    names = [f"j{number}" for number in range(1, len(tree) + 1)]
+    order = data.draw(st.permutations(names))[: data.draw(st.integers(1, len(names)))]
+    tools = "".join(
+        f'<link name="{link}">{body(10 + k)}</link><joint name="to_{link}" type="fixed"><parent '
+        f'link="l{k}"/><child link="{link}"/><origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/></joint>'
+        for k, link in ((0, "stand"), (int(order[0][1:]), "tool"))
+    )
+    bodies = {f"l{number}": body(number) for number in range(1, len(tree) + 1)}
+    path = write_tree(tmp_path_factory.mktemp("tree"), tree, bodies)
+    path.write_text(path.read_text().replace("</robot>", f"{tools}</robot>"))
+    tensor = ((0.02, 0.001, 0.0), (0.001, 0.03, -0.002), (0.0, -0.002, 0.025))
+    payload = Payload("tool", 2.0, (0.15, -0.05, 0.1), tensor)
+    robot = load_robot(path, joints=order, gravity=gravity, payloads=[payload])
+    assert robot.joint_names == tuple(order)
+    assert robot.body_names == tuple(f"l{name[1:]}" for name in order)
+    assert robot.is_prismatic == tuple(tree[int(x[1:]) - 1][0] == "prismatic" for x in order)
+    theirs, state = own_reader(path), states(len(order))
     theirs.gravity.linear = np.array(gravity)
-    state = states(4)
-    assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
+    frame = theirs.frames[theirs.getFrameId("tool")]
+    inertia = pin.Inertia(2.0, np.array(payload.com), np.array(tensor))
+    theirs.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    columns = [list(theirs.names)[1:].index(name) for name in order]
+    whole = np.zeros((3, 5, theirs.nv))
+    whole[:, :, columns] = state
+    torques = pinocchio_torques(theirs, *whole)[:, columns]
+    assert_same(joint_torques(robot, *state), torques)
     Y = rigid_body_regressor(robot, *state)
-    assert_same(Y @ robot.parameters, joint_torques(robot, *state))
-
-
-@pytest.mark.parametrize(
-    "joints", [("shoulder", "elbow"), ("wrist",), ("slide", "wrist"), ("slide", "elbow", "wrist")]
-)
-def test_joints_not_asked_for_are_locked_at_zero(
-    write_chain: Chain, joints: tuple[str, ...]
-) -> None:
-    path = write_chain(ARM)
-    robot = load_robot(path, joints=joints)
-    full = load_robot(path)
-    state = states(len(joints))
-    at_zero = [np.zeros((5, 4)) for _ in range(3)]
-    columns = [full.index(joint) for joint in joints]
-    for wide, narrow in zip(at_zero, state, strict=True):
-        wide[:, columns] = narrow
-    assert robot.joint_names == joints
-    assert_same(joint_torques(robot, *state), joint_torques(full, *at_zero)[:, columns])
-
-
-def test_joint_order_is_the_users_even_child_before_parent(write_chain: Chain) -> None:
-    path = write_chain(ARM)
-    plain = load_robot(path)
-    order = [3, 0, 2, 1]
-    robot = load_robot(path, joints=[plain.joint_names[index] for index in order])
-    state = states(4)
-    mixed = [part[:, order] for part in state]
-    torques = joint_torques(plain, *state)[:, order]
-    Y = rigid_body_regressor(robot, *mixed)
-    assert robot.model_order == (1, 3, 2, 0)
-    assert robot.body_names[0] == "wrist_link"
-    assert robot.is_prismatic == (False, False, False, True)
-    assert robot.parameter_names[:2] == ("m_wrist_link", "mx_wrist_link")
-    assert_same(joint_torques(robot, *mixed), torques)
-    assert_same(Y @ robot.parameters, torques)
-    by_body = plain.parameters.reshape(4, 10)[order].ravel()
-    np.testing.assert_array_equal(robot.parameters, by_body)
+    assert_same(Y @ (robot.parameters + robot.payload_parameters), torques)
+    plain = load_robot(path, joints=order, gravity=gravity)
+    np.testing.assert_array_equal(robot.parameters, plain.parameters)
+    assert not np.any(plain.payload_parameters)
+    assert_same(joint_torques(plain, *state), Y @ plain.parameters)
 
 
 def test_limits_are_in_the_users_order_and_endless_where_there_are_none(write_chain: Chain) -> None:
@@ -135,35 +130,6 @@ def test_limits_are_in_the_users_order_and_endless_where_there_are_none(write_ch
 
 
 # Payloads
-
-
-def test_payload_on_a_merged_fixed_link_is_that_of_pinocchio(write_chain: Chain) -> None:
-    path = write_chain({**ARM, "tool": 'fixed <origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/>'})
-    tensor = ((0.02, 0.001, 0.0), (0.001, 0.03, -0.002), (0.0, -0.002, 0.025))
-    payload = Payload("tool_link", 2.0, (0.15, -0.05, 0.1), tensor)
-    theirs = own_reader(path)
-    frame = theirs.frames[theirs.getFrameId("tool_link")]
-    body = pin.Inertia(2.0, np.array(payload.com), np.array(tensor))
-    theirs.appendBodyToJoint(frame.parentJoint, body, frame.placement)
-    state = states(4)
-    robot = load_robot(path, payloads=[payload])
-    assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
-
-
-def test_payload_adds_to_the_known_side_and_not_to_the_parameters(write_chain: Chain) -> None:
-    path = write_chain(ARM)
-    payloads = [Payload("wrist_link", 1.5, (0.1, 0.2, 0.0)), Payload("slide_link", 0.5)]
-    joints = ["wrist", "shoulder", "elbow", "slide"]
-    plain, robot = load_robot(path, joints=joints), load_robot(path, None, joints=joints)
-    loaded = load_robot(path, joints=joints, payloads=[*payloads, payloads[1]])
-    state = states(4)
-    Y = rigid_body_regressor(loaded, *state)
-    np.testing.assert_array_equal(loaded.parameters, plain.parameters)
-    assert not np.any(robot.payload_parameters)
-    assert loaded.payload_parameters.reshape(4, 10)[:, 0].tolist() == [1.5, 0.0, 0.0, 1.0]
-    total = Y @ (loaded.parameters + loaded.payload_parameters)
-    assert_same(joint_torques(loaded, *state), total)
-    assert np.max(np.abs(total - joint_torques(plain, *state))) > 1.0
 
 
 SKEW = ((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -219,14 +185,6 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     assert_same(joint_torques(robot, *state), joint_torques(welded, *state))
 
 
-def test_mimic_joints_are_independent_if_asked_for(write_chain: Chain) -> None:
-    mimic = '<mimic joint="thumb" multiplier="2"/>'
-    path = write_chain({"thumb": "revolute", "finger": f"revolute {mimic}"})
-    robot = load_robot(path, {"finger": StiffDrive(gear_ratio=3.0)}, independent_mimics=True)
-    assert robot.joint_names == ("thumb", "finger")
-    assert robot.dependent_joints == ()
-
-
 def test_joints_that_are_not_there_twice_or_none_are_refused(
     tulip_urdf: Path, write_chain: Chain
 ) -> None:
@@ -236,9 +194,9 @@ def test_joints_that_are_not_there_twice_or_none_are_refused(
         load_robot(tulip_urdf, joints=["hip_yaw", "hip_yaw"])
     with pytest.raises(RobotError, match=r"joints= must be a list of names, found .*'hip_yaw'"):
         load_robot(tulip_urdf, joints="hip_yaw")
-    for path, joints in ((tulip_urdf, []), (write_chain({"weld": "fixed"}), None)):
+    for path, none in ((tulip_urdf, []), (write_chain({"weld": "fixed"}), None)):
         with pytest.raises(RobotError, match=r"'(tulip_leg|test)' has no joint that moves"):
-            load_robot(path, joints=joints)
+            load_robot(path, joints=none)
     with pytest.raises(RobotError, match="joint 'weld' is fixed"):
         load_robot(write_chain({"weld": "fixed"}), joints=["weld"])
 
@@ -270,41 +228,28 @@ def test_robot_is_read_only(tulip_leg: Robot) -> None:
         tulip_leg.name = "other"  # type: ignore[misc]
 
 
-def test_nothing_nominal_is_left_before_an_identification(tulip_urdf: Path) -> None:
-    drives = tulip_urdf.with_suffix(".toml")
-    payload = Payload("foot", 2.0, (0.15, 0.0, 0.0))
+def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path) -> None:
+    """Between them nothing nominal is left: ratios, rotors and payloads are what is known."""
+    drives, payload = tulip_urdf.with_suffix(".toml"), Payload("shank", 1.0, (0.1, 0.0, 0.0))
     joints = ["ankle_pitch", "knee_pitch", "hip_pitch", "hip_yaw"]
-    nominal = load_robot(tulip_urdf, drives, joints=joints, payloads=[payload])
-    known = nominal.without_nominal()
-    state = states(4)
+    robot = load_robot(tulip_urdf, drives, joints=joints, payloads=[payload])
+    known, state = robot.without_nominal(), states(4)
+    Y = rigid_body_regressor(robot, *state)
     assert np.all(np.isnan(known.parameters))
     assert np.all(np.isnan(joint_torques(known, *state)))
     assert all(not np.any(np.isfinite(body.inertia)) for body in list(known.model.inertias)[1:])
     for drive in known.drives.values():
-        assert getattr(drive, "stiffness", None) is None
-        assert drive.viscous_friction_Nms_per_rad is None
-        assert drive.coulomb_friction_Nm is None
+        assert set(drive.values) == {"motor_inertia"}
         assert drive.ratio > 80
-        assert drive.motor_inertia_kg_m2 == 3.4e-6
-    np.testing.assert_array_equal(known.payload_parameters, nominal.payload_parameters)
-    Y = rigid_body_regressor(known, *state)
-    np.testing.assert_array_equal(Y, rigid_body_regressor(nominal, *state))
-    assert np.all(np.isfinite(nominal.parameters))
-
-
-def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path) -> None:
-    drives = tulip_urdf.with_suffix(".toml")
-    payload = Payload("shank", 1.0, (0.1, 0.0, 0.0))
-    robot = load_robot(tulip_urdf, drives, payloads=[payload])
+    np.testing.assert_array_equal(known.payload_parameters, robot.payload_parameters)
+    np.testing.assert_array_equal(rigid_body_regressor(known, *state), Y)
     other = robot.with_values(2 * robot.parameters, robot.drives)
-    back = robot.without_nominal().with_values(robot.parameters, robot.drives)
-    state = states(5)
-    Y = rigid_body_regressor(other, *state)
+    back = known.with_values(robot.parameters, robot.drives)
     total = Y @ (2 * robot.parameters + robot.payload_parameters)
     assert_same(joint_torques(other, *state), total)
     assert_same(joint_torques(back, *state), joint_torques(robot, *state))
     assert dict(back.drives) == dict(robot.drives)
-    with pytest.raises(RobotError, match=r"parameters must have shape \(50\), found \(49,\)"):
+    with pytest.raises(RobotError, match=r"parameters must have shape \(40\), found \(39,\)"):
         robot.with_values(robot.parameters[1:], robot.drives)
 
 

@@ -49,7 +49,7 @@ from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.log.sources import both_sides
 from seaid.regressor import joint_torques, torque_slopes
-from seaid.regressor.base import base_parameters, incomplete_group
+from seaid.regressor.base import base_parameters
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
 from seaid.regressor.exact.equations import complete_model
 from seaid.regressor.load import (
@@ -64,8 +64,6 @@ from seaid.robot.robot import Robot
 from seaid.robot.transmission import (
     at_drives,
     at_joints,
-    coupled_groups,
-    group_of,
     rows_at_drives,
     torques_at_drives,
     torques_at_joints,
@@ -395,18 +393,6 @@ def test_power_is_the_same_on_both_sides_and_ways_lead_back(C: Array, seed: int)
     assert at_drives(np.eye(6), speed) is speed
 
 
-def test_groups_are_the_joints_that_belong_together() -> None:
-    """Couplings of pairs make one group, and a group without one of its torques is incomplete."""
-    C = np.eye(6)
-    C[0, 2] = C[2, 4] = 0.5
-    C[3, 3] = -1.0  # a motor that turns the other way
-    assert coupled_groups(C) == ([0, 2, 4], [3])
-    assert (group_of(C, 4), group_of(C, 1)) == ([0, 2, 4], [1])
-    names = "abcdef"
-    assert incomplete_group(names, C, {"a", "c", "e", "b"}) == ()
-    assert incomplete_group(names, C, {"a", "d"}) == ("a", "c", "e")
-
-
 def test_the_robot_has_the_matrix_of_its_drives(case: Case) -> None:
     """Couplings change neither the count nor the grouping of the base parameters."""
     np.testing.assert_array_equal(case.robot.transmission, case.C)
@@ -426,20 +412,6 @@ def test_the_matrix_is_in_the_order_of_the_joints() -> None:
     order = [2, 0, 1]
     robot = load_robot(WRIST, drives, joints=[JOINTS[index] for index in order])
     np.testing.assert_array_equal(robot.transmission, C[np.ix_(order, order)])
-
-
-@pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
-def test_units_of_the_factors_do_not_make_a_matrix_singular(size: float) -> None:
-    """A factor may be in any unit: only dependent rows are refused."""
-    first = stiff(1, transmission={"wrist_pitch": size, "wrist_roll": 1.0})
-    for sign, words in ((1.0, None), (-1.0, "singular")):
-        second = stiff(transmission={"wrist_pitch": -size, "wrist_roll": sign})
-        drives = {"wrist_pitch": first, "wrist_roll": second}
-        if words is None:
-            assert coupled_groups(load_robot(WRIST, drives).transmission) == ([1, 2],)
-        else:
-            with pytest.raises(RobotError, match=words):
-                load_robot(WRIST, drives)
 
 
 TABLE = {"angle_rad": [-1.0, 0.0, 0.5, 1.0], "ratio": [1.0, 1.1, 1.2, 1.1]}
@@ -462,6 +434,11 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         {"transmission": {"wrist_pitch": 0.0}},
         {},
         r"drives of wrist_pitch do not move .*\[\[0.0\]\] is singular",
+    ),
+    (
+        {"transmission": {"wrist_pitch": 1e4, "wrist_roll": 1.0}},
+        {"transmission": {"wrist_pitch": -1e4, "wrist_roll": -1.0}},
+        "is singular",
     ),
     ({"angle_ratio": TABLE}, {}, "the table of its angle_ratio ends at -1 and 1"),
     (BEHIND_LINKAGE, HARMONIC, "has a factor on 'wrist_roll', whose drive has angle_ratio"),

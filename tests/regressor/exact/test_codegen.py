@@ -52,22 +52,6 @@ def test_regressor_is_that_of_pinocchio(
     assert_close(form.base_regressor(*states), form.base.reduce(expected))
 
 
-def test_sliding_joints_skew_axes_and_another_order(write_chain: Callable[..., Path]) -> None:
-    rpy = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
-    slide = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
-    path = write_chain(
-        {
-            "a": f'prismatic <axis xyz="1 2 -2"/>{slide}',
-            "b": f'continuous <axis xyz="0.3 -0.1 0.8"/>{rpy}',
-            "c": f'prismatic <axis xyz="0 1 0"/>{slide}{rpy}',
-            "d": f'continuous <axis xyz="0 0 -1"/>{rpy}',
-        }
-    )
-    robot = load_robot(path, joints=["c", "a", "d", "b"], gravity=(1.0, -2.0, -9.0))
-    states = random_states(robot, seed=0)
-    assert_close(rigid_body(robot).regressor(*states), rigid_body_regressor(robot, *states))
-
-
 def test_sympy_regressor_of_a_pendulum(write_chain: Callable[..., Path]) -> None:
     form = rigid_body(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
     (q,), (_,), (a,) = form.motion
@@ -76,26 +60,6 @@ def test_sympy_regressor_of_a_pendulum(write_chain: Callable[..., Path]) -> None
     torque = [0, -g * sp.cos(q), 0, -g * sp.sin(q), 0, 0, a, 0, 0, 0]
     assert (R - sp.Matrix([torque])).expand() == sp.zeros(1, 10)
     assert form.expanded(form.R_0) == R.extract([0], list(form.base.columns))
-
-
-def test_subexpressions_come_in_order_and_give_the_numbers(tulip_leg: Robot) -> None:
-    form = rigid_body(tulip_leg)
-    states = tuple(x[:1] for x in random_states(tulip_leg, seed=2))
-    values = {
-        symbol: float(x)
-        for symbols, row in zip(form.motion, states, strict=True)
-        for symbol, x in zip(symbols, row[0], strict=True)
-    }
-    for symbol, expression in form.subexpressions:
-        assert expression.free_symbols <= set(values)
-        values[symbol] = evaluated(expression, values)
-    found = np.array([[evaluated(x, values) for x in row] for row in form.R_0.tolist()])
-    np.testing.assert_allclose(found, form.base_regressor(*states)[0], atol=1e-10)
-
-
-def evaluated(expression: sp.Expr, values: dict[sp.Symbol, float]) -> float:
-    numbers = {x: sp.Float(values[x]) for x in expression.free_symbols}
-    return float(expression.xreplace(numbers))
 
 
 def test_shapes_are_checked(tulip_leg: Robot) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.legged import load_robot
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters as numeric_base_parameters
-from seaid.regressor.base import cross_check
+from seaid.regressor.base import cross_check, random_states
 from seaid.robot.robot import Robot
-from seaid.symbolic import ExactBaseParameters, base_parameters
+from seaid.symbolic import ExactBaseParameters, base_parameters, rigid_body
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 
 SMALL = ("ur5_robot.urdf", "tiago_no_hand.urdf", "a1.urdf", "hextilt_flying_arm_5.urdf")
@@ -59,6 +61,12 @@ def test_any_tree_has_one_answer(
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
     check = cross_check(numeric_base_parameters(robot), ways[0])
     assert check.agree, (check, tree)
+    states = random_states(robot, 0)
+    expected = rigid_body_regressor(robot, *states)
+    found = rigid_body(robot).regressor(*states)
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(expected)))
+    )
 
 
 def test_directions_that_coincide_through_sliding_joints_are_named(
@@ -83,31 +91,27 @@ def test_directions_that_coincide_through_sliding_joints_are_named(
 
 
 @pytest.mark.parametrize(
-    ("rows", "count"),
+    ("joints", "torques", "count"),
     [
-        (("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
-        (("knee_pitch",), None),
-        (("ankle_pitch", "hip_yaw"), None),
+        (None, ("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
+        (None, ("ankle_pitch", "hip_yaw"), None),
+        (
+            ("ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"),
+            ("knee_pitch", "hip_pitch"),
+            None,
+        ),
     ],
 )
-def test_known_torques_only(tulip_leg: Robot, rows: tuple[str, ...], count: int | None) -> None:
-    exact = base_parameters(tulip_leg, torque_joints=rows)
+def test_known_torques_only(
+    joints: tuple[str, ...] | None, torques: tuple[str, ...], count: int | None, tulip_urdf: Path
+) -> None:
+    """Torques of some joints, in any order of the joints."""
+    robot = load_robot(tulip_urdf, joints=joints)
+    exact = base_parameters(robot, torque_joints=torques)
     assert exact.through == "torque"
     assert count in (None, exact.rank)
-    assert cross_check(numeric_base_parameters(tulip_leg, torque_joints=rows), exact).agree
-    assert base_parameters(tulip_leg, torque_joints=rows, through="torque").rank == exact.rank
-
-
-def test_known_torques_are_those_of_the_named_joints_in_any_order(tulip_urdf: Path) -> None:
-    order = ["ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"]
-    robot = load_robot(tulip_urdf, joints=order)
-    exact = base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"])
-    check = cross_check(
-        numeric_base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"]), exact
-    )
+    check = cross_check(numeric_base_parameters(robot, torque_joints=torques), exact)
     assert check.agree, check
-    ways = three_ways(robot)
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
 
 
 @pytest.mark.parametrize("way", ["energy", "torque"])

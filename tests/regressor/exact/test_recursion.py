@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
-from seaid._arrays import Array
 from seaid.errors import RobotError, SeaidError, SymbolicError
 from seaid.legged import load_robot
-from seaid.regressor.base import left_to_right
 from seaid.robot.robot import Robot
 from seaid.symbolic import base_parameters
+from tests.regressor.stances import check_floating
 
 Y = '<axis xyz="0 1 0"/>'
 
@@ -45,36 +43,15 @@ def test_long_numbers_are_shown_as_decimals(
 
 
 @pytest.mark.parametrize("name", ["a1.urdf", "ur5_robot.urdf", "baxter.urdf"])
-def test_floating_base_is_that_of_the_numeric_regressor(
+def test_floating_base_is_that_of_pinocchios_free_flyer(
     name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
+    """Columns and grouping; the base has a name that no link has."""
     robot = load_quietly(example_path(name))
-    columns, grouping, _ = left_to_right(floating_regressor(robot))
     exact = base_parameters(robot, floating_base=True)
-    assert exact.columns == tuple(columns)
-    assert exact.names[:10] == tuple(
-        f"{name}_base" if "base" not in robot.body_names else f"{name}_floating_base"
-        for name in ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-    )
-    np.testing.assert_allclose(grouping, exact.grouping, rtol=0, atol=1e-9)
-
-
-def floating_regressor(robot: Robot) -> Array:
-    """The regressor of wrench and torques with a free base, at random states, from Pinocchio."""
-    base = pin.Model()
-    joint = base.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
-    base.addFrame(pin.Frame("free", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    base.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
-    model = pin.appendModel(base, robot.model, joint, pin.SE3.Identity())
-    data, rng = model.createData(), np.random.default_rng(0)
-    pin.seed(0)
-    blocks = []
-    for _ in range(60):
-        q = rng.uniform(-2, 2, model.nq)
-        q[3:7] /= np.linalg.norm(q[3:7])
-        v, a = rng.normal(0, 3, (2, model.nv))
-        blocks.append(np.array(pin.computeJointTorqueRegressor(model, data, q, v, a)))
-    return np.vstack(blocks)
+    link = "floating_base" if "base" in robot.body_names else "base"
+    assert exact.names[:4] == tuple(f"{parameter}_{link}" for parameter in ("m", "mx", "my", "mz"))
+    check_floating(exact, load_quietly(example_path(name), base="floating"))
 
 
 @pytest.mark.parametrize(
