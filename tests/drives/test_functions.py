@@ -241,24 +241,19 @@ def test_states_solve_the_differential_equation_of_the_law() -> None:
 
 
 def test_a_step_after_another_is_the_whole() -> None:
-    """The simulation, step by step, has the states of the whole travel."""
+    """The slope by the width is the difference of two, but where the direction changes."""
     x, z = position(TIME), 0.0
-    whole = states(x, WIDTH)[0]
+    whole, found = states(x, WIDTH)
     for place, step in enumerate(np.diff(x).tolist()):
         z = after_travel(z, step, WIDTH)
         assert z == pytest.approx(whole[place + 1], abs=1e-9)
-
-
-def test_the_slope_by_the_width_is_the_difference() -> None:
-    """By central differences, but where the direction changes."""
-    x = position(TIME)
     more, less = (states(x, WIDTH + step)[0] for step in (1e-6, -1e-6))
-    slope, found = (more - less) / 2e-6, states(x, WIDTH)[1]
-    agree = np.abs(slope - found) < 1e-4 * (1 + np.abs(found))
+    agree = np.abs((more - less) / 2e-6 - found) < 1e-4 * (1 + np.abs(found))
     assert np.mean(agree) > 0.9999
 
 
 def test_the_law_is_data_of_an_equation() -> None:
+    """It goes to other processes; what follows the travel has no slope by the position."""
     x, w = sp.symbols("x w")
     expression = Dahl(x, w) + Dahl(x, w).diff(w)
     assert pickle.loads(pickle.dumps(expression)) == expression
@@ -270,44 +265,39 @@ DAHL = StiffDrive(gear_ratio=50.0, friction=("viscous", "dahl", "load")).with_va
 )
 
 
+PLAIN = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
+DAHL_SPRING = replace(PLAIN, spring=("linear", "dahl")).with_values(
+    {"hysteresis_force": 2.0, "hysteresis_deflection": 0.01}
+)
+
+
 def test_plans_see_the_loop_of_wide_motions() -> None:
-    """Columns and curve of a plan are those of sharp friction, without the width."""
+    """Columns and curves of a plan are those of sharp friction, and of springs without a loop."""
     sharp = DAHL.without_memory()
     assert sharp.friction == ("viscous", "coulomb", "load")
-    mine, other = (
-        smooth_columns(drive_regressor(motor_equation(one), one)) for one in (DAHL, sharp)
-    )
-    assert mine.names == other.names
+    assert DAHL_SPRING.without_memory() == PLAIN
+    of_motor = {
+        drive: smooth_columns(drive_regressor(motor_equation(drive), drive))
+        for drive in (DAHL, sharp, DAHL_SPRING, PLAIN)
+    }
+    for drive, other in ((DAHL, sharp), (DAHL_SPRING, PLAIN)):
+        columns = of_motor[drive], of_motor[other]
+        assert columns[0].names == columns[1].names
+        assert columns[0].missing == columns[1].missing
     w, load = np.linspace(-5, 5, 11), np.linspace(2, 3, 11)
     given = {"theta_M_dot": w, "theta_M_ddot": w, "tau_G": load, "tau_M": w, "tau_L": load}
-    for got, wanted in zip(mine.evaluate(given, 0.1), other.evaluate(given, 0.1), strict=True):
-        np.testing.assert_allclose(got, wanted)
-    mine_curve, other_curve = (
-        friction_curve("knee", one).torque(w, load, sign_width=0.1)[0] for one in (DAHL, sharp)
-    )
-    np.testing.assert_allclose(mine_curve, other_curve)
-
-
-def test_plans_see_no_hysteresis_of_springs() -> None:
-    plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
-    drive = replace(plain, spring=("linear", "dahl"))
-    mine, other = (
-        smooth_columns(drive_regressor(motor_equation(one), one)) for one in (drive, plain)
-    )
-    assert (mine.names, mine.missing) == (other.names, other.missing)
-
-
-def test_the_curve_of_a_spring_is_the_middle_of_its_loop() -> None:
-    plain = SeriesElasticDrive(gear_ratio=50.0, stiffness_Nm_per_rad=100.0)
-    drive = replace(plain, spring=("linear", "dahl")).with_values(
-        {"hysteresis_force": 2.0, "hysteresis_deflection": 0.01}
-    )
+    rows = [of_motor[drive].evaluate(given, 0.1) for drive in (DAHL, sharp)]
+    for found, expected in zip(*rows, strict=True):
+        np.testing.assert_allclose(found, expected)
+    curves = [friction_curve("knee", drive) for drive in (DAHL, sharp)]
+    torques = [curve.torque(w, load, sign_width=0.1)[0] for curve in curves]
+    np.testing.assert_allclose(torques[0], torques[1])
     x = np.linspace(-0.1, 0.1, 5)
-    np.testing.assert_allclose(spring_curve(drive).force(x), 100 * x)
-    assert drive.without_memory() == plain
+    np.testing.assert_allclose(spring_curve(DAHL_SPRING).force(x), 100 * x)
 
 
 def test_the_sharp_dead_zone_is_the_limit_of_the_smooth_one() -> None:
+    """The error is half of the rounding at most."""
     smooth = SeriesElasticDrive(
         gear_ratio=1.0, stiffness_Nm_per_rad=1.0, spring=("linear", "smooth_dead_zone")
     )
@@ -322,13 +312,7 @@ def test_the_sharp_dead_zone_is_the_limit_of_the_smooth_one() -> None:
 
 def test_stiffness_between_the_encoders_keeps_the_loop() -> None:
     """A loop of force F_H over d_s is one of F_H / (1 + c k) over (1 + c k) d_s."""
-    drive = SeriesElasticDrive(
-        gear_ratio=50.0,
-        stiffness_Nm_per_rad=100.0,
-        gear_stiffness_Nm_per_rad=400.0,
-        spring=("linear", "dahl"),
-        nominal={"hysteresis_force": 2.0, "hysteresis_deflection": 0.01},
-    )
+    drive = replace(DAHL_SPRING, gear_stiffness_Nm_per_rad=400.0)
     assert drive.values["hysteresis_force"] == pytest.approx(2.0 / 1.25)
     assert drive.values["hysteresis_deflection"] == pytest.approx(0.01 * 1.25)
     assert drive.with_values(drive.values).own_values == pytest.approx(drive.own_values)

@@ -479,24 +479,8 @@ def test_what_cannot_be_locked(urdf: Path, locked: dict[str, float], message: st
         seaid.load_robot(urdf, joints=["shoulder", "wrist"], locked=locked)
 
 
-def test_the_command_line_wants_positions_by_joint(urdf: Path) -> None:
-    said = CliRunner().invoke(app, ["inspect", str(urdf), "--locked", "0.3"])
-    assert "'0.3' names no joint: write it as torso=0.3,head=0.1" in said.stderr
-    assert CliRunner().invoke(app, ["inspect", str(urdf), "--locked", "lift=0.3"]).exit_code == 0
-
-
-def test_a_project_and_a_saved_run_keep_what_is_locked(urdf: Path, tmp_path: Path) -> None:
-    (tmp_path / "seaid.toml").write_text(
-        'urdf = "crane.urdf"\nlocked = { lift = 0.4, elbow = -0.9 }\n[[log]]\nfile = "run.csv"\n'
-    )
-    robot = load_project(tmp_path).robot()
-    assert dict(robot.locked) == LOCKED
-    arrays = dict[str, Array]()
-    assert dict(_restored(_plain(robot, arrays), arrays).locked) == LOCKED
-
-
 def test_init_says_how_to_lock_what_stands_still(urdf: Path, tmp_path: Path) -> None:
-    """With that option the project has the robot whose other joints move."""
+    """With that option the project and a saved run have the robot whose other joints move."""
     time = np.arange(2000) / 200
     columns = {"time_s": time}
     for number, name in enumerate(("lift", "shoulder", "elbow", "wrist")):
@@ -505,12 +489,16 @@ def test_init_says_how_to_lock_what_stands_still(urdf: Path, tmp_path: Path) -> 
         columns[f"{name}.effort"] = np.cos((1 + number) * time)
     run = write_columns(tmp_path / "run.npz", columns)
     made = write_first_project(urdf, [run], folder=tmp_path / "p")
-    said = "lift, elbow: no motion in any log; lock what stands still: --locked lift=0.4,elbow=0.4"
-    assert said in made.doubts
+    doubt = "lift, elbow: no motion in any log; lock what stands still: --locked lift=0.4,elbow=0.4"
+    assert doubt in made.doubts
     locked = {"lift": 0.4, "elbow": 0.4}
     made = write_first_project(urdf, [run], locked=locked, folder=tmp_path / "q")
     assert "locked = { lift = 0.4, elbow = 0.4 }" in made.files[0].read_text()
-    assert load_project(tmp_path / "q").robot().joint_names == MOVING
+    robot, arrays = load_project(tmp_path / "q").robot(), dict[str, Array]()
+    assert robot.joint_names == MOVING
+    assert dict(_restored(_plain(robot, arrays), arrays).locked) == dict(robot.locked) == locked
+    said = CliRunner().invoke(app, ["inspect", str(urdf), "--locked", "0.3"])
+    assert "'0.3' names no joint: write it as torso=0.3,head=0.1" in said.stderr
     assert not any("elbow" in doubt for doubt in made.doubts)
     write_columns(run, columns | {"lift.position": np.full_like(time, 0.4)})
     with pytest.raises(LogError, match="joints that stand still, or that no column has, are lock"):

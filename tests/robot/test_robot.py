@@ -159,13 +159,6 @@ def test_payload_that_cannot_be_is_refused(payload: tuple[Any, ...], words: str)
         Payload("foot", *payload)
 
 
-def test_payload_on_a_link_that_is_not_there_or_does_not_move_is_refused(tulip_urdf: Path) -> None:
-    with pytest.raises(RobotError, match=r"no link is named 'foott'; did you mean 'foot'\?"):
-        load_robot(tulip_urdf, payloads=[Payload("foott", 1.0)])
-    with pytest.raises(RobotError, match="payload on 'trunk': no joint moves this link"):
-        load_robot(tulip_urdf, payloads=[Payload("trunk", 1.0)])
-
-
 # Joints that cannot be asked for
 
 
@@ -183,28 +176,10 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     state = states(1)
     assert robot.joint_names == ("elbow",)
     assert_same(joint_torques(robot, *state), joint_torques(welded, *state))
-
-
-def test_joints_that_are_not_there_twice_or_none_are_refused(
-    tulip_urdf: Path, write_chain: Chain
-) -> None:
-    with pytest.raises(RobotError, match=r"'tulip_leg': no joint is named 'knee'; did you mean"):
-        load_robot(tulip_urdf, joints=["hip_yaw", "knee"])
-    with pytest.raises(RobotError, match=r"names a joint twice: \['hip_yaw', 'hip_yaw'\]"):
-        load_robot(tulip_urdf, joints=["hip_yaw", "hip_yaw"])
-    with pytest.raises(RobotError, match=r"joints= must be a list of names, found .*'hip_yaw'"):
-        load_robot(tulip_urdf, joints="hip_yaw")
-    for path, none in ((tulip_urdf, []), (write_chain({"weld": "fixed"}), None)):
-        with pytest.raises(RobotError, match=r"'(tulip_leg|test)' has no joint that moves"):
-            load_robot(path, joints=none)
-    with pytest.raises(RobotError, match="joint 'weld' is fixed"):
-        load_robot(write_chain({"weld": "fixed"}), joints=["weld"])
-
-
-@pytest.mark.parametrize("gravity", [(0.0, 0.0), (0.0, 0.0, np.nan), "down"])
-def test_gravity_that_is_no_vector_is_refused(tulip_urdf: Path, gravity: tuple[float, ...]) -> None:
-    with pytest.raises(RobotError, match=r"gravity=? must"):
-        load_robot(tulip_urdf, gravity=gravity)
+    with pytest.raises(RobotError, match="joint 'ball' is fixed"):
+        load_robot(path, joints=["ball"])
+    with pytest.raises(RobotError, match="'test' has no joint that moves"):
+        load_robot(write_chain({"weld": "fixed"}))
 
 
 # What is known before an identification, and after
@@ -257,24 +232,35 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
 
 
 @pytest.mark.parametrize(
-    ("drives", "words"),
+    ("options", "words"),
     [
+        ({"joints": ["hip_yaw", "knee"]}, r"'tulip_leg': no joint is named 'knee'; did you mean"),
+        ({"joints": ["hip_yaw"] * 2}, r"names a joint twice: \['hip_yaw', 'hip_yaw'\]"),
+        ({"joints": "hip_yaw"}, r"joints= must be a list of names, found .*'hip_yaw'"),
+        ({"joints": []}, "'tulip_leg' has no joint that moves"),
+        ({"payloads": [Payload("foott", 1.0)]}, r"no link is named 'foott'; did you mean 'foot'\?"),
+        ({"payloads": [Payload("trunk", 1.0)]}, "payload on 'trunk': no joint moves this link"),
+        ({"gravity": (0.0, 0.0)}, "gravity=? must"),
+        ({"gravity": (0.0, 0.0, np.nan)}, "gravity=? must"),
+        ({"gravity": "down"}, "gravity=? must"),
         (
-            {"kneepitch": StiffDrive(gear_ratio=1.0)},
+            {"drives": {"kneepitch": StiffDrive(gear_ratio=1.0)}},
             r"for 'tulip_leg': no joint is named 'kneepitch'; did you mean 'knee_pitch'\? allowed:",
         ),
         (
-            {"knee_pitch": StiffDrive(gear_ratio=1.0, extra_terms=("c*",))},
+            {"drives": {"knee_pitch": StiffDrive(gear_ratio=1.0, extra_terms=("c*",))}},
             r"joint 'knee_pitch': extra term 'c\*' is not an expression",
         ),
-        ([1], "must be a path or a mapping"),
-        ({"knee_pitch": None}, "must be a table of a drive"),
+        ({"drives": [1]}, "must be a path or a mapping"),
+        ({"drives": {"knee_pitch": None}}, "must be a table of a drive"),
     ],
 )
-def test_drives_that_do_not_fit_are_refused(tulip_urdf: Path, drives: Any, words: str) -> None:
-    """The message names the joint, and the nearest name."""
+def test_options_that_do_not_fit_are_refused(
+    tulip_urdf: Path, options: dict[str, Any], words: str
+) -> None:
+    """The message names the joint or link, and the nearest name."""
     with pytest.raises(RobotError, match=words):
-        load_robot(tulip_urdf, drives)
+        load_robot(tulip_urdf, **options)
 
 
 def test_drive_for_the_other_kind_of_joint_is_refused(write_chain: Chain) -> None:

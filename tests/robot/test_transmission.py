@@ -714,10 +714,9 @@ def test_the_complete_model_is_zero_along_a_motion(name: str) -> None:
     motors = [case.robot.index(joint) for joint in case.robot.elastic_joints]
     of_motors = (motion.motor_position, motion.motor_velocity, motion.motor_acceleration)
     states = [
-        [*(state[at] for state in pair[0]), *pair[1][at, motors]]
-        for pair in (((x,), y) for x, y in zip(motion.joint_states, of_motors, strict=True))
+        np.append(joints[at], others[at, motors])
+        for joints, others in zip(motion.joint_states, of_motors, strict=True)
     ]
-    states = [np.concatenate([np.atleast_1d(part) for part in row]) for row in states]
     values: dict[Any, float] = {}
     for order in (2, 1, 0):
         for coordinate, value in zip(model.coordinates, states[order], strict=True):
