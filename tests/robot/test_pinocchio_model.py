@@ -115,6 +115,7 @@ def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
 
 
 def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -> None:
+    """The limits of a leader keep those of its followers."""
     assert gripper.joint_names == LEADERS
     followers = {
         one.name: (one.leader, one.multiplier, one.offset) for one in gripper.dependent_joints
@@ -128,10 +129,7 @@ def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -
     assert set(gripper.body_names[3:]) == {"table", "right", "cam"}
     assert gripper.parameters.shape == (60,)
     assert list(gripper.drives) == list(LEADERS)
-
-
-def test_limits_of_a_leader_keep_those_of_its_followers(gripper: Robot) -> None:
-    """-2 <= -12 q + 0.3 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level."""
+    # -2 <= -12 q + 0.3 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level
     np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.7 / 12])
     np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.3 / 12])
     np.testing.assert_allclose(gripper.velocity_limits, [3, 3, 0.25])
@@ -397,55 +395,27 @@ def urdf(tmp_path: Path) -> Path:
     return write_robot(tmp_path / "crane.urdf", whole, dict.fromkeys(links, body))
 
 
-def whole(urdf: Path) -> tuple[pin.Model, dict[str, float]]:
-    """Return the model with all joints, and the positions of those that stand still."""
-    model = pin.buildModelFromUrdf(str(urdf), False)
-    return model, {**LOCKED, "follower": 0.5 * LOCKED["elbow"] + 0.1}
-
-
-def configuration(model: pin.Model, positions: dict[str, float]) -> Array:
-    q = pin.neutral(model)
-    for name, at in positions.items():
-        joint = model.joints[model.getJointId(name)]
-        values = [at] if joint.nq == 1 else [np.cos(at), np.sin(at)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = values
-    return np.asarray(q)
-
-
-def test_torques_are_those_of_the_whole_model(urdf: Path) -> None:
-    robot = seaid.load_robot(urdf, locked=LOCKED)
-    assert set(robot.joint_names) == set(MOVING)
-    model, still = whole(urdf)
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        q, v, a = rng.uniform(-1, 1, (3, 2))
-        places = still | dict(zip(robot.joint_names, q.tolist(), strict=True))
-        rows = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
-        speed, rate = np.zeros((2, model.nv))
-        speed[rows], rate[rows] = v, a
-        torque = pin.rnea(model, model.createData(), configuration(model, places), speed, rate)
-        regressor = seaid.regressor.rigid_body_regressor(robot, q[None], v[None], a[None])
-        own = regressor[0] @ robot.parameters
-        np.testing.assert_allclose(own, torque[rows], atol=1e-12)
-
-
 def test_links_stand_where_those_of_the_whole_model_do(gripper: Robot, urdf: Path) -> None:
     """Links of followers, and links behind joints that stand still elsewhere than at zero."""
     crane = seaid.load_robot(urdf, locked=LOCKED)
     followers = {"level": 0.2 - 0.7, "mirror": 0.05, "cam_turn": 0.3 - 12 * 0.05}
     for robot, q, others in (
         (gripper, [0.7, 0.2, 0.05], followers),
-        (crane, [0.3, -0.4], whole(urdf)[1]),
+        (crane, [0.3, -0.4], {**LOCKED, "follower": 0.5 * LOCKED["elbow"] + 0.1}),
     ):
         assert robot.urdf is not None
         model = pin.buildModelFromUrdf(str(robot.urdf), False)
-        data, moved = model.createData(), dict(zip(robot.joint_names, q, strict=True))
-        pin.framesForwardKinematics(model, data, configuration(model, moved | others))
+        data, whole = model.createData(), pin.neutral(model)
+        for name, at in (dict(zip(robot.joint_names, q, strict=True)) | others).items():
+            joint = model.joints[model.getJointId(name)]
+            values = [at] if joint.nq == 1 else [np.cos(at), np.sin(at)]
+            whole[joint.idx_q : joint.idx_q + joint.nq] = values
+        pin.framesForwardKinematics(model, data, whole)
         joints = placements(robot, np.array(q))
         tree_of_links = seaid.robot.reread_urdf(robot.urdf).locked_at(robot.locked)
-        for link, (joint, place) in link_places(tree_of_links, robot).items():
+        for link, (moving, place) in link_places(tree_of_links, robot).items():
             expected = data.oMf[model.getFrameId(link)].homogeneous
-            np.testing.assert_allclose((joints[joint] * place).homogeneous, expected, atol=1e-12)
+            np.testing.assert_allclose((joints[moving] * place).homogeneous, expected, atol=1e-12)
 
 
 def test_the_written_file_has_the_same_robot(urdf: Path, tmp_path: Path) -> None:

@@ -81,12 +81,14 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     gravity: tuple[float, float, float],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    """Joints are in the user's order and others locked at zero; links may be fixed or loaded.
+    """Joints are in the user's order, others locked anywhere; links may be fixed or loaded.
 
     A payload adds to the known side, and not to the parameters.
     """
     names = [f"j{number}" for number in range(1, len(tree) + 1)]
     order = data.draw(st.permutations(names))[: data.draw(st.integers(1, len(names)))]
+    places = {name: data.draw(st.sampled_from([0.0, 0.4, 0.9])) for name in {*names} - {*order}}
+    locked = {name: place for name, place in places.items() if place}  # at zero without a name
     tools = "".join(
         f'<link name="{link}">{body(10 + k)}</link><joint name="to_{link}" type="fixed"><parent '
         f'link="l{k}"/><child link="{link}"/><origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/></joint>'
@@ -97,7 +99,8 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     path.write_text(path.read_text().replace("</robot>", f"{tools}</robot>"))
     tensor = ((0.02, 0.001, 0.0), (0.001, 0.03, -0.002), (0.0, -0.002, 0.025))
     payload = Payload("tool", 2.0, (0.15, -0.05, 0.1), tensor)
-    robot = load_robot(path, joints=order, gravity=gravity, payloads=[payload])
+    options: dict[str, Any] = {"joints": order, "locked": locked, "gravity": gravity}
+    robot = load_robot(path, payloads=[payload], **options)
     assert robot.joint_names == tuple(order)
     assert robot.body_names == tuple(f"l{name[1:]}" for name in order)
     assert robot.is_prismatic == tuple(tree[int(x[1:]) - 1][0] == "prismatic" for x in order)
@@ -106,14 +109,15 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     frame = theirs.frames[theirs.getFrameId("tool")]
     inertia = pin.Inertia(2.0, np.array(payload.com), np.array(tensor))
     theirs.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
-    columns = [list(theirs.names)[1:].index(name) for name in order]
+    columns, still = ([list(theirs.names)[1:].index(x) for x in some] for some in (order, places))
     whole = np.zeros((3, 5, theirs.nv))
     whole[:, :, columns] = state
+    whole[0][:, still] = list(places.values())
     torques = pinocchio_torques(theirs, *whole)[:, columns]
     assert_same(joint_torques(robot, *state), torques)
     Y = rigid_body_regressor(robot, *state)
     assert_same(Y @ (robot.parameters + robot.payload_parameters), torques)
-    plain = load_robot(path, joints=order, gravity=gravity)
+    plain = load_robot(path, **options)
     np.testing.assert_array_equal(robot.parameters, plain.parameters)
     assert not np.any(plain.payload_parameters)
     assert_same(joint_torques(plain, *state), Y @ plain.parameters)
