@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seaid.drives import AngleRatio
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import spring_force
 from seaid.errors import RobotError
@@ -49,7 +50,7 @@ def test_stiff_drive_has_the_face_of_an_elastic_one_but_takes_no_spring() -> Non
     with pytest.raises(RobotError, match="needs a joint that turns"):
         StiffDrive(gear_ratio_rad_per_m=100.0, torque_ripple={"joint": [1]})
     with pytest.raises(RobotError, match="angle_ratio cos must be finite"):
-        StiffDrive(gear_ratio=100.0, angle_ratio={"cos": [np.nan]})
+        StiffDrive(gear_ratio=100.0, angle_ratio=AngleRatio(cos=(np.nan,)))
 
 
 def test_known_values_stay_without_the_nominal_ones() -> None:

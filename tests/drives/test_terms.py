@@ -180,7 +180,7 @@ def friction_by_hand(drive: Drive, s: dict[str, Array], behind_gear: Array) -> A
     """Return the friction of the motor [N m], with the torque of the load at the motor."""
     w, v = s["theta_M_dot"], VALUES
     x, cold = s["theta_L"] - 0.3, np.exp(-s["t_log"] / v["warm_up_time"])
-    smooth = {
+    smooth: dict[str, Any] = {
         "viscous": v["viscous_friction"] * w,
         "quadratic": v["quadratic_friction"] * w * np.abs(w),
         "asymmetric": v["asymmetric_friction"] * np.abs(w),
@@ -188,7 +188,7 @@ def friction_by_hand(drive: Drive, s: dict[str, Array], behind_gear: Array) -> A
         "viscous_warm_up": v["cold_viscous_friction"] * cold * w,
         "offset": v["friction_offset"],
     }
-    levels = {
+    levels: dict[str, Any] = {
         **dict.fromkeys(DIRECTIONS, v["coulomb_friction"]),
         "stribeck": v["stribeck_friction"] * np.exp(-((w / v["stribeck_speed"]) ** 2)),
         "load": v["load_friction"] * np.abs(behind_gear),
@@ -224,7 +224,7 @@ def force_by_hand(drive: SeriesElasticDrive, s: dict[str, Array]) -> Array:
         d = np.sign(d) * np.maximum(np.abs(d) - g, 0)
     elif "smooth_dead_zone" in drive.spring:
         d = d - (np.hypot(d + g, rounding) - np.hypot(d - g, rounding)) / 2
-    terms = {
+    terms: dict[str, Any] = {
         "linear": v["stiffness"] * d,
         "cubic": v["cubic_stiffness"] * d**3,
         "fifth": v["fifth_stiffness"] * d**5,

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag, null_space
 
-from seaid._arrays import Array
+from seaid._arrays import Array, BoolArray
 from seaid.robot import HANGING, Contact, Robot
 from seaid.symbolic import ExactBaseParameters
 
@@ -144,7 +144,7 @@ class _FreeFlyer:
         reached = np.vstack([np.zeros((1, len(kept))), *(J[:, kept] for J in hidden)])
         return np.asarray(null_space(reached, 1e-9).T @ Y[np.ix_(kept, np.concatenate(columns))])
 
-    def _orientation(self, rng: np.random.Generator, free: Array) -> Array:
+    def _orientation(self, rng: np.random.Generator, free: BoolArray) -> Array:
         """Return a random rotation of the base in the world, about the normal of a planar one."""
         normal = self.base.normal
         if not np.any(free):

@@ -28,7 +28,7 @@ from seaid.regressor.structural_identifiability import (
 )
 from seaid.robot.robot import Payload, Robot
 from tests.plants import tree, write_robot
-from tests.regressor.modular.decision import exact_decision
+from tests.regressor.exact_decision import exact_decision
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 from tests.representatives import quick_first
 

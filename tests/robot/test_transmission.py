@@ -155,7 +155,11 @@ def elastic(number: int = 0, **options: Any) -> SeriesElasticDrive:
 
 def differential(*drives: Drive) -> Case:
     """Return the differential wrist: sum and difference of both angles."""
-    rows = ({}, {JOINTS[1]: 1, JOINTS[2]: 1}, {JOINTS[1]: 1, JOINTS[2]: -1})
+    rows: tuple[dict[str, float], ...] = (
+        {},
+        {JOINTS[1]: 1, JOINTS[2]: 1},
+        {JOINTS[1]: 1, JOINTS[2]: -1},
+    )
     coupled = {
         joint: replace(drive, transmission=row)
         for joint, drive, row in zip(JOINTS, drives, rows, strict=True)
@@ -416,7 +420,7 @@ def test_the_matrix_is_in_the_order_of_the_joints() -> None:
 
 TABLE = {"angle_rad": [-1.0, 0.0, 0.5, 1.0], "ratio": [1.0, 1.1, 1.2, 1.1]}
 BEHIND_LINKAGE = {"transmission": {"wrist_pitch": 1.0, "wrist_roll": 1.0}}
-HARMONIC = {"angle_ratio": {"cos": [0.1]}}
+HARMONIC: dict[str, Any] = {"angle_ratio": {"cos": [0.1]}}
 PITCH_ROLL = ["wrist_pitch", "wrist_roll"]
 REFUSED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({"transmission": {"wrist_rol": 1.0}}, {}, r"joint 'wrist_pitch': .*'wrist_roll'"),
