@@ -30,25 +30,10 @@ def columns_of_stances(
     measured: Sequence[str] = (),
     seed: int = 0,
 ) -> tuple[int, ...]:
-    """Return the base columns of the regressor of a floating base in some stances.
+    """Return the base columns from the left, with the base before the other bodies.
 
-    Parameters
-    ----------
-    robot : Robot
-        With a floating base.
-    stances : list of lists of str
-        As in `seaid.base_parameters`; an empty list is flight; "hanging": with the base bolted to
-        the world.
-    torque_joints : list of str, optional
-        Joints whose torque is known. Default: all.
-    measured : list of str, optional
-        Contacts whose wrench is measured.
-    seed : int, default 0
-
-    Returns
-    -------
-    tuple of int
-        Those from the left, with the base before the other bodies.
+    Stances are as in `seaid.base_parameters`: contacts that touch, none in flight, or "hanging".
+    Wrenches of `measured` contacts are known, and torques of `torque_joints`, by default of all.
     """
     H = rows_of_stances(robot, stances, torque_joints, measured, seed)
     return tuple((pivot - 10) % H.shape[1] for pivot in _leftmost(H))

@@ -156,6 +156,7 @@ def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:
 @pytest.mark.rounding
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_rank_decision_does_not_depend_on_units(scale: float) -> None:
+    """A trace of a rounded angle is no column, and a column in small units is one."""
     rng = np.random.default_rng(0)
     A = rng.normal(size=(40, 4))
     H = np.column_stack([A[:, 0], A[:, 1], A[:, 0] - 2 * A[:, 1], A[:, 2], A[:, 3]])
@@ -164,14 +165,9 @@ def test_rank_decision_does_not_depend_on_units(scale: float) -> None:
     assert columns == [0, 1, 3, 4]
     assert np.allclose(grouping[:, 2], [1, -2, 0, 0], rtol=0, atol=1e-10 * max(1, scale))
     assert gap > 1e12
-
-
-@pytest.mark.rounding
-def test_trace_of_a_rounded_angle_is_no_column() -> None:
-    rng = np.random.default_rng(0)
-    H = rng.normal(size=(40, 3)) * [1.0, 1e-12, 3.0]
-    assert list(negligible(H)) == [False, True, False]
-    assert left_to_right(H, negligible(H))[0] == [0, 2]
+    traces = rng.normal(size=(40, 3)) * [1.0, 1e-12, 3.0]
+    assert list(negligible(traces)) == [False, True, False]
+    assert left_to_right(traces, negligible(traces))[0] == [0, 2]
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,17 @@ def test_what_is_no_tree_is_refused(tmp_path: Path, change: tuple[str, str], wor
     assert f"'{path}'" in str(caught.value)
 
 
+def test_a_joint_that_follows_another_is_a_mimic_from_both_references(tmp_path: Path) -> None:
+    """MuJoCo: left - 20 deg = 0.1 + 2 (slide - 0.05 m)."""
+    follows = '<equality><joint joint1="left" joint2="slide" polycoef="0.1 2 0 0 0"/></equality>'
+    robot = load_robot(write(tmp_path / "arm.xml", ARM.replace("<!-- more -->", follows)))
+    ((name, leader, multiplier, offset),) = (
+        (x.name, x.leader, x.multiplier, x.offset) for x in robot.dependent_joints
+    )
+    assert (name, leader, multiplier) == ("left", "slide", 2.0)
+    assert offset == pytest.approx(np.deg2rad(20))
+
+
 def test_other_gravity_is_named_and_a_free_base_is_locked(tmp_path: Path) -> None:
     """A warning gives the gravity; the joints that are asked for leave the free joint out."""
     moon = ARM.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>', 1)

@@ -63,7 +63,7 @@ _JOINTS = {
     "level": "revolute upper table " + _at("0.3 0 0", "0 1 0", "shoulder", -1, 0.2),
     "turn": "revolute table wrist " + _at("0.1 0 0", "1 0 0"),
     "squeeze": "prismatic wrist left " + _at("0.1 0.02 0", "0 1 0"),
-    "mirror": "prismatic wrist right " + _at("0.1 -0.02 0", "0 -1 0", "squeeze", 1, 0),
+    "mirror": "prismatic wrist right " + _at("0.1 -0.02 0", "0 -1 0", "squeeze", 1, 0.01),
     # in depth-first order the follower comes before its leader; it follows through another one
     "cam_turn": "revolute wrist cam " + _at("0.05 0 0.05", "0 1 0", "mirror", -12, 0.3),
 }
@@ -122,16 +122,16 @@ def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -
     }
     assert followers == {
         "level": ("shoulder", -1.0, 0.2),
-        "mirror": ("squeeze", 1.0, 0.0),
-        "cam_turn": ("squeeze", -12.0, 0.3),
+        "mirror": ("squeeze", 1.0, 0.01),
+        "cam_turn": ("squeeze", -12.0, pytest.approx(0.18)),
     }
     assert gripper.body_names[:3] == ("upper", "wrist", "left")
     assert set(gripper.body_names[3:]) == {"table", "right", "cam"}
     assert gripper.parameters.shape == (60,)
     assert list(gripper.drives) == list(LEADERS)
-    # -2 <= -12 q + 0.3 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level
-    np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.7 / 12])
-    np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.3 / 12])
+    # -2 <= -12 q + 0.18 <= 2 and 12 |v| <= 3 for the cam; -2 <= 0.2 - q <= 2 for the level
+    np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.82 / 12])
+    np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.18 / 12])
     np.testing.assert_allclose(gripper.velocity_limits, [3, 3, 0.25])
 
 
@@ -398,7 +398,7 @@ def urdf(tmp_path: Path) -> Path:
 def test_links_stand_where_those_of_the_whole_model_do(gripper: Robot, urdf: Path) -> None:
     """Links of followers, and links behind joints that stand still elsewhere than at zero."""
     crane = seaid.load_robot(urdf, locked=LOCKED)
-    followers = {"level": 0.2 - 0.7, "mirror": 0.05, "cam_turn": 0.3 - 12 * 0.05}
+    followers = {"level": 0.2 - 0.7, "mirror": 0.06, "cam_turn": 0.3 - 12 * 0.06}
     for robot, q, others in (
         (gripper, [0.7, 0.2, 0.05], followers),
         (crane, [0.3, -0.4], {**LOCKED, "follower": 0.5 * LOCKED["elbow"] + 0.1}),

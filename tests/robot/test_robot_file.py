@@ -94,19 +94,10 @@ XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 </robot>"""
 
 
-def test_xacro_is_named_with_its_command_where_its_package_is_not_installed(
+def test_xacro_is_expanded_where_its_package_is_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "xacro", None)
-    path = tmp_path / "arm.urdf.xacro"
-    path.write_text(XACRO)
-    assert refusal(path) == (
-        f"'{path}' is a xacro file, not a URDF: expand it (xacro arm.urdf.xacro > arm.urdf) and "
-        "name the URDF, or install the package that reads it here (pip install xacro)"
-    )
-
-
-def test_xacro_is_expanded_where_its_package_is_installed(tmp_path: Path) -> None:
+    """A mistake in it is named with its command; without the package, how to expand it."""
     pytest.importorskip("xacro")
     path = tmp_path / "arm.urdf"
     path.write_text(XACRO)
@@ -118,6 +109,13 @@ def test_xacro_is_expanded_where_its_package_is_installed(tmp_path: Path) -> Non
     assert f"xacro cannot expand '{path}': " in text
     assert "lenght" in text
     assert "xacro arm.urdf > arm.urdf name:=value" in text
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    path = path.with_suffix(".urdf.xacro")
+    path.write_text(XACRO)
+    assert refusal(path) == (
+        f"'{path}' is a xacro file, not a URDF: expand it (xacro arm.urdf.xacro > arm.urdf) and "
+        "name the URDF, or install the package that reads it here (pip install xacro)"
+    )
 
 
 def test_what_xacro_has_expanded_is_a_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
