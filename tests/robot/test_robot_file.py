@@ -97,25 +97,25 @@ XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 def test_xacro_is_expanded_where_its_package_is_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A mistake in it is named with its command; without the package, how to expand it."""
-    pytest.importorskip("xacro")
-    path = tmp_path / "arm.urdf"
+    """Without the package the message says how to expand it; a mistake in it has its command."""
+    path = tmp_path / "arm.urdf.xacro"
     path.write_text(XACRO)
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "xacro", None)
+        assert refusal(path) == (
+            f"'{path}' is a xacro file, not a URDF: expand it (xacro arm.urdf.xacro > arm.urdf) "
+            "and name the URDF, or install the package that reads it here (pip install xacro)"
+        )
+    pytest.importorskip("xacro")
     robot = load_robot(path)
     assert robot.joint_names == ("pivot",)
     np.testing.assert_allclose(robot.parameters[:2], [2.0, 0.5])
+    path = tmp_path / "arm.urdf"
     path.write_text(XACRO.replace("length /", "lenght /"))
     text = refusal(path)
     assert f"xacro cannot expand '{path}': " in text
     assert "lenght" in text
     assert "xacro arm.urdf > arm.urdf name:=value" in text
-    monkeypatch.setitem(sys.modules, "xacro", None)
-    path = path.with_suffix(".urdf.xacro")
-    path.write_text(XACRO)
-    assert refusal(path) == (
-        f"'{path}' is a xacro file, not a URDF: expand it (xacro arm.urdf.xacro > arm.urdf) and "
-        "name the URDF, or install the package that reads it here (pip install xacro)"
-    )
 
 
 def test_what_xacro_has_expanded_is_a_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
