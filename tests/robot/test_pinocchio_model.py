@@ -22,7 +22,7 @@ from seaid.project import load_project, write_first_project
 from seaid.project.saved import _plain, _restored
 from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
 from seaid.robot import Robot
-from seaid.simulation.plant import inertia, plant_of
+from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
 from seaid.view.picture import link_places, placements
 from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
@@ -207,8 +207,11 @@ def test_mujoco_has_the_same_inertia_and_torques(gripper: Robot, tmp_path: Path)
     np.testing.assert_allclose(
         E.T @ full[np.ix_(place, place)] @ E, expected, rtol=1e-9, atol=1e-12
     )
-    bias = joint_torques(robot, q[None], v[None], np.zeros((1, n)))[0]
-    np.testing.assert_allclose(E.T @ data.qfrc_bias[place], bias, rtol=1e-9, atol=1e-12)
+    bias, rest = E.T @ data.qfrc_bias[place], np.zeros(n)
+    torque = joint_torques(robot, q[None], v[None], rest[None])[0]
+    np.testing.assert_allclose(torque, bias, rtol=1e-9, atol=1e-12)
+    by_plant = inverse_dynamics(plant, plant.model.createData(), (q[order], v[order], rest))
+    np.testing.assert_allclose(by_plant, bias[order], rtol=1e-9, atol=1e-12)
     again = seaid.load_robot(tmp_path / "gripper.xml")  # the equality is read as mimic
     assert again.joint_names == robot.joint_names
     np.testing.assert_allclose(
@@ -310,6 +313,13 @@ def test_mimics_in_a_circle_are_refused_and_lost_ones_named(write_urdf: Write) -
     wrong = write_urdf(text.replace('multiplier="-12"', 'multiplier="fast"'))
     with pytest.raises(RobotError, match="multiplier of <mimic> must be 1 finite number"):
         seaid.load_robot(wrong)
+
+
+def test_inspect_shows_what_follows(gripper: Robot) -> None:
+    """Through another follower, with the product of both."""
+    shown = CliRunner().invoke(app, ["inspect", str(gripper.urdf)])
+    assert shown.exit_code == 0, shown.output
+    assert "cam_turn: mimics squeeze, times -12 plus 0.18" in shown.output
 
 
 def test_symbolic_equations_name_the_ways_out(gripper: Robot) -> None:
