@@ -27,66 +27,45 @@ from tests.experiments import motion_of
 
 Chain = Callable[..., Path]
 
-X, Y, Z = ('<axis xyz="{} {} {}"/>'.format(*axis) for axis in ("100", "010", "001"))
-
-
-def at(xyz: str, rpy: str = "0 0 0") -> str:
-    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
-
-
 LIMIT = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
-QUARTER = "1.5707963267948966"
-PUMA = {
-    "a": f"continuous {Z}{at('0 0 0.67')}",
-    "b": f"continuous {Y}{at('0 0.2435 0')}",
-    "c": f"continuous {Y}{at('0.4318 -0.0934 0')}",
-    "d": f"continuous {Z}{at('-0.0203 0 0.4331')}",
-    "e": f"continuous {Y}{at('0 0 0')}",
-    "f": f"continuous {Z}{at('0 0 0')}",
+AXES = {
+    "y": 'continuous <axis xyz="0 1 0"/>',
+    "z": 'continuous <axis xyz="0 0 1"/>',
+    "slide": f'prismatic <axis xyz="0 0 1"/>{LIMIT}',
 }
+PUMA = "y 0 0.2435 0, y 0.4318 -0.0934 0, z -0.0203 0 0.4331, y 0 0 0, z 0 0 0"
+SKEW = "0.1 0.2 0.3 0.1 0.2 0.3"
 TEXTBOOKS = {
-    "pendulum": ({"a": f"continuous {Y}"}, 3),
-    "pendulum on a vertical axis": ({"a": f"continuous {Z}"}, 1),
-    "2R in a vertical plane": ({"a": f"continuous {Y}", "b": f"continuous {Y}{at('0 0 1')}"}, 6),
-    "2R in a horizontal plane": ({"a": f"continuous {Z}", "b": f"continuous {Z}{at('1 0 0')}"}, 4),
-    "3R in a vertical plane": ({name: f"continuous {Y}{at('0 0 0.5')}" for name in "abc"}, 9),
-    "SCARA": (
-        {
-            "a": f"continuous {Z}",
-            "b": f"continuous {Z}{at('0.4 0 0')}",
-            "c": f"continuous {Z}{at('0.3 0 0')}",
-            "d": f"prismatic {Z}{at('0 0 0')}{LIMIT}",
-        },
-        8,
-    ),
-    "Stanford arm": (
-        {
-            "a": f"continuous {Z}",
-            "b": f"continuous {Y}{at('0 0 0.4')}",
-            "c": f"prismatic {Z}{at('0 0.15 0')}{LIMIT}",
-            "d": f"continuous {Z}{at('0 0 0')}",
-            "e": f"continuous {Y}{at('0 0 0')}",
-            "f": f"continuous {Z}{at('0 0 0')}",
-        },
-        33,
-    ),
-    "PUMA 560": (PUMA, 36),
-    "PUMA 560 on a wall": ({**PUMA, "a": f"continuous {Z}{at('0 0 0.67', f'{QUARTER} 0 0')}"}, 38),
-    "axes of no special direction": (
-        {
-            name: f'continuous <axis xyz="{axis}"/>{at("0.1 0.2 0.3", "0.1 0.2 0.3")}'
-            for name, axis in zip("abcd", ("1 2 3", "3 -1 2", "0.2 0.3 -0.9", "1 1 0"), strict=True)
-        },
-        24,
-    ),
+    "pendulum": ("y", 3),
+    "pendulum on a vertical axis": ("z", 1),
+    "2R in a vertical plane": ("y, y 0 0 1", 6),
+    "2R in a horizontal plane": ("z, z 1 0 0", 4),
+    "3R in a vertical plane": ("y 0 0 0.5, y 0 0 0.5, y 0 0 0.5", 9),
+    "SCARA": ("z, z 0.4 0 0, z 0.3 0 0, slide 0 0 0", 8),
+    "Stanford arm": ("z, y 0 0 0.4, slide 0 0.15 0, z 0 0 0, y 0 0 0, z 0 0 0", 33),
+    "PUMA 560": (f"z 0 0 0.67, {PUMA}", 36),
+    "PUMA 560 on a wall": (f"z 0 0 0.67 1.5707963267948966 0 0, {PUMA}", 38),
+    "no special direction": (f"1;2;3 {SKEW}, 3;-1;2 {SKEW}, 0.2;0.3;-0.9 {SKEW}, 1;1;0 {SKEW}", 24),
 }
+"""{system: (axis, place and angles of each joint, count of the literature)}"""
+
+
+def joints_of(system: str) -> dict[str, str]:
+    """Return the joints of a chain by the axes and places of a table."""
+    joints = {}
+    for number, text in enumerate(system.split(", "), 1):
+        axis, *numbers = text.split()
+        kind = AXES.get(axis, f'continuous <axis xyz="{axis.replace(";", " ")}"/>')
+        place, angles = " ".join(numbers[:3]), " ".join(numbers[3:]) or "0 0 0"
+        joints[f"joint_{number}"] = kind + f'<origin xyz="{place}" rpy="{angles}"/>' * bool(place)
+    return joints
 
 
 @pytest.mark.rounding
-@pytest.mark.parametrize(("joints", "count"), TEXTBOOKS.values(), ids=TEXTBOOKS)
-def test_count_of_a_textbook_system(joints: dict[str, str], count: int, write_chain: Chain) -> None:
+@pytest.mark.parametrize(("system", "count"), TEXTBOOKS.values(), ids=TEXTBOOKS)
+def test_count_of_a_textbook_system(system: str, count: int, write_chain: Chain) -> None:
     """The counts of the literature, by the exact recursion and by random states."""
-    robot = load_robot(write_chain(joints))
+    robot = load_robot(write_chain(joints_of(system)))
     numeric, exact = base_parameters(robot), exact_base_parameters(robot)
     assert exact.rank == count
     assert cross_check(numeric, exact).agree
@@ -99,8 +78,7 @@ def test_without_gravity_weights_are_not_seen(
     gravity: tuple[float, float, float], count: int, write_chain: Chain
 ) -> None:
     """Gravity along all axes moves no weight, either."""
-    joints = {"a": f"continuous {Y}", "b": f"continuous {Y}"}
-    robot = load_robot(write_chain(joints), gravity=gravity)
+    robot = load_robot(write_chain(joints_of("y, y")), gravity=gravity)
     assert exact_base_parameters(robot).rank == len(base_parameters(robot).columns) == count
 
 
@@ -131,7 +109,7 @@ def test_names_and_grouping_agree(tulip_leg: Robot) -> None:
 @pytest.mark.rounding
 def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> None:
     """The torques of a motion tell less than those of random states."""
-    robot = load_robot(write_chain({"one": f"continuous {Y}", "two": f"continuous {Y}"}))
+    robot = load_robot(write_chain({"one": AXES["y"], "two": AXES["y"]}))
     time = np.linspace(0, 5, 300)
     q, v, a = (np.column_stack([f(time), 0 * time]) for f in (np.sin, np.cos, lambda t: -np.sin(t)))
     motion = motion_of(robot, time, (q, v, a), (q, v, a))
@@ -147,7 +125,7 @@ def test_unknown_row_names_the_nearest(tulip_leg: Robot) -> None:
 
 
 def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:
-    robot = load_robot(write_chain({"turn": f"continuous {Y}"}), gravity=(0, 0, 0))
+    robot = load_robot(write_chain({"turn": AXES["y"]}), gravity=(0, 0, 0))
     still = np.zeros((60, 1))
     with pytest.raises(ExcitationError, match=r"no parameter of 'test' is identifiable .* turn"):
         base_parameters(robot, motion_of(robot, np.arange(60) / 10, (still,) * 3, (still,) * 3))

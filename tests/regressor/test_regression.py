@@ -73,17 +73,6 @@ def test_what_stands_still_has_no_direction(motion: Motion) -> None:
     assert not np.any(columns[:, regressor.names.index("coulomb_friction")])
 
 
-def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) -> None:
-    """Names and units of the columns of (7), too."""
-    for joint in ELASTIC:
-        rows = actuator_regression(LEG, motion, joint)
-        truth = [true_value(LEG, joint, name) for name in rows.names[:3]]
-        assert rows.y == pytest.approx(rows.H @ [*truth, 0.0], abs=1e-12)
-        assert rows.names[3] == "spring_offset"
-        assert rows.units == ("N m s/rad", "N m", "N/m", "N")
-        assert np.all(rows.joint == LEG.index(joint))
-
-
 def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
     motion: Motion, model: LoadModel
 ) -> None:
