@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +26,15 @@ joints = st.tuples(
 """Kind, axis, place, angles and number of the parent."""
 
 
-def write_tree(folder: Path, tree: list[Joint], bodies: Mapping[str, str] | str = "") -> Path:
-    """Write the URDF of a tree, whose joints are j1, j2, ... and links l0, l1, ..."""
-    joints = {
+def joints_of(tree: list[Joint]) -> dict[str, str]:
+    """Return the joints j1, j2, ... of a tree with links l0, l1, ..., for `write_robot`."""
+    return {
         f"j{number}": f"{kind} l{min(parent, number - 1)} l{number} "
         f'<axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}'
         for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1)
     }
-    return write_robot(folder / "tree.urdf", joints, bodies)
 
 
 def robot_of(folder: Path, tree: list[Joint], drives: Any = None, **options: Any) -> Robot:
     """Return the robot of a tree."""
-    return load_robot(write_tree(folder, tree), drives, **options)
+    return load_robot(write_robot(folder / "tree.urdf", joints_of(tree)), drives, **options)

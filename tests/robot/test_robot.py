@@ -16,7 +16,8 @@ from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot.robot import Payload, Robot
-from tests.regressor.trees import Joint, joints, write_tree
+from tests.plants import write_robot
+from tests.regressor.trees import Joint, joints, joints_of
 
 Load = Callable[..., Robot]
 Chain = Callable[..., Path]
@@ -81,22 +82,26 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     gravity: tuple[float, float, float],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    """Joints are in the user's order, others locked anywhere; links may be fixed or loaded.
+    """Joints are in the user's order, others locked anywhere; fixed links may be empty or loaded.
 
     A payload adds to the known side, and not to the parameters.
     """
     names = [f"j{number}" for number in range(1, len(tree) + 1)]
     order = data.draw(st.permutations(names))[: data.draw(st.integers(1, len(names)))]
-    places = {name: data.draw(st.sampled_from([0.0, 0.4, 0.9])) for name in {*names} - {*order}}
+    others = [name for name in names if name not in order]
+    places = {name: data.draw(st.sampled_from([0.0, 0.4, 0.9])) for name in others}
     locked = {name: place for name, place in places.items() if place}  # at zero without a name
-    tools = "".join(
-        f'<link name="{link}">{body(10 + k)}</link><joint name="to_{link}" type="fixed"><parent '
-        f'link="l{k}"/><child link="{link}"/><origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/></joint>'
-        for k, link in ((0, "stand"), (int(order[0][1:]), "tool"))
-    )
+    last, place = f"l{order[0][1:]}", '<origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/>'
+    fixed = {
+        "weld": "fixed world l0 " + place,
+        "to_stand": "fixed l0 stand " + place,
+        "to_tool": f"fixed {last} tool {place}",
+        "to_tip": f"fixed {last} tip {place}",
+    }
     bodies = {f"l{number}": body(number) for number in range(1, len(tree) + 1)}
-    path = write_tree(tmp_path_factory.mktemp("tree"), tree, bodies)
-    path.write_text(path.read_text().replace("</robot>", f"{tools}</robot>"))
+    bodies |= {"stand": body(10), "tool": body(11)}
+    folder = tmp_path_factory.mktemp("tree")
+    path = write_robot(folder / "tree.urdf", joints_of(tree) | fixed, bodies)
     tensor = ((0.02, 0.001, 0.0), (0.001, 0.03, -0.002), (0.0, -0.002, 0.025))
     payload = Payload("tool", 2.0, (0.15, -0.05, 0.1), tensor)
     options: dict[str, Any] = {"joints": order, "locked": locked, "gravity": gravity}

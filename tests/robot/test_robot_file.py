@@ -15,8 +15,6 @@ from scripts.example_robots import example_urdf
 from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
 from seaid.robot import Robot, search_folders
-from tests.one_joint import BODY
-from tests.plants import tree
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 LEG = MODELS / "tulip_leg.urdf"
@@ -215,24 +213,6 @@ def test_a_mistake_in_a_file_of_drives_says_what_to_write(
     text = refusal(LEG, path)
     assert str(path) in text
     assert words in text
-
-
-# Links of frames and of the world
-
-
-def test_world_links_and_frames_without_inertia_are_read_without_a_word(
-    write_urdf: Callable[[str], Path],
-) -> None:
-    """As Drake's models have them; warnings are errors here."""
-    joints = {
-        "weld": "fixed world base_link",
-        "elbow": 'revolute base_link arm <axis xyz="0 0 1"/>',
-        "flange": "fixed arm tool0",
-        "camera": "fixed tool0 camera_frame",
-    }
-    robot = load_robot(write_urdf(tree(joints, {"arm": BODY})))
-    assert robot.joint_names == ("elbow",)
-    assert robot.body_names == ("arm",)
 
 
 def test_meshes_are_searched_where_ros_has_its_packages(

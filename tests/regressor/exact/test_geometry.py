@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -18,10 +16,7 @@ from seaid.regressor.exact.geometry import (
     as_floats,
     exact_number,
     exact_rotation,
-    exact_tree,
-    joint_axis,
 )
-from seaid.robot.robot import Robot
 
 IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
 angles = st.floats(-3.2, 3.2)
@@ -72,23 +67,3 @@ def test_quarter_turns_are_integers_and_a_small_tilt_stays_a_tilt() -> None:
         exact = exact_rotation(rotation)
         assert exact[2, 2] != 1
         np.testing.assert_allclose(as_floats(exact), rotation, rtol=0, atol=1e-15)
-
-
-def test_example_robot_has_its_own_geometry(
-    example_urdf: Path, load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_urdf)
-    tree = exact_tree(robot)
-    for place, joint in enumerate(tree.joints):
-        above = IDENTITY if joint.parent < 0 else tree.joints[joint.parent].alignment
-        placement = robot.model.jointPlacements[place + 1]
-        rotation = above * joint.rotation * joint.alignment.transpose()
-        assert rotation * rotation.transpose() == IDENTITY
-        np.testing.assert_allclose(as_floats(rotation), placement.rotation, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(
-            as_floats(above * joint.translation)[:, 0], placement.translation, rtol=0, atol=1e-15
-        )
-        axis = joint.alignment * fmpq_mat(3, 1, [0, 0, 1])
-        np.testing.assert_allclose(
-            as_floats(axis)[:, 0], joint_axis(robot.model.joints[place + 1]), rtol=0, atol=1e-15
-        )
