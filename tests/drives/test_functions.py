@@ -18,7 +18,6 @@ from seaid.drives import (
     SeriesElasticDrive,
     StiffDrive,
     drive_functions,
-    drives_from_mapping,
     spring_curve,
 )
 from seaid.drives.equations import Dahl, after_travel, motor_equation, spring_force, states
@@ -33,13 +32,6 @@ from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
 
 ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
-BARE = {
-    "type": "series_elastic",
-    "gear_ratio": 100.0,
-    "stiffness_Nm_per_rad": 300.0,
-    "viscous_friction_Nms_per_rad": 0.0,
-    "coulomb_friction_Nm": 0.0,
-}
 
 
 @cache
@@ -77,12 +69,13 @@ SENSORS = replace(ARM_SENSORS, motor_offset_rad=0.0)
 
 def test_force_and_torque_of_the_errors() -> None:
     """The spring force is k (d + error), and a motor at rest feels the ripple."""
-    table = {
-        **BARE,
-        "transmission_error": {"motor": {"1": [1e-3, 0.0]}, "mesh": {"2": [0.0, 2e-3]}},
-        "torque_ripple": {"joint": {"3": [0.01, 0.0]}},
-    }
-    (drive,) = drives_from_mapping({"knee": table}).values()
+    drive = SeriesElasticDrive(
+        gear_ratio=100.0,
+        stiffness_Nm_per_rad=300.0,
+        friction=(),
+        transmission_error={"motor": {1: (1e-3, 0.0)}, "mesh": {2: (0.0, 2e-3)}},
+        torque_ripple={"joint": {3: (0.01, 0.0)}},
+    )
     functions, motor, joint = drive_functions(drive), 5.0, 0.04
     error = 1e-3 * np.cos(motor) + 2e-3 * np.sin(2 * (motor - motor / 100))
     force = functions.force(motor, 0.0, joint, 0.0, 0.0)
