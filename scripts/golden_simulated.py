@@ -385,9 +385,8 @@ def _calibrated(law: str) -> Records:
         d = np.linspace(-0.16, 0.16, 20_001)
         reading = np.interp(load - 0.3 * direction, 150.0 * d + 2000.0 * d**3, d) + 0.02
         reading = reading + 5e-4 * rng.normal(size=len(load))
-    found = seaid.identification.calibrate_statics(
-        seaid.identification.Statics(load, reading), law=law
-    )  # type: ignore[arg-type]
+    statics = seaid.identification.Statics(load, reading)
+    found = seaid.identification.calibrate_statics(statics, law=law)  # type: ignore[arg-type]
     estimate = found.estimate
     rows = zip(estimate.names, estimate.values, estimate.standard_errors, strict=True)
     records = {name: ["value", float(x), float(s)] for name, x, s in rows}
