@@ -6,6 +6,7 @@ The count of each is that of its source or of its formula, None for arms without
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -13,6 +14,7 @@ from functools import cached_property, partial
 import sympy as sp
 
 from seaid.symbolic import equations_of_motion
+from seaid.symbolic.expression_text import expression_of
 
 t = sp.Symbol("t")
 g = sp.Symbol("g")
@@ -133,14 +135,6 @@ sin, cos, tan, exp, sqrt, pi, Abs, sign, tanh = (
 half = sp.Rational(1, 2)
 
 
-def dot(*signals: sp.Expr) -> list[sp.Expr]:
-    return [one.diff(t) for one in signals]
-
-
-def square(*parts: sp.Expr) -> sp.Expr:
-    return sp.Add(*(part**2 for part in parts))
-
-
 def chain(masses: int, kind: str) -> System:
     """Masses in a row, each with a spring and a damper to the one before (or to the wall)."""
     place = coordinates(masses)
@@ -167,490 +161,237 @@ def pendulum_chain(links: int, lengths: list[float]) -> System:
     return lagrangian_system(f"{links} point masses, {lengths} m", lagrangian, angles, [*ms], links)
 
 
-def textbook() -> list[System]:
-    """Systems of Goldstein, Landau, Spong, Meirovitch and of control courses."""
-    dx, dy, dq, dp, dth, dph, dps = dot(x, y, q, p, th, ph, ps)
-    rolling = sp.Matrix([x + rod * sin(th), -rod * cos(th)]).diff(t)
-    crane = sp.Matrix([x + y * sin(th), -y * cos(th)]).diff(t)
-    arm1 = sp.Matrix([r1 * cos(q), r1 * sin(q)]).diff(t)
-    arm2 = sp.Matrix([l1 * cos(q) + r2 * cos(q + p), l1 * sin(q) + r2 * sin(q + p)]).diff(t)
-    furuta = sp.Matrix(
-        [rod * cos(q) - r * sin(q) * sin(p), rod * sin(q) + r * cos(q) * sin(p), r * cos(p)]
-    ).diff(t)
-    w1 = dph * sin(th) * sin(ps) + dth * cos(ps)
-    w2 = dph * sin(th) * cos(ps) - dth * sin(ps)
-    w3 = dph * cos(th) + dps
-    one = lagrangian_system
-    return [
-        one("pendulum", J * dq**2 / 2 + m * g * r * cos(q), [q], [J, m, r], 2, J, m * r),
-        one(
-            "damped pendulum",
-            J * dq**2 / 2 + m * g * r * cos(q),
-            [q],
-            [J, m, r, c],
-            3,
-            J,
-            m * r,
-            c,
-            loss=c * dq**2 / 2,
-        ),
-        one("pendulum of a point mass", m * r**2 * dq**2 / 2 + m * g * r * cos(q), [q], [m, r], 2),
-        one(
-            "pendulum with a torsion spring",
-            J * dq**2 / 2 + m * g * r * cos(q) - k * q**2 / 2,
-            [q],
-            [J, m, r, k],
-            3,
-        ),
-        one("mass and spring", m * dx**2 / 2 - k * x**2 / 2, [x], [m, k], 2, m, k),
-        one(
-            "mass, spring and damper in gravity",
-            m * dx**2 / 2 - k * x**2 / 2 - m * g * x,
-            [x],
-            [m, k, c],
-            3,
-            loss=c * dx**2 / 2,
-        ),
-        one(
-            "Duffing oscillator",
-            m * dx**2 / 2 - k1 * x**2 / 2 - k3 * x**4 / 4,
-            [x],
-            [m, k1, k3, c],
-            4,
-            loss=c * dx**2 / 2,
-        ),
-        one(
-            "cart-pole",
-            M * dx**2 / 2 + m * rolling.dot(rolling) / 2 + m * g * rod * cos(th),
-            [x, th],
-            [M, m],
-            2,
-            M,
-            m,
-        ),
-        one(
-            "cart-pole, length unknown",
-            M * dx**2 / 2 + m * rolling.dot(rolling) / 2 + m * g * rod * cos(th),
-            [x, th],
-            [M, m, rod],
-            3,
-            M + m,
-            rod * m,
-            rod**2 * m,
-        ),
-        one(
-            "gantry crane with a hoist",
-            M * dx**2 / 2 + m * crane.dot(crane) / 2 + m * g * y * cos(th),
-            [x, y, th],
-            [M, m],
-            2,
-            M,
-            m,
-        ),
-        one(
-            "acrobot",
-            I1 * dq**2 / 2
-            + I2 * (dq + dp) ** 2 / 2
-            + m1 * arm1.dot(arm1) / 2
-            + m2 * arm2.dot(arm2) / 2
-            - g * (m1 * r1 * sin(q) + m2 * (l1 * sin(q) + r2 * sin(q + p))),
-            [q, p],
-            [I1, I2, m1, m2, r1, r2],
-            4,
-            I1 + m1 * r1**2 + m2 * l1**2,
-            I2 + m2 * r2**2,
-            m1 * r1 + m2 * l1,
-            m2 * r2,
-            forces=[sp.Integer(0), sp.Symbol("u1")],
-        ),
-        one(
-            "Furuta pendulum",
-            J1 * dq**2 / 2 + J2 * dp**2 / 2 + m * furuta.dot(furuta) / 2 - m * g * r * cos(p),
-            [q, p],
-            [J1, J2, m, r],
-            4,
-        ),
-        one(
-            "reaction wheel pendulum",
-            J1 * dq**2 / 2 + J2 * (dq + dp) ** 2 / 2 + m * g * r * cos(q),
-            [q, p],
-            [J1, J2, m, r],
-            3,
-        ),
-        one(
-            "ball and beam",
-            J * dq**2 / 2 + m * (dx**2 + x**2 * dq**2) / 2 + J2 * dx**2 / 2 - m * g * x * sin(q),
-            [q, x],
-            [J, m, J2],
-            3,
-        ),
-        one(
-            "elastic pendulum",
-            m * (dx**2 + x**2 * dq**2) / 2 + m * g * x * cos(q) - k * (x - rod) ** 2 / 2,
-            [x, q],
-            [m, k],
-            2,
-        ),
-        one(
-            "elastic pendulum, length unknown",
-            m * (dx**2 + x**2 * dq**2) / 2 + m * g * x * cos(q) - k * (x - rod) ** 2 / 2,
-            [x, q],
-            [m, k, rod],
-            3,
-            m,
-            k,
-            k * rod,
-        ),
-        one(
-            "spherical pendulum",
-            m * rod**2 * (dth**2 + sin(th) ** 2 * dph**2) / 2 + m * g * rod * cos(th),
-            [th, ph],
-            [m, J],
-            1,
-        ),
-        one(
-            "Foucault's pendulum",
-            m * square(dx - alpha * y, dy + alpha * x) / 2 - k * square(x, y) / 2,
-            [x, y],
-            [m, k],
-            2,
-        ),
-        one(
-            "bead on a rotating hoop",
-            m * R**2 * (dth**2 + sin(th) ** 2 * dph**2) / 2 + J * dph**2 / 2 - m * g * R * cos(th),
-            [th, ph],
-            [m, J],
-            2,
-        ),
-        one(
-            "particle on a cone",
-            m * (dx**2 * (1 + alpha**2) + x**2 * dph**2) / 2 - m * g * alpha * x,
-            [x, ph],
-            [m],
-            1,
-        ),
-        one("Kepler's problem", m * (dx**2 + x**2 * dph**2) / 2 + k / x, [x, ph], [m, k], 2),
-        one(
-            "Coulomb and centrifugal",
-            m * (dx**2 + x**2 * dph**2) / 2 + k1 / x + k2 / x**3,
-            [x, ph],
-            [m, k1, k2],
-            3,
-        ),
-        one(
-            "Yukawa's potential",
-            m * (dx**2 + x**2 * dph**2) / 2 + k * exp(-x) / x,
-            [x, ph],
-            [m, k],
-            2,
-        ),
-        one("Morse's potential", m * dx**2 / 2 - k * (1 - exp(-alpha * x)) ** 2, [x], [m, k], 2),
-        one(
-            "Toda lattice of two",
-            m1 * dx**2 / 2 + m2 * dy**2 / 2 - k * exp(x - y),
-            [x, y],
-            [m1, m2, k],
-            3,
-        ),
-        one(
-            "Henon-Heiles",
-            m * square(dx, dy) / 2 - k * square(x, y) / 2 - c * (x**2 * y - y**3 / 3),
-            [x, y],
-            [m, k, c],
-            3,
-        ),
-        one(
-            "Atwood's machine",
-            (m1 + m2) * dx**2 / 2 + J * dx**2 / (2 * R**2) - (m1 - m2) * g * x,
-            [x],
-            [m1, m2, J],
-            2,
-        ),
-        one(
-            "swinging Atwood's machine",
-            M * dx**2 / 2 + m * (dx**2 + x**2 * dth**2) / 2 - M * g * x + m * g * x * cos(th),
-            [x, th],
-            [M, m],
-            2,
-        ),
-        one(
-            "rolling disk on a slope",
-            m * dx**2 / 2 + J * dx**2 / (2 * R**2) - m * g * x * sin(alpha),
-            [x],
-            [m, J],
-            2,
-        ),
-        one(
-            "disk rolling without slope",
-            m * dx**2 / 2 + J * dx**2 / (2 * R**2),
-            [x],
-            [m, J],
-            1,
-            m + J / R**2,
-        ),
-        one(
-            "heavy symmetric top",
-            J1 * (dth**2 + sin(th) ** 2 * dph**2) / 2 + J3 * w3**2 / 2 - m * g * rod * cos(th),
-            [ph, th, ps],
-            [J1, J3, m],
-            3,
-        ),
-        one(
-            "free rigid body",
-            J1 * w1**2 / 2 + J2 * w2**2 / 2 + J3 * w3**2 / 2,
-            [ph, th, ps],
-            [J1, J2, J3],
-            3,
-            J1,
-            J2,
-            J3,
-        ),
-        one(
-            "gyroscope in gimbals",
-            (J1 * w1**2 + J2 * w2**2 + J3 * w3**2) / 2
-            + I1 * dph**2 / 2
-            + I2 * (dth**2 + dph**2 * sin(th) ** 2) / 2,
-            [ph, th, ps],
-            [J1, J2, J3, I1, I2],
-            4,
-        ),
-        one(
-            "planar quadrotor",
-            m * square(dx, dy) / 2 + J * dth**2 / 2 - m * g * y,
-            [x, y, th],
-            [m, J],
-            2,
-            forces=[-F * sin(th), F * cos(th), sp.Symbol("u1")],
-        ),
-        one(
-            "SLIP runner",
-            m * (dx**2 + x**2 * dth**2) / 2 - m * g * x * cos(th) - k * (rod - x) ** 2 / 2,
-            [x, th],
-            [m, k],
-            2,
-        ),
-        one(
-            "TORA",
-            M * dx**2 / 2
-            + m * square(dx + r * dth * cos(th), r * dth * sin(th)) / 2
-            + J * dth**2 / 2
-            - k * x**2 / 2,
-            [x, th],
-            [M, m, r, J, k],
-            4,
-            M + m,
-            m * r,
-            m * r**2 + J,
-            k,
-        ),
-        one(
-            "quarter car",
-            m1 * dx**2 / 2 + m2 * dy**2 / 2 - k1 * (x - y) ** 2 / 2 - k2 * (y - h) ** 2 / 2,
-            [x, y],
-            [m1, m2, k1, k2, c],
-            5,
-            loss=c * (dx - dy) ** 2 / 2,
-            forces=[sp.Integer(0), sp.Symbol("u1")],
-        ),
-        one(
-            "half car",
-            m * dx**2 / 2
-            + J * dth**2 / 2
-            - k1 * (x - l1 * th) ** 2 / 2
-            - k2 * (x + l2 * th) ** 2 / 2,
-            [x, th],
-            [m, J, k1, k2, c1, c2],
-            6,
-            loss=c1 * (dx - l1 * dth) ** 2 / 2 + c2 * (dx + l2 * dth) ** 2 / 2,
-        ),
-        one(
-            "two pendulums and a spring",
-            J1 * dq**2 / 2
-            + J2 * dp**2 / 2
-            + m1 * g * r1 * cos(q)
-            + m2 * g * r2 * cos(p)
-            - k * (sin(q) - sin(p)) ** 2 / 2,
-            [q, p],
-            [J1, J2, m1, m2, r1, r2, k],
-            5,
-        ),
-        one(
-            "pendulum on a spring",
-            M * dx**2 / 2 + m * rolling.dot(rolling) / 2 + m * g * rod * cos(th) - k * x**2 / 2,
-            [x, th],
-            [M, m, k],
-            3,
-        ),
-        one("LC circuit", half * b * dx**2 - x**2 * k / 2, [x], [b, k], 2),
-        one(
-            "two coupled circuits",
-            J1 * dx**2 / 2 + J2 * dy**2 / 2 + J3 * dx * dy - k1 * x**2 / 2 - k2 * y**2 / 2,
-            [x, y],
-            [J1, J2, J3, k1, k2, c],
-            6,
-            loss=c * dx**2 / 2,
-        ),
-        one(
-            "magnetic levitation",
-            m * dx**2 / 2 + b * dy**2 / (2 * (1 + x)) + m * g * x,
-            [x, y],
-            [m, b, c],
-            3,
-            loss=c * dy**2 / 2,
-        ),
-        one("relativistic particle", -m * sqrt(9 - dx**2) - k * x**2 / 2, [x], [m, k], 2),
-        one("brachistochrone wire", m * dx**2 * (1 + cos(x)) - m * g * sin(x / 2), [x], [m], 1),
-        one(
-            "beam of one assumed mode",
-            J * dq**2 / 2 + m * square(dx + rod * dq, x * dq) / 2 - k * x**2 / 2,
-            [q, x],
-            [J, m, k],
-            3,
-        ),
-    ]
+FUNCTIONS = {"abs": Abs, "atan": sp.atan, "cosh": sp.cosh, "sinh": sp.sinh, "sqrt": sqrt}
+FUNCTIONS |= {"sin": sin, "cos": cos, "exp": exp, "sign": sign, "tanh": tanh}
+NAMED = {"x": x, "y": y, "q": q, "p": p, "w": w, "th": th, "ph": ph, "ps": ps}
+NAMED |= {f"d{name}": coordinate.diff(t) for name, coordinate in NAMED.items()}
 
 
-def joint(
-    name: str,
-    friction: sp.Expr,
-    unknowns: list[sp.Symbol],
-    count: int,
-    near: Mapping[sp.Expr, tuple[float, float]] | None = None,
-) -> System:
-    """A motor with a law of friction."""
-    equations = [J * w.diff(t) + friction - u]
-    return System(name, equations, [w, u], [J, *unknowns], count, near=near or {})
+def read(text: str) -> sp.Expr:
+    """Read a text with names of coordinates, after d their velocities, and of other symbols."""
+    return expression_of(text, sp.Symbol, FUNCTIONS).xreplace(
+        {sp.Symbol(name): value for name, value in NAMED.items()}
+    )
 
 
-def stribeck(speed: float) -> sp.Expr:
-    return (F_C + F_s * exp(-((w / speed) ** 2))) * sign(w) + F_v * w
+def squared_speed(*place: str) -> sp.Expr:
+    return sp.Add(*(read(text).diff(t) ** 2 for text in place))
 
 
-def frictions() -> list[System]:
-    law = F_v * w + F_C * sign(w)
-    kink = sp.Max(q - 30, 0)
-    stretched = (k1 * q + k3 * q**3, k1 * q + k2 * q * Abs(q), k1 * q + k2 * sp.sinh(q))
-    return [
-        joint("viscous", F_v * w, [F_v], 2),
-        joint("viscous and Coulomb", law, [F_v, F_C], 3),
-        joint("quadratic drag", law + c * Abs(w) * w, [F_v, F_C, c], 4),
-        joint("cubic drag", law + c * w**3, [F_v, F_C, c], 4),
-        joint("drag twice", c * Abs(w) * w + d * w**2 * sign(w), [c, d], 2),
-        joint("square root drag", law + c * sqrt(Abs(w)) * sign(w), [F_v, F_C, c], 4),
-        *(
-            joint(f"Stribeck, v_s = {v}", stribeck(v), [F_v, F_C, F_s], 4, {w: (0, 2 * v)})
-            for v in (1.0, 0.1, 0.02, 0.005, 1e-6, 50.0)
-        ),
-        *(
-            joint(
-                f"Stribeck by |w|, v_s = {v}",
-                law + F_s * sign(w) * exp(-Abs(w) / v),
-                [F_v, F_C, F_s],
-                4,
-                {w: (0, 2 * v)},
-            )
-            for v in (0.25, 0.02)
-        ),
-        *(
-            joint(f"tanh({n} w) and sign", law + c * tanh(n * w), [F_v, F_C, c], 4, {w: (0, 2 / n)})
-            for n in (1, 30, 1000, 10**6)
-        ),
-        joint(
-            "atan and tanh", c * sp.atan(1000 * w) + d * tanh(1000 * w), [c, d], 3, {w: (0, 2e-3)}
-        ),
-        joint(
-            "tanh of two sharpnesses",
-            c * tanh(300 * w) + d * tanh(700 * w),
-            [c, d],
-            3,
-            {w: (0, 4e-3)},
-        ),
-        joint(
-            "tanh as exponentials", c * tanh(w) + d * (exp(2 * w) - 1) / (exp(2 * w) + 1), [c, d], 2
-        ),
-        joint("sinh, cosh and exp", c * sp.sinh(w) + d * sp.cosh(w) + b * exp(w), [c, d, b], 3),
-        *(
-            System(
-                f"hard stop at 30: {stop}",
-                [J * q.diff(t, 2) + k * q + c * stop - u],
-                [q, u],
-                [J, k, c],
-                3,
-                near={q: (30, 3)},
-            )
-            for stop in (kink, kink**2, sp.Piecewise((0, q < 30), (q - 30, True)))
-        ),
-        System(
-            "exp(1000 q)", [k * q + c * exp(1000 * q) - u], [q, u], [k, c], 2, near={q: (0, 2e-3)}
-        ),
-        System(
-            "dead zone",
-            [c * (sp.Max(q - p - 0.001, 0) + sp.Min(q - p + 0.001, 0)) + k * (q - p) - u],
-            [q, p, u],
-            [c, k],
-            2,
-            near={q: (0, 4e-3), p: (0, 4e-3)},
-        ),
-        *(
-            System(
-                f"spring law {law_}",
-                [J * q.diff(t, 2) + law_ - u],
-                [q, u],
-                [J, *sorted(law_.free_symbols & {k1, k2, k3}, key=str)],
-                3,
-            )
-            for law_ in stretched
-        ),
-        System(
-            "cogging",
-            [J * q.diff(t, 2) + c * sin(84 * q) + d * cos(84 * q) - u],
-            [q, u],
-            [J, c, d],
-            3,
-        ),
-        System(
-            "cogging with an unknown phase",
-            [J * q.diff(t, 2) + c * sin(6 * q + alpha) - u],
-            [q, u],
-            [J, c, alpha],
-            3,
-        ),
-        System(
-            "pendulum with an unknown zero",
-            [J * q.diff(t, 2) + m * g * r * sin(q + alpha) - u],
-            [q, u],
-            [J, m, r, alpha],
-            3,
-        ),
-    ]
+NAMED |= {
+    "bob": squared_speed("x + l*sin(th)", "l*cos(th)"),
+    "hook": squared_speed("x + y*sin(th)", "y*cos(th)"),
+    "forearm": squared_speed("l1*cos(q) + r2*cos(q + p)", "l1*sin(q) + r2*sin(q + p)"),
+    "furuta": squared_speed("l*cos(q) - r*sin(q)*sin(p)", "l*sin(q) + r*cos(q)*sin(p)", "r*cos(p)"),
+    "w1": read("dph*sin(th)*sin(ps) + dth*cos(ps)"),
+    "w2": read("dph*sin(th)*cos(ps) - dth*sin(ps)"),
+    "w3": read("dph*cos(th) + dps"),
+}
+"""Squared speeds of points, and the angular velocity of a body by Euler's angles."""
+
+TEXTBOOK = """
+pendulum | q | J m r | J, m*r
+    J*dq^2/2 + m*g*r*cos(q)
+damped pendulum | q | J m r c | J, m*r, c
+    J*dq^2/2 + m*g*r*cos(q)
+    loss c*dq^2/2
+pendulum with a torsion spring | q | J m r k | 3
+    J*dq^2/2 + m*g*r*cos(q) - k*q^2/2
+mass, spring and damper in gravity | x | m k c | 3
+    m*dx^2/2 - k*x^2/2 - m*g*x
+    loss c*dx^2/2
+Duffing oscillator | x | m k1 k3 c | 4
+    m*dx^2/2 - k1*x^2/2 - k3*x^4/4
+    loss c*dx^2/2
+cart-pole | x th | M m | M, m
+    M*dx^2/2 + m*bob/2 + m*g*l*cos(th)
+cart-pole, length unknown | x th | M m l J b c | M + m, l*m, J + l^2*m, b, c
+    M*dx^2/2 + J*dth^2/2 + m*bob/2 + m*g*l*cos(th)
+    loss b*dx^2/2 + c*dth^2/2
+gantry crane with a hoist | x y th | M m | M, m
+    M*dx^2/2 + m*hook/2 + m*g*y*cos(th)
+acrobot | q p | I1 I2 m1 m2 r1 r2 | I1 + m1*r1^2 + m2*l1^2, I2 + m2*r2^2, m1*r1 + m2*l1, m2*r2
+    I1*dq^2/2 + I2*(dq + dp)^2/2 + m1*r1^2*dq^2/2 + m2*forearm/2
+    - g*(m1*r1*sin(q) + m2*(l1*sin(q) + r2*sin(q + p)))
+    forces 0, u1
+Furuta pendulum | q p | J1 J2 m r | 4
+    J1*dq^2/2 + J2*dp^2/2 + m*furuta/2 - m*g*r*cos(p)
+reaction wheel pendulum | q p | J1 J2 m r | 3
+    J1*dq^2/2 + J2*(dq + dp)^2/2 + m*g*r*cos(q)
+ball and beam | q x | J m J2 | 3
+    J*dq^2/2 + m*(dx^2 + x^2*dq^2)/2 + J2*dx^2/2 - m*g*x*sin(q)
+elastic pendulum | x q | m k | 2
+    m*(dx^2 + x^2*dq^2)/2 + m*g*x*cos(q) - k*(x - l)^2/2
+elastic pendulum, length unknown | x q | m k l | m, k, k*l
+    m*(dx^2 + x^2*dq^2)/2 + m*g*x*cos(q) - k*(x - l)^2/2
+spherical pendulum | th ph | m J | 1
+    m*l^2*(dth^2 + sin(th)^2*dph^2)/2 + m*g*l*cos(th)
+Foucault's pendulum | x y | m k | 2
+    m*((dx - alpha*y)^2 + (dy + alpha*x)^2)/2 - k*(x^2 + y^2)/2
+bead on a rotating hoop | th ph | m J | 2
+    m*R^2*(dth^2 + sin(th)^2*dph^2)/2 + J*dph^2/2 - m*g*R*cos(th)
+particle on a cone | x ph | m | 1
+    m*(dx^2*(1 + alpha^2) + x^2*dph^2)/2 - m*g*alpha*x
+Coulomb and centrifugal | x ph | m k1 k2 | 3
+    m*(dx^2 + x^2*dph^2)/2 + k1/x + k2/x^3
+Yukawa's potential | x ph | m k | 2
+    m*(dx^2 + x^2*dph^2)/2 + k*exp(-x)/x
+Morse's potential | x | m k | 2
+    m*dx^2/2 - k*(1 - exp(-alpha*x))^2
+Toda lattice of two | x y | m1 m2 k | 3
+    m1*dx^2/2 + m2*dy^2/2 - k*exp(x - y)
+Henon-Heiles | x y | m k c | 3
+    m*(dx^2 + dy^2)/2 - k*(x^2 + y^2)/2 - c*(x^2*y - y^3/3)
+Atwood's machine | x | m1 m2 J | 2
+    (m1 + m2)*dx^2/2 + J*dx^2/(2*R^2) - (m1 - m2)*g*x
+swinging Atwood's machine | x th | M m | 2
+    M*dx^2/2 + m*(dx^2 + x^2*dth^2)/2 - M*g*x + m*g*x*cos(th)
+rolling disk on a slope | x | m J | 2
+    m*dx^2/2 + J*dx^2/(2*R^2) - m*g*x*sin(alpha)
+disk rolling without slope | x | m J | m + J/R^2
+    m*dx^2/2 + J*dx^2/(2*R^2)
+heavy symmetric top | ph th ps | J1 J3 m | 3
+    J1*(dth^2 + sin(th)^2*dph^2)/2 + J3*w3^2/2 - m*g*l*cos(th)
+free rigid body | ph th ps | J1 J2 J3 | J1, J2, J3
+    J1*w1^2/2 + J2*w2^2/2 + J3*w3^2/2
+gyroscope in gimbals | ph th ps | J1 J2 J3 I1 I2 | 4
+    J1*w1^2/2 + J2*w2^2/2 + J3*w3^2/2 + I1*dph^2/2 + I2*(dth^2 + dph^2*sin(th)^2)/2
+planar quadrotor | x y th | m J | 2
+    m*(dx^2 + dy^2)/2 + J*dth^2/2 - m*g*y
+    forces -F*sin(th), F*cos(th), u1
+SLIP runner | x th | m k | 2
+    m*(dx^2 + x^2*dth^2)/2 - m*g*x*cos(th) - k*(l - x)^2/2
+TORA | x th | M m r J k | M + m, m*r, m*r^2 + J, k
+    M*dx^2/2 + m*((dx + r*dth*cos(th))^2 + (r*dth*sin(th))^2)/2 + J*dth^2/2 - k*x^2/2
+quarter car | x y | m1 m2 k1 k2 c | 5
+    m1*dx^2/2 + m2*dy^2/2 - k1*(x - y)^2/2 - k2*(y - h)^2/2
+    loss c*(dx - dy)^2/2
+    forces 0, u1
+half car | x th | m J k1 k2 c1 c2 | 6
+    m*dx^2/2 + J*dth^2/2 - k1*(x - l1*th)^2/2 - k2*(x + l2*th)^2/2
+    loss c1*(dx - l1*dth)^2/2 + c2*(dx + l2*dth)^2/2
+two pendulums and a spring | q p | J1 J2 m1 m2 r1 r2 k | 5
+    J1*dq^2/2 + J2*dp^2/2 + m1*g*r1*cos(q) + m2*g*r2*cos(p) - k*(sin(q) - sin(p))^2/2
+pendulum on a spring | x th | M m k | 3
+    M*dx^2/2 + m*bob/2 + m*g*l*cos(th) - k*x^2/2
+LC circuit | x | b k | 2
+    b*dx^2/2 - x^2*k/2
+two coupled circuits | x y | J1 J2 J3 k1 k2 c | 6
+    J1*dx^2/2 + J2*dy^2/2 + J3*dx*dy - k1*x^2/2 - k2*y^2/2
+    loss c*dx^2/2
+magnetic levitation | x y | m b c | 3
+    m*dx^2/2 + b*dy^2/(2*(1 + x)) + m*g*x
+    loss c*dy^2/2
+relativistic particle | x | m k | 2
+    -m*sqrt(9 - dx^2) - k*x^2/2
+brachistochrone wire | x | m | 1
+    m*dx^2*(1 + cos(x)) - m*g*sin(x/2)
+beam of one assumed mode | q x | J m k | 3
+    J*dq^2/2 + m*((dx + l*dq)^2 + (x*dq)^2)/2 - k*x^2/2
+"""
+"""Of Goldstein, Landau, Spong, Meirovitch and of control courses.
+
+Name, coordinates, unknowns, base parameters or their number; the Lagrangian; a dissipation, and
+the generalised forces unless they are inputs u1, u2 ...
+"""
+
+
+def of_textbook(record: str) -> System:
+    """Return the system of a record of TEXTBOOK."""
+    head, *lines = record.split("\n    ")
+    name, places, unknowns, base = head.split(" | ")
+    further = dict(line.split(" ", 1) for line in lines if line.startswith(("loss ", "forces ")))
+    lagrangian = " ".join(lines[: len(lines) - len(further)])
+    forces = [read(force) for force in further.get("forces", "").split(", ") if force]
+    parameters = [] if base.isdigit() else [read(parameter) for parameter in base.split(", ")]
+    return lagrangian_system(
+        *(name, read(lagrangian), [NAMED[place] for place in places.split()]),
+        *([sp.Symbol(unknown) for unknown in unknowns.split()], len(parameters) or int(base)),
+        *parameters,
+        forces=forces,
+        loss=read(further.get("loss", "0")),
+    )
+
+
+TANH = "F_v*w + F_C*sign(w) + c*tanh({n}*w)"
+STRIBECK = "(F_C + F_s*exp(-(w/{v})^2))*sign(w) + F_v*w"
+SMOOTH_STRIBECK = "F_v*w + F_C*sign(w) + F_s*sign(w)*exp(-abs(w)/{v})"
+FRICTIONS = {
+    "F_v*w": ("F_v", 2, 2.0),
+    "F_v*w + F_C*sign(w)": ("F_v F_C", 3, 2.0),
+    "F_v*w + F_C*sign(w) + c*abs(w)*w": ("F_v F_C c", 4, 2.0),
+    "F_v*w + F_C*sign(w) + c*w^3": ("F_v F_C c", 4, 2.0),
+    "c*abs(w)*w + d*w^2*sign(w)": ("c d", 2, 2.0),
+    "F_v*w + F_C*sign(w) + c*sqrt(abs(w))*sign(w)": ("F_v F_C c", 4, 2.0),
+    **{STRIBECK.format(v=v): ("F_v F_C F_s", 4, 2 * v) for v in (1, 0.1, 0.02, 0.005, 1e-6, 50)},
+    **{SMOOTH_STRIBECK.format(v=v): ("F_v F_C F_s", 4, 2 * v) for v in (0.25, 0.02)},
+    **{TANH.format(n=n): ("F_v F_C c", 4, 2 / n) for n in (1, 30, 1000, 10**6)},
+    "c*atan(1000*w) + d*tanh(1000*w)": ("c d", 3, 2e-3),
+    "c*tanh(300*w) + d*tanh(700*w)": ("c d", 3, 4e-3),
+    "c*tanh(w) + d*(exp(2*w) - 1)/(exp(2*w) + 1)": ("c d", 2, 2.0),
+    "c*sinh(w) + d*cosh(w) + b*exp(w)": ("c d b", 3, 2.0),
+}
+"""Laws of a motor's friction: unknowns, base parameters with the rotor's, width in speed."""
+
+HIT = sp.Max(q - 30, 0)
+GAP = sp.Max(q - p - 0.001, 0) + sp.Min(q - p + 0.001, 0)
+SPRINGS: list[tuple[sp.Expr, dict[sp.Expr, tuple[float, float]]]] = [
+    (k * q + c * HIT, {q: (30, 3)}),
+    (k * q + c * HIT**2, {q: (30, 3)}),
+    (k * q + c * sp.Piecewise((0, q < 30), (q - 30, True)), {q: (30, 3)}),
+    (k * q + c * exp(1000 * q), {q: (0, 2e-3)}),
+    (c * GAP + k * (q - p), {q: (0, 4e-3), p: (0, 4e-3)}),
+    (k1 * q + k3 * q**3, {}),
+    (k1 * q + k2 * q * Abs(q), {}),
+    (k1 * q + k2 * sp.sinh(q), {}),
+    (c * sin(84 * q) + d * cos(84 * q), {}),  # cogging
+    (c * sin(6 * q + alpha), {}),  # and with an unknown phase
+    (m * g * r * sin(q + alpha), {}),  # a pendulum with an unknown zero
+]
+"""Laws of a motor's spring or load, with where they are alive: two base parameters each."""
+
+
+def laws() -> list[System]:
+    """A motor with friction by its speed, or with a spring or a load by its angle."""
+    friction = [
+        System(law, [J * w.diff(t) + read(law) - u], [w, u], [J, *sp.symbols(unknowns + ",")],
+               count, near={w: (0, width)})
+        for law, (unknowns, count, width) in FRICTIONS.items()
+    ]  # fmt: skip
+    springs = [
+        System(str(law), [J * q.diff(t, 2) + law - u], [q, p, u],
+               [J, *sorted(law.free_symbols - {g, t}, key=str)], 3, near=near)
+        for law, near in SPRINGS
+    ]  # fmt: skip
+    return friction + springs
+
+
+EQUAL_NUMBERS: list[tuple[sp.Expr | float, sp.Expr | float]] = [
+    (0.3, 0.3),
+    (0.28, 0.7 * 0.4),
+    (1e6, 1e-6 * 1e12),
+    (sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
+    (cos(pi / 7) - cos(2 * pi / 7) + cos(3 * pi / 7), half),
+    (8 * cos(pi / 9) ** 3, 1 + 6 * cos(pi / 9)),
+    (8 * sin(pi / 9) * sin(2 * pi / 9) * sin(4 * pi / 9), sqrt(3)),
+    (1 / (1 + cos(pi / 9)), 1 / (2 * cos(pi / 18) ** 2)),
+    (sin(pi / 8) * cos(pi / 8), sqrt(2) / 4),
+    (tan(pi / 7) * tan(2 * pi / 7) * tan(3 * pi / 7), sqrt(7)),
+    (sqrt(3 + 2 * sqrt(2)), 1 + sqrt(2)),
+    (sp.cbrt(2) * sqrt(2), 2 ** sp.Rational(5, 6)),
+    (cos(173 * pi / 1800) ** 2, 1 - sin(173 * pi / 1800) ** 2),
+    (cos(alpha + beta) + cos(alpha - beta), 2 * cos(alpha) * cos(beta)),
+    ((l1**2 - l2**2) / (l1 - l2), l1 + l2),
+]
 
 
 def numbers() -> list[System]:
     """Equations with a combination that only the arithmetic of their numbers makes dependent."""
-    pairs = [
-        ("decimals", 0.3, 0.3),
-        ("decimals of three", 0.28, 0.7 * 0.4),
-        ("large and small", 1e6, 1e-6 * 1e12),
-        ("pi / 7", sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
-        ("pi / 9", 8 * cos(pi / 9) ** 3, 1 + 6 * cos(pi / 9)),
-        ("pi / 8", sin(pi / 8) * cos(pi / 8), sqrt(2) / 4),
-        ("sqrt(7)", tan(pi / 7) * tan(2 * pi / 7) * tan(3 * pi / 7), sqrt(7)),
-        ("pi / 5", cos(pi / 5) - cos(2 * pi / 5), half),
-        ("nested roots", sqrt(3 + 2 * sqrt(2)), 1 + sqrt(2)),
-        ("cube roots", sp.cbrt(2) * sp.cbrt(4), sp.Integer(2)),
-        ("angles", cos(alpha + beta) + cos(alpha - beta), 2 * cos(alpha) * cos(beta)),
-        ("symbols", (l1**2 - l2**2) / (l1 - l2), l1 + l2),
-    ]
     equal = [
-        System(
-            f"equal numbers: {name}",
-            [c * left * x + d * right * x - u, (c + d) * y - z],
-            [x, y, z, u],
-            [c, d],
-            1,
-        )
-        for name, left, right in pairs
-    ]
+        System(f"equal numbers: {right}", [c * left * x + d * right * x - u, (c + d) * y - z],
+               [x, y, z, u], [c, d], 1)
+        for left, right in EQUAL_NUMBERS
+    ]  # fmt: skip
     lever = [
         System(f"lever of {length} m", [
             sp.expand(length * (length * m1 + m2) * q.diff(t, 2)) - u,
@@ -677,7 +418,7 @@ SYSTEMS = [
     *(chain(n, kind) for n in range(1, 7) for kind in ("linear", "cubic")),
     *(pendulum_chain(n, lengths) for n, lengths in
       ((2, [0.3, 0.28]), (3, [0.3, 0.28, 0.2]), (2, [1.7, 0.1]), (4, [0.11, 0.13, 0.17, 0.19]))),
-    *textbook(),
-    *frictions(),
+    *map(of_textbook, re.split(r"\n(?=\S)", TEXTBOOK.strip())),
+    *laws(),
     *numbers(),
 ]  # fmt: skip

@@ -22,6 +22,7 @@ from seaid.symbolic import (
 )
 from tests.one_joint import BODY
 from tests.plants import write_robot
+from tests.representatives import quick_only
 from tests.symbolic.systems import SYSTEMS, Offset, System, arm, coordinates, g, t
 
 Values = dict[sp.Expr, sp.Expr]
@@ -71,9 +72,14 @@ def leftmost(columns: list[list[mpf]]) -> tuple[int, ...]:
     return tuple(pivots)
 
 
-@pytest.mark.slow  # 1.5 s
-@pytest.mark.parametrize("system", SYSTEMS, ids=[system.name for system in SYSTEMS])
-def test_base_form(system: System) -> None:
+BY_NAME = {system.name: system for system in SYSTEMS}
+QUICK = ("arm yz", "2 masses with cubic springs", "cart-pole, length unknown", "acrobot", "TORA")
+
+
+@pytest.mark.parametrize("name", quick_only(BY_NAME, QUICK))
+def test_base_form(name: str) -> None:
+    """The number of base parameters of the source, and the laws of the form, within seconds."""
+    system = BY_NAME[name]
     started = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dependent functions are part of some systems
@@ -144,13 +150,10 @@ ARMS = {
 }
 
 
-SIX_JOINTS = ("PUMA 560", "Stanford arm")  # thousands of products of six sines
+SIX_JOINTS = {"PUMA 560", "Stanford arm"}  # thousands of products of six sines
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if name in SIX_JOINTS else ()) for name in ARMS],
-)
+@pytest.mark.parametrize("name", quick_only(ARMS, set(ARMS) - SIX_JOINTS))
 def test_arm_has_its_published_number_of_base_parameters(name: str) -> None:
     axes, offsets, published = ARMS[name]
     assert len(base_of_arm(axes, offsets).pivots) == published
@@ -165,33 +168,6 @@ def test_arm_with_numbers_of_45_degrees_keeps_its_count() -> None:
     assert len(base.pivots) == 6
 
 
-@pytest.mark.slow  # 1.6 s
-def test_planar_arm_with_decimal_lengths_in_expanded_equations() -> None:
-    """Three links with centres at their middles and a load: six of the seven are independent."""
-    q, masses, inertias = coordinates(3), sp.symbols("m1:5"), sp.symbols("I1:4")
-    torques = sp.symbols("tau1:4")
-
-    def base(lengths: list[float | sp.Rational]) -> BaseForm:
-        tip, lagrangian = sp.zeros(2, 1), sp.Integer(0)
-        for i, length in enumerate(lengths):
-            angle = sp.Add(*q[: i + 1])
-            along = length * sp.Matrix([sp.cos(angle), sp.sin(angle)])
-            places = [(masses[i], tip + along / 2), *([(masses[3], tip + along)] * (i == 2))]
-            for m, place in places:
-                speed = place.diff(t)
-                lagrangian += m * speed.dot(speed) / 2 - m * g * place[1]
-            lagrangian += inertias[i] * angle.diff(t) ** 2 / 2
-            tip += along
-        energy = sp.expand(lagrangian)
-        equations = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]  # in doubles
-        equations = [sp.expand(row - tau) for row, tau in zip(equations, torques, strict=True)]
-        return reduce(separate(equations, q, [*inertias, *masses]))
-
-    found = base([0.3, 0.28, 0.2])
-    assert len(found.pivots) == 6
-    assert max(x.q for x in found.echelon) <= 10**4  # short fractions, no binary ones
-
-
 def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
     lagrangian, q, parameters = arm("zy", [HERE, (l1, 0, 0)])
     equations = equations_of_motion(lagrangian, q, sp.symbols("tau1:3"))
@@ -200,38 +176,6 @@ def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> N
     names = {sp.sin(q[0]): s1, sp.cos(q[0]): c1, sp.sin(q[1]): s2, sp.cos(q[1]): c2}
     independent = [equation.xreplace(names) for equation in equations]
     assert len(reduce(separate(independent, [*q, s1, c1, s2, c2], parameters)).pivots) == 9
-
-
-def test_planar_arm_gives_the_groupings_of_the_textbook() -> None:
-    """Spong, Hutchinson, Vidyasagar 2006: the two-link arm with lengths and centres of mass."""
-    q1, q2 = q = coordinates(2)
-    m1, m2, r1, r2, I1, I2 = sp.symbols("m1 m2 r1 r2 I1 I2")
-    elbow = l1 * sp.Matrix([sp.cos(q1), sp.sin(q1)])
-    centres = (r1 / l1 * elbow, elbow + r2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)]))
-    lagrangian = I1 * q1.diff(t) ** 2 / 2 + I2 * (q1 + q2).diff(t) ** 2 / 2
-    for m, centre in zip((m1, m2), centres, strict=True):
-        lagrangian += m * centre.diff(t).dot(centre.diff(t)) / 2 - m * g * centre[1]
-    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1 tau2"))
-    base = reduce(separate(equations, q, [I1, I2, m1, m2, r1, r2]))
-    assert set(base.parameters) == {
-        I1 + m1 * r1**2 + m2 * l1**2,
-        I2 + m2 * r2**2,
-        m1 * r1 + m2 * l1,
-        m2 * r2,
-    }
-
-
-def test_cart_pole() -> None:
-    x, angle = q = coordinates(2)
-    M, m, r, inertia, b, c, force = sp.symbols("M m r I b c F")
-    tip = sp.Matrix([x + r * sp.sin(angle), r * sp.cos(angle)])
-    lagrangian = M * x.diff(t) ** 2 / 2 + inertia * angle.diff(t) ** 2 / 2
-    lagrangian += m * tip.diff(t).dot(tip.diff(t)) / 2 - m * g * tip[1]
-    loss = b * x.diff(t) ** 2 / 2 + c * angle.diff(t) ** 2 / 2
-    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
-    base = reduce(separate(equations, q, [M, m, r, inertia, b, c]))
-    assert list(base.parameters) == [M + m, m * r, inertia + m * r**2, b, c]
-    assert list(base.zeta) == [force, 0]
 
 
 def test_cart_pole_solved_for_its_accelerations() -> None:
@@ -248,16 +192,6 @@ def test_cart_pole_solved_for_its_accelerations() -> None:
     form = separate(equations, q, [M, m])
     assert list(form.zeta) == [force, -sp.cos(angle) * force / r]
     assert len(reduce(form).pivots) == 2
-
-
-def test_two_masses_and_a_spring() -> None:
-    x, y = q = coordinates(2)
-    m1, m2, c, force = sp.symbols("m1 m2 c F")
-    lagrangian = (m1 * x.diff(t) ** 2 + m2 * y.diff(t) ** 2 - k * (x - y) ** 2) / 2
-    loss = c * (x - y).diff(t) ** 2 / 2
-    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
-    base = reduce(separate(equations, q, [m1, m2, k, c]))
-    assert list(base.parameters) == [m1, m2, k, c]
 
 
 def test_series_elastic_joint_with_its_load() -> None:
