@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import sympy as sp
+from mpmath import mp, mpf
 
 from seaid.symbolic import equations_of_motion
 from seaid.symbolic.expression_text import expression_of
@@ -422,3 +423,23 @@ SYSTEMS = [
     *laws(),
     *numbers(),
 ]  # fmt: skip
+
+DIGITS, ZERO = 50, mpf(10) ** -25
+
+
+def leftmost(columns: list[list[mpf]]) -> tuple[int, ...]:
+    """Return the columns that are independent of those before them, by Gram-Schmidt."""
+    basis: list[list[mpf]] = []
+    pivots = []
+    for place, column in enumerate(columns):
+        size = mp.sqrt(mp.fdot(column, column))
+        rest = list(column)
+        for _ in range(2):
+            for unit in basis:
+                share = mp.fdot(unit, rest)
+                rest = [x - share * e for x, e in zip(rest, unit, strict=True)]
+        left = mp.sqrt(mp.fdot(rest, rest))
+        if size and left > ZERO * size:
+            basis.append([x / left for x in rest])
+            pivots.append(place)
+    return tuple(pivots)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 from seaid.errors import SymbolicError
-from seaid.symbolic import RegressorForm, equations_of_motion, reduce, separate
+from seaid.symbolic import RegressorForm, reduce, separate
+from tests.symbolic.systems import DIGITS, leftmost
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M = (sp.Function(name)(t) for name in ("theta_M", "theta_L", "tau_M"))
@@ -46,34 +47,21 @@ def test_progress_is_shown_on_stderr_and_changes_nothing(
     assert "equations grouped" in said.err
 
 
-def test_motor_side_becomes_equation_10() -> None:
-    form = separate(MOTOR, motion=SIGNALS, unknowns=[F_v, F_C, k])
-    assert form.zeta == sp.ImmutableMatrix([tau_M - I_M * speed.diff(t)])
-    assert form.parameters == sp.ImmutableMatrix([F_v, F_C, k])
+def test_motor_and_load_side_become_equations_10_and_8_and_share_their_spring() -> None:
+    """Columns, known sides and parameters as in the paper; a further term gets its own column."""
     spring = sp.expand(r_M / N * (r_M / N * theta_M - r_L * theta_L))
-    assert form.regressor == sp.ImmutableMatrix([[speed, sp.sign(speed), spring]])
-
-
-def test_a_term_of_the_user_gets_its_column_and_leaves_the_rest() -> None:
-    form = separate(MOTOR + c * speed**3, motion=SIGNALS, unknowns=[F_v, F_C, k, c])
-    plain = separate(MOTOR, motion=SIGNALS, unknowns=[F_v, F_C, k])
-    assert form.zeta == plain.zeta
-    assert form.regressor[:, :3] == plain.regressor
-    assert form.regressor[0, 3] == speed**3
-
-
-def test_load_side_keeps_the_scale_of_a_torque() -> None:
-    form = separate(LOAD, motion=[theta_M, theta_L], unknowns=[J, m, r])
-    assert form.zeta == sp.ImmutableMatrix([sp.expand(r_L * SPRING)])
-    assert form.regressor[0, 0] == load_speed.diff(t)
-    assert list(form.parameters) == [J, r * m]
-
-
-def test_equation_without_known_terms_has_zeta_zero() -> None:
-    form = separate([MOTOR, LOAD], motion=SIGNALS, unknowns=[F_v, F_C, k, J, m, r])
-    assert list(form.zeta) == [tau_M - I_M * speed.diff(t), 0]
-    assert list(form.parameters) == [F_v, F_C, k, J, m * r]
-    assert sp.expand(form.regressor[1, :].dot(form.parameters) + sp.expand(LOAD, trig=True)) == 0
+    motor = separate(MOTOR + c * speed**3, motion=SIGNALS, unknowns=[F_v, F_C, k, c])
+    assert list(motor.parameters) == [F_v, F_C, k, c]
+    assert list(motor.regressor) == [speed, sp.sign(speed), spring, speed**3]
+    assert list(motor.zeta) == [tau_M - I_M * speed.diff(t)]
+    load = separate(LOAD, motion=[theta_M, theta_L], unknowns=[J, m, r])
+    assert list(load.zeta) == [sp.expand(r_L * SPRING)]  # it keeps the scale of a torque
+    assert list(load.parameters) == [J, r * m]
+    assert load.regressor[0, 0] == load_speed.diff(t)
+    both = separate([MOTOR, LOAD], motion=SIGNALS, unknowns=[F_v, F_C, k, J, m, r])
+    assert list(both.zeta) == [tau_M - I_M * speed.diff(t), 0]
+    assert list(both.parameters) == [F_v, F_C, k, J, m * r]
+    assert sp.expand(both.regressor[1, :].dot(both.parameters) + sp.expand(LOAD, trig=True)) == 0
 
 
 REWRITINGS: list[Callable[[sp.Expr], sp.Expr]] = [
@@ -115,21 +103,6 @@ def test_result_does_not_depend_on_how_an_equation_is_written(
     assert same(separate(rewritten, [x, y, a], unknowns), separate(equation, [x, y, a], unknowns))
 
 
-POINTS = [[sp.Rational(n, 11) for n in point] for point in ((3, 9, 22), (12, 4, 33), (7, 13, 5))]
-
-
-@pytest.mark.parametrize("equation", EQUATIONS)
-def test_regressor_times_parameters_is_the_equation(equation: sp.Expr) -> None:
-    form = separate(equation, motion=[x, y, a], unknowns=[F_v, F_C, k, m, r])
-    residual = (form.regressor * form.parameters - form.zeta)[0]
-    values = {s: sp.Rational(3 + i, 7) for i, s in enumerate((F_v, F_C, k, m, r, r_M, r_L, N))}
-    ratios = [
-        (residual / equation).subs(values | dict(zip((x, y, a), point, strict=True))).evalf(30)
-        for point in POINTS
-    ]
-    assert max(ratios) - min(ratios) < 1e-20 * abs(ratios[0])
-
-
 DECIMALS = [
     (0.1, "1/10"),
     (-2.5e-7, "-1/4000000"),
@@ -144,6 +117,7 @@ DECIMALS = [
 
 @pytest.mark.parametrize(("given", "meant"), DECIMALS)
 def test_floats_are_read_as_the_decimals_they_represent(given: float, meant: str) -> None:
+    """A product of decimals in doubles is the decimal that was meant."""
     form = separate(given * F_v * x - a, motion=[x, a], unknowns=[F_v])
     assert form.regressor[0] == sp.Rational(meant) * x
 
@@ -158,68 +132,104 @@ def test_plain_symbols_of_torques_are_inputs_as_functions_of_time_are() -> None:
         assert plain.zeta == function.zeta.subs(u, u0)
         assert plain.regressor == function.regressor
     assert separate(rest - u0, [theta_L], [m]).zeta[0] == u0
-
-
-def test_known_constants_in_products_are_no_inputs() -> None:
-    """K i0 may be the torque, but which of them is the input is open: the shortest row."""
-    K, i0 = sp.symbols("K i0")
+    # of K i0 either may be the input: the shortest row
     assert separate(m * g * sp.sin(x) - K * i0, [x], [m]).zeta[0] == i0 * K / g
 
 
-def test_solved_equation_is_cleared_of_its_denominator() -> None:
-    form = separate(sp.Eq(y, (a - m * g * sp.sin(x)) / (J + m * r**2)), [x, y, a], [J, m])
-    assert form.zeta == sp.ImmutableMatrix([a])
-    assert list(form.regressor) == [y, r**2 * y + g * sp.sin(x)]
+phi, psi, K, i0 = sp.symbols("phi psi K i0")
+FORMS = [
+    # solved for an acceleration, with quotients, in the order of the unknowns, with a zero column
+    (y - (a - m * g * sp.sin(x)) / (J + m * r**2), [J, m], [J, m], [y, r**2 * y + g * sp.sin(x)]),
+    (a - m / J * x - k * y, [J, m, k], [m / J, k], [x, y]),
+    (m * r * x + m * y + k * x**2 + m * k - a, [k, r, m], [k, k * m, r * m, m], [x**2, 1, x, y]),
+    (m * r * x + m * y + k * x**2 + m * k - a, [m, r, k], [m, r * m, k * m, k], [y, x, 1, x**2]),
+    (m * x - a, [J, m], [J, m], [0, x]),
+    # unknown phases
+    (
+        m * sp.sin(x + phi) + k * y - a,
+        *([k, m, phi], [k, m * sp.cos(phi), m * sp.sin(phi)], [y, sp.sin(x), sp.cos(x)]),
+    ),
+    (
+        sp.cos(2 * x - phi) + k * phi * y - a,
+        *([k, phi], [k * phi, sp.cos(phi), sp.sin(phi)]),
+        [y, 2 * sp.cos(x) ** 2 - 1, 2 * sp.sin(x) * sp.cos(x)],
+    ),
+    # the amplitude (m sin(x + phi))^2 has the mean m^2 / 2, so that cos^2 + sin^2 = 1 is used
+    (
+        m * sp.sin(x + phi) ** 2 - a,
+        *([m, phi], [m, m * sp.cos(phi) ** 2, m * sp.cos(phi) * sp.sin(phi)]),
+        [sp.cos(x) ** 2, 1 - 2 * sp.cos(x) ** 2, 2 * sp.sin(x) * sp.cos(x)],
+    ),
+]
 
 
-def test_quotients_of_unknowns_are_one_parameter_where_that_keeps_the_known_side() -> None:
-    form = separate(a - m / J * x - k * y, [x, y, a], [J, m, k])
-    assert list(form.parameters) == [m / J, k]
-    assert form.zeta == sp.ImmutableMatrix([a])
+@pytest.mark.parametrize(("equation", "unknowns", "parameters", "regressor"), FORMS)
+def test_products_of_unknowns_and_their_columns(
+    equation: sp.Expr,
+    unknowns: list[sp.Symbol],
+    parameters: list[sp.Expr],
+    regressor: list[sp.Expr],
+) -> None:
+    """The known side stays a, and each parameter stands at its first factor."""
+    form = separate(equation, [x, y, a], unknowns)
+    assert list(form.parameters) == parameters
+    assert [
+        sp.expand(column - expected)
+        for column, expected in zip(form.regressor, regressor, strict=True)
+    ] == [0] * len(regressor)
+    assert list(form.zeta) == [a]
+    assert reduce(form).pivots == tuple(n for n, column in enumerate(regressor) if column != 0)
 
 
-def test_an_unknown_gear_ratio_keeps_the_scale_of_both_sides() -> None:
-    """(7) and (8) share k/N. N times (8), without a known term, would be solved by zeros."""
-    motor = J * speed.diff(t) + F_v * speed + r_M / N * SPRING - tau_M
-    load = r_L * SPRING - I_M * load_speed.diff(t) - m * sp.sin(theta_L)
-    base = reduce(separate([motor, load], SIGNALS, [I_M, J, N, k, m, F_v]))
-    assert list(base.parameters) == [I_M, J, k / N**2, k / N, k, m, F_v]
-    assert base.ratios == ()
-    # least squares with the values of the unknowns as truth
-    values = {I_M: 0.3, J: 2e-4, N: 20, k: 50, m: 4, F_v: 0.01}
-    symbols = sp.symbols("w0:6")
-    rates = [speed.diff(t), load_speed.diff(t), speed, load_speed, theta_M, theta_L]
-    R = base.regressor.subs(dict(zip(rates, symbols, strict=True)) | {r_M: 0.5, r_L: 0.4})
-    rows = np.vstack([
-        sp.lambdify([symbols], R)(row) for row in np.random.default_rng(0).normal(size=(20, 6))
-    ])  # fmt: skip
-    truth = np.array(base.parameters.subs(values), dtype=float).ravel()
-    estimate = np.linalg.lstsq(rows, rows @ truth, rcond=None)[0]
-    assert estimate[4] == pytest.approx(50, rel=1e-9)
-    assert np.linalg.matrix_rank(rows) == 7
+q1, q2, u1, u2 = (sp.Function(name)(t) for name in ("q1", "q2", "u1", "u2"))
+ROLLING = m * u1.diff(t) + r * q1.diff(t, 2) + k * u1 + c * q1.diff(t) - a
+GEAR = m * q1.diff(t, 2) + r * q2.diff(t, 2) + k * sp.sin(q1) * sp.cos(q1) + c * sp.sin(q2) - a
+BALL = [
+    (I_M + m * q1**2) * q2.diff(t, 2)
+    + 2 * m * q1 * q1.diff(t) * q2.diff(t)
+    + m * g * q1 * sp.cos(q2)
+    - a,
+    (m + J / r**2) * q1.diff(t, 2) - m * q1 * q2.diff(t) ** 2 + m * g * sp.sin(q2),
+]
+PASSIVE = (m + J / N**2) * q1.diff(t, 2) + b * q1.diff(t) + g * q1.diff(t) ** 3
+MICROPHONE = [  # a movable plate, and a leak u1 / r next to the capacitor c / q1
+    m * q1.diff(t, 2) + b * q1.diff(t) + k * q1 + c * (u1 / q1) ** 2 / 2 - a,
+    c * (u1 / q1).diff(t) + u1 / r - y,
+]
+GEARED = [
+    J * speed.diff(t) + F_v * speed + r_M / N * SPRING - tau_M,
+    r_L * SPRING - I_M * load_speed.diff(t) - m * sp.sin(theta_L),
+]
+SLOW = m * u2 + r * q1.diff(t, 2) - a
+TURNING = m * u1 + r * sp.sin(q1) * u2 + k * q1.diff(t) - a
+KANE = [u1 - sp.cos(q1) * q2.diff(t) - q1.diff(t), u2 - q2.diff(t)]
+BASES = [
+    # quotients of unknowns: (7) and (8) share k/N; N times (8) would be solved by zeros
+    (GEARED, [], SIGNALS, [I_M, J, N, k, m, F_v], [I_M, J, k / N**2, k / N, k, m, F_v]),
+    (BALL, [], [q1, q2, a], [I_M, m, J, r], [I_M, m, J / r**2]),
+    (PASSIVE, [], [q1], [m, J, N, b], [m + J / N**2, b]),
+    (MICROPHONE, [], [q1, u1, a, y], [m, b, k, c, r], [m, b, k, c, 1 / r]),
+    # signals that depend on each other: Kane's speeds, a gear, a chain of both
+    (ROLLING, [], [q1, u1, a], [m, r, k, c], [m, r, k, c]),
+    (ROLLING, sp.Eq(u1, q1.diff(t)), [q1, u1, a], [m, r, k, c], [m + r, k + c]),
+    (GEAR, [q2 - 2 * q1, 2 * q2 - 4 * q1], [q1, q2, a], [m, r, k, c], [m + 2 * r, k + 2 * c]),
+    (TURNING, KANE, [q1, q2, u1, u2, a], [m, r, k], [m, r, k]),
+    (SLOW, [u2 - u1.diff(t), u1 - q1.diff(t)], [q1, u1, u2, a], [m, r], [m + r]),
+]
 
 
-def test_quotients_in_an_undriven_row_stay() -> None:
-    ball, beam, u = sp.Function("x")(t), sp.Function("q")(t), sp.Symbol("u")
-    kinetic = I_M * beam.diff(t) ** 2 + m * (ball.diff(t) ** 2 + ball**2 * beam.diff(t) ** 2)
-    lagrangian = (kinetic + J / r**2 * ball.diff(t) ** 2) / 2 - m * g * ball * sp.sin(beam)
-    equations = equations_of_motion(lagrangian, [beam, ball], [u, 0])
-    base = reduce(separate(equations, [beam, ball], [I_M, m, J, r]))
-    assert list(base.parameters) == [I_M, m, J / r**2]
-    passive = (m + J / N**2) * beam.diff(t, 2) + b * beam.diff(t) + g * beam.diff(t) ** 3
-    assert list(reduce(separate(passive, [beam], [m, J, N, b])).parameters) == [m + J / N**2, b]
-
-
-def test_quotients_stay_where_a_denominator_could_be_cleared_and_would_cost_a_column() -> None:
-    """A condenser microphone: a movable plate, and a leak V/r next to the capacitor c/x."""
-    plate, volts = sp.Function("x")(t), sp.Function("V")(t)
-    equations = [
-        m * plate.diff(t, 2) + b * plate.diff(t) + k * plate + c * (volts / plate) ** 2 / 2 - a,
-        c * (volts / plate).diff(t) + volts / r - y,
-    ]
-    form = separate(equations, [plate, volts, a, y], [m, b, k, c, r])
-    assert set(reduce(form).parameters) == {m, b, k, c, 1 / r}
-    assert list(form.zeta) == [a, y]
+@pytest.mark.parametrize(("equations", "relations", "motion", "unknowns", "base"), BASES)
+def test_quotients_of_unknowns_and_relations_of_signals(
+    equations: sp.Expr,
+    relations: sp.Expr,
+    motion: list[sp.Expr],
+    unknowns: list[sp.Symbol],
+    base: list[sp.Expr],
+) -> None:
+    """Products and quotients are parameters where that costs no column and no known side."""
+    found = reduce(separate(equations, motion, unknowns, relations=relations))
+    assert list(found.parameters) == base
+    assert found.ratios == (() if found.zeta.norm() != 0 else (tuple(base),))
 
 
 PRODUCTS = [m, k, b, N, m / N, k / N, k / N**2, b / m, m * N, m**2, 1 / k, k * b, m / (N * k)]
@@ -235,45 +245,40 @@ def draws(count: int, size: int, seed: int) -> list[list[mpf]]:
 
 
 def rank_of_differences(equations: list[sp.Expr], unknowns: list[sp.Symbol]) -> int:
-    """The rank of what changes of the unknowns do to the equations at motions, by 40 digits.
+    """The rank of what changes of the unknowns do to the equations at motions, by 50 digits.
 
     E(motion, theta) = R phi(theta) - zeta, so that E(., theta_i) - E(., theta_0) spans R's columns.
     """
-    with mp.workdps(40):
+    with mp.workdps(DIGITS):
         values = sp.lambdify([[x, y, a, r], unknowns], equations, "mpmath")
         motions = [[*motion, mpf(7) / 5] for motion in draws(8, 3, 1)]
-        table = [
+        first, *table = [
             [e for motion in motions for e in values(motion, theta)]
             for theta in draws(14, len(unknowns), 2)
         ]
-        rows = [[e - e0 for e, e0 in zip(row, table[0], strict=True)] for row in table[1:]]
-        rank = 0
-        while rows:
-            size, i, j = max(
-                (abs(e), i, j) for i, row in enumerate(rows) for j, e in enumerate(row)
-            )
-            if size < mpf(10) ** -25:
-                break
-            top = rows.pop(i)
-            rows = [
-                [e - row[j] / top[j] * f for e, f in zip(row, top, strict=True)] for row in rows
-            ]
-            rank += 1
-    return rank
+        return len(leftmost([[e - e0 for e, e0 in zip(row, first, strict=True)] for row in table]))
 
 
-def factors(equations: list[sp.Expr], form: RegressorForm, unknowns: list[sp.Symbol]) -> None:
+def check_factors(equations: list[sp.Expr], form: RegressorForm, unknowns: list[sp.Symbol]) -> None:
     """R0 theta0 - zeta is each equation times a constant that no unknown and no motion changes."""
     base = reduce(form)
     residuals = list(base.regressor * base.parameters - base.zeta)
-    with mp.workdps(40):
-        arguments = [[x, y, a, r], unknowns]
-        both = sp.lambdify(arguments, [equations, residuals], "mpmath")
+    known = [constant for constant in (r, r_M, r_L, N) if constant not in unknowns]
+    with mp.workdps(DIGITS):
+        both = sp.lambdify([[x, y, a, *known], unknowns], [equations, residuals], "mpmath")
         samples = zip(draws(4, 3, 3), draws(4, len(unknowns), 4), strict=True)
-        pairs = [both([*motion, mpf(7) / 5], theta) for motion, theta in samples]
+        numbers = draws(1, len(known), 5)[0]
+        pairs = [both([*motion, *numbers], theta) for motion, theta in samples]
         for place in range(len(equations)):
             ratios = [residual[place] / equation[place] for equation, residual in pairs]
             assert max(abs(ratio - ratios[0]) for ratio in ratios) < mpf(10) ** -25
+
+
+@pytest.mark.parametrize("equation", EQUATIONS)
+def test_regressor_times_parameters_is_the_equation(equation: sp.Expr) -> None:
+    """Of square roots, tangents, quotients and exponentials, up to a constant factor."""
+    unknowns = [F_v, F_C, k, m, r]
+    check_factors([equation], separate(equation, [x, y, a], unknowns), unknowns)
 
 
 @settings(max_examples=7, deadline=None, derandomize=True)
@@ -285,7 +290,7 @@ def test_scale_rank_and_equations_of_random_systems(
     equations = [sp.Add(*map(sp.prod, terms)) + known for terms, known in rows]
     assume(all(sp.expand(e).has(*unknowns) for e in equations))
     form = separate(equations, [x, y, a], unknowns)
-    factors(equations, form, unknowns)
+    check_factors(equations, form, unknowns)
     assert len(reduce(form).pivots) == rank_of_differences(equations, unknowns)
 
 
@@ -312,29 +317,12 @@ def test_sums_below_are_cleared_only_where_a_known_term_remains(
         assert reduce(form).ratios == ()
 
 
-def test_columns_stand_in_the_order_of_the_unknowns_products_after_their_first_factor() -> None:
-    equation = m * r * x + m * y + k * sp.cos(x) + m * k * x**2 - a
-    assert list(separate(equation, [x, y, a], [k, r, m]).parameters) == [k, k * m, r * m, m]
-    assert list(separate(equation, [x, y, a], [m, r, k]).parameters) == [m, r * m, k * m, k]
-
-
-def test_an_unknown_that_no_equation_holds_keeps_a_zero_column() -> None:
-    form = separate(m * x - a, [x, a], [J, m])
-    assert list(form.parameters) == [J, m]
-    assert list(form.regressor) == [0, x]
-
-
 @pytest.mark.parametrize("container", [list, tuple, sp.Matrix, sp.ImmutableMatrix, sp.Tuple])
 def test_equations_come_in_any_container(container: Callable[..., object]) -> None:
     given = (MOTOR, LOAD) if container is sp.Tuple else [MOTOR, LOAD]
     equations = container(*given) if container is sp.Tuple else container(given)
     unknowns = [F_v, F_C, k, J, m, r]
     assert same(separate(equations, SIGNALS, unknowns), separate([MOTOR, LOAD], SIGNALS, unknowns))
-
-
-def test_undeclared_forces_are_inputs() -> None:
-    form = separate(J * load_speed.diff(t) - tau_M, motion=[theta_L], unknowns=[J])
-    assert form.zeta == sp.ImmutableMatrix([tau_M])
 
 
 REFUSED = [
@@ -370,6 +358,9 @@ REFUSED = [
     ([m * x > 0], [x], [m], ["an equation must be a scalar sympy expression"]),
     (m * (x + y + a + 1) ** 3000, [x, y, a], [m], ["too large", "terms", "raise max_terms"]),
     (m * sp.sin(10**7 * x), [x], [m], ["10000000 times", "1000"]),
+    (m * sp.sin(30 * theta_M) - a, [x, a], [m], ["multiplies the unknown m and is not declared"]),
+    (m * sp.sin(x * r) - a, [x, a], [m, r], ["unknown r is inside sin(r*x)"]),
+    (m * sp.tan(x + r) * y, [x, y, a], [m, r], ["cannot be cleared"]),
 ]
 
 
@@ -397,67 +388,6 @@ def test_deeply_nested_equations_are_read() -> None:
     assert form.regressor[0].subs(x, 0) == 1
 
 
-def test_an_unknown_phase_gives_two_parameters() -> None:
-    phi, psi = sp.symbols("phi psi")
-    form = separate(m * sp.sin(x + phi) + k * y - a, [x, y, a], [k, m, phi])
-    assert list(form.parameters) == [k, m * sp.cos(phi), m * sp.sin(phi)]
-    assert list(form.regressor) == [y, sp.sin(x), sp.cos(x)]
-    assert reduce(form).pivots == (0, 1, 2)
-    form = separate(sp.cos(2 * x - phi) + k * phi * y - a, [x, y, a], [k, phi])
-    assert list(form.parameters) == [k * phi, sp.cos(phi), sp.sin(phi)]
-    # the amplitude (m sin(x + phi))^2 has the mean m^2 / 2, so that cos^2 + sin^2 = 1 is used
-    form = separate(m * sp.sin(x + phi) ** 2 - a, [x, a], [m, phi])
-    assert list(form.parameters) == [m, m * sp.cos(phi) ** 2, m * sp.cos(phi) * sp.sin(phi)]
-    both = separate(m * sp.sin(x + phi - psi) - a, [x, a], [m, phi, psi])
-    assert len(both.parameters) == 4
-    assert reduce(both).pivots == (0, 1)
-    with pytest.raises(SymbolicError, match=r"unknown phi is inside sin\(phi\*x\)"):
-        separate(m * sp.sin(x * phi) - a, [x, a], [m, phi])
-    with pytest.raises(SymbolicError, match="cannot be cleared"):
-        separate(m * sp.tan(x + phi) * y, [x, y, a], [m, phi])
-
-
-q1, q2, u1, u2 = (sp.Function(name)(t) for name in ("q1", "q2", "u1", "u2"))
-
-
-def test_signals_that_depend_on_each_other_are_declared() -> None:
-    """Kane's speeds, a gear, and a chain of both; without the relations all are independent."""
-    rolling = m * u1.diff(t) + r * q1.diff(t, 2) + k * u1 + c * q1.diff(t) - a
-    unknowns, signals = [m, r, k, c], [q1, u1, a]
-    assert reduce(separate(rolling, signals, unknowns)).pivots == (0, 1, 2, 3)
-    form = separate(rolling, signals, unknowns, relations=sp.Eq(u1, q1.diff(t)))
-    assert list(reduce(form).parameters) == [m + r, k + c]
-    turning = m * u1 + r * sp.sin(q1) * u2 + k * q1.diff(t) - a
-    speeds = [u1 - sp.cos(q1) * q2.diff(t) - q1.diff(t), u2 - q2.diff(t)]
-    form = separate(turning, [q1, q2, u1, u2, a], [m, r, k], relations=speeds)
-    assert list(form.regressor) == [
-        q1.diff(t) + sp.cos(q1) * q2.diff(t),
-        sp.sin(q1) * q2.diff(t),
-        q1.diff(t),
-    ]
-    gear = m * q1.diff(t, 2) + r * q2.diff(t, 2) + k * sp.sin(q1) * sp.cos(q1) + c * sp.sin(q2) - a
-    form = separate(gear, [q1, q2, a], unknowns, relations=[q2 - 2 * q1, 2 * q2 - 4 * q1])
-    assert list(reduce(form).parameters) == [m + 2 * r, k + 2 * c]
-    slow = [u2 - u1.diff(t), u1 - q1.diff(t)]
-    form = separate(m * u2 + r * q1.diff(t, 2) - a, [q1, u1, u2, a], [m, r], relations=slow)
-    assert list(reduce(form).parameters) == [m + r]
-
-
-@pytest.mark.parametrize(
-    ("relation", "words"),
-    [
-        (q1 - m * q2, ["contains an unknown", "as an equation"]),
-        ("q1 = q2", ["a relation must be a scalar sympy expression"]),
-    ],
-)
-def test_relations_that_are_not_between_signals_are_refused(
-    relation: sp.Expr, words: list[str]
-) -> None:
-    with pytest.raises(SymbolicError) as caught:
-        separate(m * q1 + r * q2 - a, [q1, q2, a], [m, r], relations=[relation])
-    assert all(word in str(caught.value) for word in words), str(caught.value)
-
-
 # Multiples of an angle, as a gear with many teeth has them: powers of sine and cosine would cancel.
 
 
@@ -469,9 +399,9 @@ def as_numbers(entries: sp.ImmutableMatrix, *signals: sp.Expr) -> Callable[..., 
     return found
 
 
-@pytest.mark.slow  # 0.6 s
-@pytest.mark.parametrize("times", [1, 2, 3, 4, 5, 6, 9, 12, 20, 84, 137])
+@pytest.mark.parametrize("times", [2, 9, 137])
 def test_multiples_of_an_angle_are_as_exact_as_the_sine(times: int) -> None:
+    """In double precision, where powers of sine and cosine would cancel."""
     equation = m * sp.sin(times * x) + r * sp.cos(times * x) + J * x - a
     form = separate(equation, motion=[x, a], unknowns=[m, r, J])
     values = as_numbers(form.regressor, x)
@@ -502,11 +432,6 @@ def test_fractions_of_an_angle_and_products_of_two() -> None:
     at = (0.9, -1.3)
     direct = [np.sin(12 * at[0] / 7) * np.cos(9 * at[1]), np.sin(at[0] / 7) ** 12]
     assert as_numbers(form.regressor, x, y)(*at) == pytest.approx(direct, abs=1e-14)
-
-
-def test_multiples_of_an_undeclared_angle_are_refused_too() -> None:
-    with pytest.raises(SymbolicError, match=r"multiplies the unknown m and is not declared"):
-        separate(m * sp.sin(30 * theta_M) - a, [x, a], [m])
 
 
 def test_high_powers_in_a_denominator_stay() -> None:

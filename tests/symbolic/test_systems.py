@@ -23,10 +23,9 @@ from seaid.symbolic import (
 from tests.one_joint import BODY
 from tests.plants import write_robot
 from tests.representatives import quick_only
-from tests.symbolic.systems import SYSTEMS, Offset, System, arm, coordinates, g, t
+from tests.symbolic.systems import DIGITS, SYSTEMS, Offset, System, arm, coordinates, g, leftmost, t
 
 Values = dict[sp.Expr, sp.Expr]
-DIGITS, ZERO = 50, mpf(10) ** -25
 
 
 def states(system: System, expressions: list[sp.Expr], seed: int) -> Values:
@@ -52,24 +51,6 @@ def constants(system: System) -> Values:
     draw = random.Random(1)
     free = {s for one in system.equations for s in one.free_symbols} - {sp.Symbol("t")}
     return {s: sp.Rational(draw.randint(500, 1500), 1009) for s in sorted(free, key=str)}
-
-
-def leftmost(columns: list[list[mpf]]) -> tuple[int, ...]:
-    """Return the columns that are independent of those before them, by Gram-Schmidt."""
-    basis: list[list[mpf]] = []
-    pivots = []
-    for place, column in enumerate(columns):
-        size = mp.sqrt(mp.fdot(column, column))
-        rest = list(column)
-        for _ in range(2):
-            for unit in basis:
-                share = mp.fdot(unit, rest)
-                rest = [x - share * e for x, e in zip(rest, unit, strict=True)]
-        left = mp.sqrt(mp.fdot(rest, rest))
-        if size and left > ZERO * size:
-            basis.append([x / left for x in rest])
-            pivots.append(place)
-    return tuple(pivots)
 
 
 BY_NAME = {system.name: system for system in SYSTEMS}
