@@ -15,15 +15,12 @@ KINETIC = (inertia + m * r**2) * q.diff(t) ** 2 / 2
 
 
 def test_pendulum_as_in_the_textbook() -> None:
-    (equation,) = equations_of_motion(KINETIC + m * g * r * sp.cos(q), [q], [force])
-    expected = (inertia + m * r**2) * q.diff(t, 2) + m * g * r * sp.sin(q) - force
-    assert sp.expand(equation - expected) == 0
-
-
-def test_dissipation_and_forces_of_the_motion() -> None:
-    (equation,) = equations_of_motion(KINETIC, q, -k * q**3, dissipation=F_v * q.diff(t) ** 2 / 2)
-    expected = (inertia + m * r**2) * q.diff(t, 2) + F_v * q.diff(t) + k * q**3
-    assert sp.expand(equation - expected) == 0
+    """With gravity, with a force that depends on the motion, and with a dissipation."""
+    (equation,) = equations_of_motion(
+        KINETIC + m * g * r * sp.cos(q), q, force - k * q**3, dissipation=F_v * q.diff(t) ** 2 / 2
+    )
+    expected = (inertia + m * r**2) * q.diff(t, 2) + m * g * r * sp.sin(q)
+    assert sp.expand(equation - expected - F_v * q.diff(t) - k * q**3 + force) == 0
 
 
 FUNCTIONS = [
@@ -76,23 +73,6 @@ def test_prescribed_motion_is_an_input() -> None:
     assert sp.expand(equation - m * q.diff(t, 2) + k * pivot.diff(t, 4)) == 0
 
 
-@pytest.mark.parametrize(
-    ("inputs", "words"),
-    [
-        ([q], ["the input q(t) is listed twice"]),
-        ([m], ["the input m is not a function of time", "Function('m')(t)"]),
-        ([sp.Function("z")(sp.Symbol("x"))], ["different times"]),
-        ([p], ["contains z(t)", "not declared", "inputs="]),
-    ],
-)
-def test_inputs_that_are_no_prescribed_motion_are_refused(
-    inputs: list[sp.Expr], words: list[str]
-) -> None:
-    with pytest.raises(SymbolicError) as caught:
-        equations_of_motion(KINETIC * other, [q], [0], inputs=inputs)
-    assert all(word in str(caught.value) for word in words), str(caught.value)
-
-
 def test_jumps_of_sign_are_left_out() -> None:
     (equation,) = equations_of_motion(KINETIC * sp.sign(q), [q], [0])
     assert not equation.has(sp.DiracDelta)
@@ -126,16 +106,26 @@ REFUSED = [
     (KINETIC, [q], [[1]], None, ["a force must be a scalar"]),
     (KINETIC, [q], [0], "a b", ["the dissipation must be a scalar"]),
 ]
+REFUSED_INPUTS = [
+    ([q], ["the input q(t) is listed twice"]),
+    ([m], ["the input m is not a function of time", "Function('m')(t)"]),
+    ([sp.Function("z")(sp.Symbol("x"))], ["different times"]),
+    ([p], ["contains z(t)", "not declared", "inputs="]),
+]
+ROWS = [(*row[:4], (), row[4]) for row in REFUSED]
+ROWS += [(KINETIC * other, [q], [0], None, *row) for row in REFUSED_INPUTS]
 
 
-@pytest.mark.parametrize(("lagrangian", "coordinates", "forces", "dissipation", "words"), REFUSED)
+@pytest.mark.parametrize(("lagrangian", "coordinates", "forces", "loss", "inputs", "words"), ROWS)
 def test_refusals_say_what_where_and_what_to_do(
     lagrangian: sp.Expr,
     coordinates: list[sp.Expr],
     forces: list[sp.Expr],
-    dissipation: sp.Expr,
+    loss: sp.Expr,
+    inputs: list[sp.Expr],
     words: list[str],
 ) -> None:
+    """Coordinates, forces, dissipation and prescribed motions that make no equations."""
     with pytest.raises(SymbolicError) as caught:
-        equations_of_motion(lagrangian, coordinates, forces, dissipation=dissipation)
+        equations_of_motion(lagrangian, coordinates, forces, dissipation=loss, inputs=inputs)
     assert all(word in str(caught.value) for word in words), str(caught.value)

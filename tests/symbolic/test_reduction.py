@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
+from tests.representatives import quick_first
+from tests.symbolic.systems import EQUAL_NUMBERS
 
 x, y, z, a = sp.symbols("x y z a")
 r, d, g, alpha = sp.symbols("r d g alpha")
@@ -74,14 +76,6 @@ def test_laws_of_the_base_form_and_numeric_pivots(
     assert base.pivots == numeric_pivots(form)
 
 
-def test_two_equations_share_their_parameters() -> None:
-    first, second = P[0] * x + P[1] * sp.sin(y) - a, P[0] * y * r + P[1] * sp.sin(y) - P[2] * z
-    form = separate([first, second], [x, y, z, a], P[:3])
-    base = reduce(form)
-    check_laws(form, base)
-    assert base.pivots == (0, 1, 2)
-
-
 @pytest.mark.rounding
 def test_decimals_in_products_keep_the_rank() -> None:
     """An expanded row has 0.09 where the other one has 0.3, of which it is the multiple."""
@@ -121,14 +115,24 @@ def test_equations_without_an_input_are_identified_up_to_a_factor() -> None:
 
 
 def test_the_three_types_of_columns() -> None:
-    form = separate(P[0] * x + P[2] * r * x + P[3] * (d * x + y) - a, [x, y, a], P[:4])
-    base = reduce(form)
-    check_laws(form, base)
-    assert [column.kind for column in base.columns] == ["base", "zero", "dependent", "base"]
-    assert [column.parameter for column in base.columns] == list(P[:4])
-    assert base.columns[2].depends_on == {P[0]: r}
-    assert list(base.parameters) == [P[0] + r * P[2], P[3]]
-    assert base.different_rows == 2
+    """Base, zero and dependent ones, of two equations with denominators too."""
+    shared = [P[0] * x + P[1] * sp.sin(y) - a, P[0] * y * r + P[1] * sp.sin(y) - P[2] * z]
+    lower = P[0] / (1 + x) + P[1] * x / (1 + x) + P[2] * y / (r + x) + P[3] - a
+    kinds = {
+        P[0] * x + P[2] * r * x + P[3] * (d * x + y) - a: ["base", "zero", "dependent", "base"],
+        lower: ["base", "base", "base", "dependent"],
+        sp.ImmutableMatrix(shared): ["base", "base", "base"],
+    }
+    for equations, expected in kinds.items():
+        form = separate(equations, [x, y, z, a], P[: len(expected)])
+        base = reduce(form)
+        check_laws(form, base)
+        assert [column.kind for column in base.columns] == expected
+        assert [column.parameter for column in base.columns] == list(P[: len(expected)])
+    first = reduce(separate(next(iter(kinds)), [x, y, a], P[:4]))
+    assert first.columns[2].depends_on == {P[0]: r}
+    assert list(first.parameters) == [P[0] + r * P[2], P[3]]
+    assert first.different_rows == 2
 
 
 def test_known_numbers_form_a_field() -> None:
@@ -143,26 +147,14 @@ def test_known_numbers_form_a_field() -> None:
     assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
 
 
-pi, sqrt, cos, sin, tan = sp.pi, sp.sqrt, sp.cos, sp.sin, sp.tan
-EQUAL_NUMBERS = [
-    (sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
-    (cos(pi / 7) - cos(2 * pi / 7) + cos(3 * pi / 7), sp.Rational(1, 2)),
-    (8 * cos(pi / 9) ** 3 - 6 * cos(pi / 9), sp.Integer(1)),
-    (8 * sin(pi / 9) * sin(2 * pi / 9) * sin(4 * pi / 9), sqrt(3)),
-    (tan(pi / 7) * tan(2 * pi / 7) * tan(3 * pi / 7), sqrt(7)),
-    (sin(pi / 8) * cos(pi / 8), sqrt(2) / 4),
-    (sqrt(3 + 2 * sqrt(2)), 1 + sqrt(2)),
-    (sp.cbrt(2) * sqrt(2), 2 ** sp.Rational(5, 6)),
-    (1 / (1 + cos(pi / 9)), 1 / (2 * cos(pi / 18) ** 2)),
-    (cos(173 * pi / 1800) ** 2, 1 - sin(173 * pi / 1800) ** 2),
-]
+pi, cos = sp.pi, sp.cos
 
 
 @pytest.mark.parametrize(("left", "right"), EQUAL_NUMBERS)
 def test_equal_algebraic_numbers_are_equal(left: sp.Expr, right: sp.Expr) -> None:
     rows = [P[0] * left * x + P[1] * right * x - y, (P[0] + P[1]) * z - a]
     assert list(reduce(separate(rows, [x, y, z, a], P[:2])).parameters) == [P[0] + P[1]]
-    rows = [P[0] * left * x + P[1] * (right + sp.Rational(1, 10**9)) * x - y, rows[1]]
+    rows = [P[0] * left * x + P[1] * right * (1 + sp.Rational(1, 10**9)) * x - y, rows[1]]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert reduce(separate(rows, [x, y, z, a], P[:2])).pivots == (0, 1)
@@ -195,6 +187,7 @@ SHARP = [
     [sp.sign(sp.sin(x) - 0.5), sp.tanh(200 * sp.sin(x) - 100)],
     [x * sp.exp(-(10**6) * x**2) * sp.Rational(1, 10**9), sp.tanh(x * sp.Rational(1, 10**8))],
     [x, sp.Piecewise((x**2, x < 40), (x, True)), sp.Heaviside(x - 50)],
+    [x, sp.sign(x), sp.tanh(x / g), sp.Abs(x) * x, sp.exp(-sp.Abs(x / d)) * sp.sign(x)],
 ]
 
 
@@ -230,31 +223,6 @@ def test_sixty_tanh_are_independent_within_seconds() -> None:
     assert time.process_time() - started < 10.0
 
 
-SHARP_AND_DEPENDENT = [
-    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.cosh(1000 * x)], [P[0] + P[2], P[1] - P[2]]),
-    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.exp(-1000 * x)], [P[0] + P[2], P[1] - 2 * P[2]]),
-    ([sp.tanh(1000 * x), (sp.exp(2000 * x) - 1) / (sp.exp(2000 * x) + 1), x], [P[0] + P[1], P[2]]),
-    ([sp.Heaviside(x - 50), sp.sign(x - 50), sp.Integer(1)], [P[0] + 2 * P[2], P[1] - P[2]]),
-    ([sp.Max(x - 100, 0), sp.Piecewise((x - 100, x > 100), (0, True)), x], [P[0] + P[1], P[2]]),
-]
-
-
-@pytest.mark.slow  # 1.2 s
-@pytest.mark.parametrize(("functions", "base"), SHARP_AND_DEPENDENT)
-def test_sharp_and_far_dependences_are_found(functions: list[sp.Expr], base: list[sp.Expr]) -> None:
-    equation = sum(p * f for p, f in zip(P, functions, strict=False)) - a
-    with pytest.warns(SeaidWarning, match="functions of the motion depend on each other"):
-        assert list(reduce(separate(equation, [x, y, a], P[:3])).parameters) == base
-
-
-def test_denominators_of_the_motion() -> None:
-    equation = P[0] / (1 + x) + P[1] * x / (1 + x) + P[2] * y / (r + x) + P[3] - a
-    form = separate(equation, [x, y, a], P[:4])
-    base = reduce(form)
-    check_laws(form, base)
-    assert [column.kind for column in base.columns] == ["base", "base", "base", "dependent"]
-
-
 def test_exponentials_need_no_check() -> None:
     equation = P[0] * sp.exp(2 * x) + P[1] * (sp.exp(x) + P[2]) * sp.exp(x) - a
     base = reduce(separate(equation, [x, a], P[:3]))
@@ -263,38 +231,34 @@ def test_exponentials_need_no_check() -> None:
 
 
 DEPENDENT = [
-    (P[0] * sp.exp(x) + P[1] * sp.cosh(x) + P[2] * sp.sinh(x), [0, 1], 1),
-    (P[0] * sp.cosh(x) ** 2 + P[1] * sp.sinh(x) ** 2 + P[2], [0, 1], 1),
-    (P[0] * sp.log(x) + P[1] * sp.log(x**2) * y + P[2] * sp.log(x) * y, [0, 1], 1),
-    (P[0] * sp.Max(x, y) + P[1] * sp.Min(x, y) + P[2] * (x + y), [0, 1], 1),
+    ([sp.exp(x), sp.cosh(x), sp.sinh(x)], [P[0] + P[2], P[1] - P[2]]),
+    ([sp.cosh(x) ** 2, sp.sinh(x) ** 2, sp.Integer(1)], [P[0] + P[2], P[1] - P[2]]),
+    ([sp.log(x), sp.log(x**2) * y, sp.log(x) * y], [P[0], P[1] + P[2] / 2]),
+    ([sp.Max(x, y), sp.Min(x, y), x + y], [P[0] + P[2], P[1] + P[2]]),
+    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.cosh(1000 * x)], [P[0] + P[2], P[1] - P[2]]),
+    ([sp.exp(1000 * x), sp.sinh(1000 * x), sp.exp(-1000 * x)], [P[0] + P[2], P[1] - 2 * P[2]]),
+    ([sp.tanh(1000 * x), (sp.exp(2000 * x) - 1) / (sp.exp(2000 * x) + 1), x], [P[0] + P[1], P[2]]),
+    ([sp.Heaviside(x - 50), sp.sign(x - 50), sp.Integer(1)], [P[0] + 2 * P[2], P[1] - P[2]]),
+    ([sp.Max(x - 100, 0), sp.Piecewise((x - 100, x > 100), (0, True)), x], [P[0] + P[1], P[2]]),
 ]
+"""Functions of which one depends on the others, also where they are sharp or far from zero."""
 
 
 @pytest.mark.rounding
-@pytest.mark.parametrize(("equation", "pivots", "relations"), DEPENDENT)
+@pytest.mark.parametrize(("functions", "parameters"), quick_first(DEPENDENT, 4))
 def test_dependent_functions_are_found_said_and_replaced(
-    equation: sp.Expr, pivots: list[int], relations: int
+    functions: list[sp.Expr], parameters: list[sp.Expr]
 ) -> None:
-    form = separate(equation - a, [x, y, a], P[:3])
+    """One relation is reported, holds at a point, and leaves the torque as it is."""
+    form = separate(sum(p * f for p, f in zip(P, functions, strict=False)) - a, [x, y, a], P[:3])
     with pytest.warns(SeaidWarning, match="functions of the motion depend on each other"):
         base = reduce(form)
-    assert list(base.pivots) == pivots
-    assert len(base.function_relations) == relations
-    for left, right in base.function_relations:
-        value = (left - right).subs({x: 0.37, y: 1.21}).evalf()
-        assert abs(value) < 1e-12
-    assert abs((base.regressor * base.parameters - form.regressor * form.parameters)[0].subs(
-        {x: 0.37, y: 1.21, **{p: i + 1.5 for i, p in enumerate(P)}}
-    ).evalf()) < 1e-12  # fmt: skip
-
-
-def test_friction_functions_of_one_speed_are_independent() -> None:
-    equation = P[0] * x + P[1] * sp.sign(x) + P[2] * sp.tanh(x / g) + P[3] * sp.Abs(x) * x
-    equation += P[4] * sp.exp(-sp.Abs(x / d)) * sp.sign(x) - a
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        base = reduce(separate(equation, [x, a], P))
-    assert base.pivots == (0, 1, 2, 3, 4)
+    assert list(base.parameters) == parameters
+    ((left, right),) = base.function_relations
+    torque = base.regressor * base.parameters - form.regressor * form.parameters
+    point = {x: 0.37, y: 1.21, **{p: i + 1.5 for i, p in enumerate(P)}}
+    for zero in (left - right, torque[0]):
+        assert abs(zero.subs(point).evalf()) < 1e-12 * (1 + abs(left.subs(point).evalf()))
 
 
 def test_dependence_with_other_factors_is_refused() -> None:
