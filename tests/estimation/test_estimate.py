@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from seaid.estimation.estimate import (
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import directions, qr_factor_of
 from seaid.regressor.regression import Regression
+from tests.estimation.rows import experiment
 from tests.plants import regression
 
 COVARIANCE = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 2.0], [0.0, 2.0, 1.0]])
@@ -33,9 +36,42 @@ FOUND = Estimate(
 )
 
 
-def test_standard_errors_are_roots_of_the_diagonal() -> None:
+def test_standard_errors_parts_and_names_are_those_of_the_covariance() -> None:
+    """Roots of its diagonal, rows of a part, and correlations with ones on the diagonal."""
     assert FOUND.standard_errors == pytest.approx([2.0, 3.0, 1.0])
     assert FOUND.relative_standard_errors == pytest.approx([0.2, 1.0, np.inf])
+    assert (FOUND.value("b"), FOUND.standard_error("b")) == (-3.0, 3.0)
+    sizes = np.outer(FOUND.standard_errors, FOUND.standard_errors)
+    np.testing.assert_allclose(FOUND.correlation * sizes, COVARIANCE)
+    part = FOUND.part([2, 1], ["z", "y"])
+    assert (part.names, part.units) == (("z", "y"), ("s", "m"))
+    assert part.values.tolist() == [0.0, -3.0]
+    assert part.covariance.tolist() == [[1.0, 2.0], [2.0, 9.0]]
+
+
+def of_shapes(values: Array, covariance: Array) -> Estimate:
+    return Estimate(("a",), values, covariance, ("kg",), 0.0, 1.0)
+
+
+REFUSED: list[tuple[Callable[[], object], str]] = [
+    *(
+        (partial(FOUND.interval, level), "level must be between 0 and 1")
+        for level in (0.0, 1.0, 95)
+    ),
+    (partial(FOUND.value, "d"), "no parameter is named 'd'; allowed: a, b, c"),
+    (partial(of_shapes, np.zeros(2), np.eye(1)), "values must have shape"),
+    (partial(of_shapes, np.zeros(1), np.eye(2)), "covariance must have shape"),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), REFUSED)
+def test_levels_names_and_shapes_that_make_no_sense_are_refused(
+    call: Callable[[], object], words: str
+) -> None:
+    """Arrays of an estimate cannot be changed either."""
+    with pytest.raises(SeaidError, match=words):
+        call()
+    assert not FOUND.values.flags.writeable
 
 
 @pytest.mark.parametrize(("level", "half_width"), [(0.95, 1.959964), (0.5, 0.674490)])
@@ -77,48 +113,15 @@ def test_functions_of_values_have_their_errors_by_the_slopes() -> None:
     )
 
 
-@pytest.mark.parametrize("level", [0.0, 1.0, -0.5, 95.0])
-def test_impossible_level_is_refused(level: float) -> None:
-    with pytest.raises(SeaidError, match="level must be between 0 and 1"):
-        FOUND.interval(level)
-
-
-def test_part_keeps_values_units_and_their_covariance() -> None:
-    part = FOUND.part([2, 1], ["z", "y"])
-    assert part.names == ("z", "y")
-    assert part.units == ("s", "m")
-    assert part.values.tolist() == [0.0, -3.0]
-    assert part.covariance.tolist() == [[1.0, 2.0], [2.0, 9.0]]
-
-
-def test_value_and_standard_error_by_name() -> None:
-    assert FOUND.value("b") == -3.0
-    assert FOUND.standard_error("b") == 3.0
-
-
-def test_unknown_name_lists_what_is_there() -> None:
-    with pytest.raises(SeaidError, match="no parameter is named 'd'; allowed: a, b, c"):
-        FOUND.value("d")
-
-
-def test_shapes_are_checked_and_arrays_read_only() -> None:
-    with pytest.raises(SeaidError, match="values must have shape"):
-        Estimate(("a",), np.zeros(2), np.eye(1), ("kg",), 0.0, 1.0)
-    with pytest.raises(SeaidError, match="covariance must have shape"):
-        Estimate(("a",), np.zeros(1), np.eye(2), ("kg",), 0.0, 1.0)
-    with pytest.raises(ValueError, match="read-only"):
-        FOUND.values[0] = 1.0
-
-
 # Checks of an estimate against textbook formulas and known truth
 
 ONE = np.ones(1)
 
 
-def noisy(seed: int, truth: tuple[float, ...] = (2.0, -1.0, 0.0), count: int = 200) -> Regression:
-    rng = np.random.default_rng(seed)
-    H = rng.normal(size=(count, len(truth)))
-    return regression(H, H @ truth + rng.normal(size=count))
+def noisy(seed: int, count: int = 200) -> Regression:
+    """Return rows of white noise to which the third column adds nothing."""
+    rows = experiment(seed, count=count)
+    return replace(rows, y=rows.y - 0.5 * rows.H[:, 2])
 
 
 def slow(rng: np.random.Generator, count: int) -> Array:
@@ -147,12 +150,8 @@ def test_superfluous_term_is_rejected_at_the_rate_of_the_test() -> None:
     assert np.mean(np.array(p_values) < 0.05) == pytest.approx(0.05, abs=0.03)
     needed = term_test(qr_factor_of(noisy(0)), ONE, ["b"])
     assert needed.p_value < 1e-9
-    assert (
-        needed.bic
-        > 10
-        > 0
-        > np.median([term_test(qr_factor_of(noisy(seed)), ONE, ["c"]).bic for seed in range(20)])
-    )
+    superfluous = [term_test(qr_factor_of(noisy(seed)), ONE, ["c"]).bic for seed in range(20)]
+    assert needed.bic > 10 > 0 > np.median(superfluous)
 
 
 @pytest.mark.slow  # 600 estimates
@@ -199,25 +198,17 @@ def test_whiteness_of_a_known_process(phi: float) -> None:
     assert (found.p_value > 0.01) == (phi == 0)
 
 
-def test_rows_left_out_do_not_look_correlated() -> None:
+def test_rows_left_out_and_ends_of_runs_are_no_pairs() -> None:
+    """A third of the rows is missing; and runs are shorter than the lags."""
     rows = noisy(2, count=3000)
-    kept = np.random.default_rng(3).random(3000) < 0.7
-    fewer = replace(
-        rows,
-        **{name: getattr(rows, name)[kept] for name in ("H", "y", "joint", "time", "run")},
-        propagated=rows.propagated[kept],
-    )
-    found = whiteness(fewer, np.array([2.0, -1.0, 0.0]))[0]
-    assert abs(found.first) < 0.06
-    assert found.p_value > 0.001
-
-
-def test_runs_shorter_than_the_lags_are_taken_as_they_are() -> None:
+    found = whiteness(rows.at(np.random.default_rng(3).random(3000) < 0.7), np.array([2, -1, 0.0]))
+    assert abs(found[0].first) < 0.06
+    assert found[0].p_value > 0.001
     rows = regression(np.ones((60, 1)), np.random.default_rng(4).normal(size=60))
-    short = replace(rows, run=np.repeat(np.arange(30), 2))
-    products = rows.y[:-1:2] * rows.y[1::2]
-    found = whiteness(short, np.zeros(1))[0]
-    assert found.first == pytest.approx(np.sum(products) / np.sum(rows.y**2))
+    short = whiteness(replace(rows, run=np.repeat(np.arange(30), 2)), np.zeros(1))[0]
+    assert short.first == pytest.approx(np.sum(rows.y[:-1:2] * rows.y[1::2]) / np.sum(rows.y**2))
+    exact = whiteness(replace(rows, y=np.zeros(60)), np.zeros(1))[0]
+    assert (exact.first, exact.durbin_watson, exact.p_value) == (0.0, 2.0, 1.0)
 
 
 @pytest.mark.parametrize("length", [12, 240])
@@ -231,12 +222,6 @@ def test_white_noise_of_many_logs_is_rejected_at_the_rate_of_the_test(length: in
         p_values.append(whiteness(rows, np.zeros(1))[0].p_value)
     # A rate of 0.1 has the standard deviation 0.02 over 200 draws.
     assert 0.05 < np.mean(np.array(p_values) < 0.1) < 0.15
-
-
-def test_residual_of_nothing_is_white() -> None:
-    rows = regression(np.ones((50, 1)), np.zeros(50))
-    found = whiteness(rows, np.zeros(1))[0]
-    assert (found.first, found.durbin_watson, found.p_value) == (0.0, 2.0, 1.0)
 
 
 @pytest.mark.rounding
@@ -264,14 +249,3 @@ def test_long_combinations_are_cut() -> None:
     )
     assert found.text(5).endswith(" and 2 more")
     assert found.text(5).startswith("f - ")
-    H[:, 4] = 0.0
-    H[:, 5] = np.sum(H[:, :4], axis=1) + 1e-4 * H[:, 5]
-    of_five = qr_factor_of(regression(H[:, [0, 1, 2, 3, 5]], np.zeros(200))).weighted_factor()
-    assert directions(of_five, tuple("abcdf")).text(4).endswith(" and 1 more")
-
-
-def test_correlation_has_ones_on_its_diagonal() -> None:
-    found = ordinary(noisy(6)).correlation
-    assert np.allclose(np.diag(found), 1.0)
-    assert np.allclose(found, found.T)
-    assert np.max(np.abs(found)) <= 1.0

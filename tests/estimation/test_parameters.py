@@ -41,11 +41,9 @@ def test_priors_and_bounds_are_those_of_the_columns() -> None:
 @pytest.mark.parametrize(
     ("value", "std"), [(math.nan, 1.0), (0.0, -1.0), (0.0, 0.0), (0.0, math.inf)]
 )
-def test_a_prior_without_meaning_is_refused(value: float, std: float) -> None:
+def test_priors_and_bounds_without_a_meaning_are_refused(value: float, std: float) -> None:
+    """A standard deviation that is not above zero, and bounds that leave no value."""
     with pytest.raises(IdentificationError, match="a standard deviation above zero, found"):
         Prior(value, std)
-
-
-def test_bounds_without_a_value_are_refused() -> None:
     with pytest.raises(IdentificationError, match="speed of knee leave no value"):
         Parameter("speed", "knee", lower=2.0, upper=1.0)
