@@ -146,32 +146,21 @@ def never(number: int, value: int) -> None:
 
 
 @pytest.mark.slow  # processes that import seaid, some again
-def test_a_killed_process_is_replaced_once(tmp_path: Path) -> None:
+def test_a_killed_process_is_replaced_once_and_after_that_said(tmp_path: Path) -> None:
+    """One of the user's own executor is not replaced."""
     path = tmp_path / "deaths"
     path.touch()
     tasks = [(str(path), 1, value) for value in range(3)]
     assert run_all(killed, tasks, None, never) == ([0, 1, 2], False)
     assert path.read_text() == "x"
-
-
-@pytest.mark.slow  # processes that import seaid, some again
-def test_processes_that_are_killed_again_are_said(tmp_path: Path) -> None:
-    path = tmp_path / "deaths"
-    path.touch()
     tasks = [(str(path), 9, value) for value in range(2)]
     with pytest.raises(ExcitationError, match=r"was ended from outside \(killed, or out of memory"):
         run_all(killed, tasks, None, never)
-    assert path.read_text() == "xx"
+    assert path.read_text() == "xxx"
     assert run_all(killed, [(str(path), 0, 1)], None, never) == ([1], False)
-
-
-@pytest.mark.slow  # processes that import seaid
-def test_an_executor_of_the_user_that_breaks_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "deaths"
-    path.touch()
     with spawned() as executor, pytest.raises(ExcitationError, match="BrokenProcessPool"):
-        run_all(killed, [(str(path), 1, 1)], executor, never)
-    assert path.read_text() == "x"
+        run_all(killed, [(str(path), 4, 1)], executor, never)
+    assert path.read_text() == "xxxx"
 
 
 SLEEPING = """
