@@ -24,15 +24,15 @@ from seaid.simulation.simulation import simulate_motion
 from tests.excitation.robots import plan
 
 
-def test_the_robot_gives_what_is_not_given(slider_arm: Robot) -> None:
+def test_a_limit_is_one_number_one_a_joint_or_a_mapping_and_else_the_robots(
+    slider_arm: Robot,
+) -> None:
+    """What is not given, the robot's file gives; a limit that may be none at all is infinity."""
     found = joint_limits(slider_arm)
     np.testing.assert_allclose(found.lower, [-0.4, -np.pi, 0.1])
     np.testing.assert_allclose(found.upper, [0.6, np.pi, 2.0])
     np.testing.assert_allclose(found.velocity, [1.0, 3.0, 3.0])
     np.testing.assert_allclose(found.acceleration, [10.0, 10.0, 10.0])
-
-
-def test_a_limit_is_one_number_one_a_joint_or_a_mapping(slider_arm: Robot) -> None:
     limits = Limits(
         lower={"shoulder": -1.0}, upper=[0.5, 1.0, 1.5], velocity=0.5, acceleration=np.ones(3)
     )
@@ -41,6 +41,11 @@ def test_a_limit_is_one_number_one_a_joint_or_a_mapping(slider_arm: Robot) -> No
     np.testing.assert_allclose(found.upper, [0.5, 1.0, 1.5])
     np.testing.assert_allclose(found.velocity, 0.5)
     np.testing.assert_allclose(found.acceleration, 1.0)
+    default = np.array([np.inf, 2.0, 3.0])
+    values = positive_values(slider_arm, "deflection", {"elbow": 0.1}, default, unlimited=True)
+    np.testing.assert_array_equal(values, [np.inf, 2.0, 0.1])
+    values = limit_values(slider_arm, "joint_torque", np.inf, default, unlimited=True)
+    np.testing.assert_array_equal(values, np.inf)
 
 
 @pytest.mark.parametrize(
@@ -65,14 +70,6 @@ def test_bad_limits_name_joint_and_limit(
 ) -> None:
     with pytest.raises(ExcitationError, match=words):
         joint_limits(slider_arm, Limits(**limits))
-
-
-def test_a_limit_that_may_be_none_at_all_is_infinity(slider_arm: Robot) -> None:
-    default = np.array([np.inf, 2.0, 3.0])
-    found = positive_values(slider_arm, "deflection", {"elbow": 0.1}, default, unlimited=True)
-    np.testing.assert_array_equal(found, [np.inf, 2.0, 0.1])
-    found = limit_values(slider_arm, "joint_torque", np.inf, default, unlimited=True)
-    np.testing.assert_array_equal(found, np.inf)
 
 
 @pytest.mark.parametrize(
@@ -129,12 +126,9 @@ def test_margins_are_the_distances_at_the_worst_instant(slider_arm: Robot) -> No
     ):
         assert np.all(exact <= sampled + 1e-12)
         np.testing.assert_allclose(exact, sampled, atol=2e-3)
-
-
-def test_a_broken_limit_has_a_margin_below_zero(slider_arm: Robot) -> None:
-    basis = make_basis("bspline", 5.0, 15)
-    motion = Trajectory(slider_arm.joint_names, basis, np.full((15, 3), 0.7), ("rail",))
-    found = margins(motion, joint_limits(slider_arm))
+    # below zero where a limit is broken
+    still = Trajectory(slider_arm.joint_names, basis, np.full((15, 3), 0.7), ("rail",))
+    found = margins(still, limits)
     np.testing.assert_allclose(found.position, [-0.1, np.pi - 0.7, 0.6], rtol=1e-12)
     np.testing.assert_allclose(found.velocity, [1.0, 3.0, 3.0], rtol=1e-12)
 

@@ -116,6 +116,7 @@ def test_held_joints_given_amplitudes_and_spectra() -> None:
         ({"band_hz": (5.0, 5.1)}, LIMITS, "the band 5 to 5.1 Hz has 1 frequencies"),
         ({"band_hz": (1.0, 300.0)}, LIMITS, "at most 400 are allowed"),
         ({"spectrum": [(2.0, 1.0), (1.0, 1.0)]}, LIMITS, "spectrum must have increasing"),
+        ({}, Limits(joint_torque=1e-6), "torque"),
     ],
 )
 def test_a_multisine_that_breaks_a_limit_is_refused_by_name(
@@ -123,11 +124,6 @@ def test_a_multisine_that_breaks_a_limit_is_refused_by_name(
 ) -> None:
     with pytest.raises(seaid.ExcitationError, match=says):
         plan(replace(SHAPE, **shape), limits=limits)
-
-
-def test_a_posture_at_the_limit_of_torque_is_refused() -> None:
-    with pytest.raises(seaid.ExcitationError, match="torque"):
-        plan(limits=Limits(joint_torque=1e-6))
 
 
 def test_wrong_shapes_are_refused(tmp_path: Path) -> None:
