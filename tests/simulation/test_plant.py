@@ -105,14 +105,12 @@ def test_integration_of_an_oscillation_is_of_fourth_order() -> None:
 
 
 def test_every_window_starts_anew() -> None:
+    """Without a joint behind a spring there is no answer."""
     force = np.random.default_rng(0).normal(size=(600, 1, 2))
     system = constant(1.0, 0.5, 400.0, 600)
     both = response_to(system, force, STEP, 2)
     second = response_to(constant(1.0, 0.5, 400.0, 300), force[300:], STEP, 1)
     assert np.array_equal(both.velocity[300:], second.velocity)
     assert both.position[300, 0].tolist() == [0.0, 0.0, 1.0, 0.0]
-
-
-def test_no_joint_behind_a_spring_no_answer() -> None:
     nothing = TorqueJacobians(*np.empty((3, 100, 0, 0)))
     assert response_to(nothing, np.empty((100, 0, 5)), STEP, 4).position.shape == (100, 0, 5)

@@ -38,18 +38,6 @@ def swing(robot: seaid.Robot, torque: np.ndarray | None = None, step_s: float = 
     return seaid.Log(time, robot.joint_names, nothing, start, given)
 
 
-def test_a_free_pendulum_keeps_its_energy_and_loses_it_by_friction() -> None:
-    free = replace(
-        DRIVE, viscous_friction_Nms_per_rad=0.0, coulomb_friction_Nm=0.0, motor_inertia_kg_m2=0.0
-    )
-    log = swing(pendulum(), np.zeros((240, 1)))
-    ideal = replay(pendulum(free), log).joint_position[:, 0]
-    damped = replay(pendulum(), log).joint_position[:, 0]
-    assert ideal.min() == pytest.approx(-0.5, abs=1e-3)
-    assert ideal.max() == pytest.approx(0.5, abs=1e-3)
-    assert np.ptp(damped[120:]) < 0.8 * np.ptp(ideal[120:])
-
-
 def test_logged_torques_and_a_servo_that_gives_the_same_move_alike() -> None:
     """The servo holds its torque over each step of 0.2 ms, half of which it is late."""
     robot = pendulum()
