@@ -38,17 +38,6 @@ def kept(robot: Robot, plan: Excitation, limits: Limits | None, rate_hz: float =
     assert np.min(least) >= -1e-9
 
 
-@pytest.mark.slow  # a search for ten seconds of the leg
-def test_leg_from_ten_seconds_rest_to_rest(leg: Robot) -> None:
-    limits = Limits(velocity=2.5, acceleration=10.0)
-    found = design_excitation(leg, 10.0, limits=limits, starts=1, iterations=120)
-    assert len(found.base.columns) == 29
-    assert found.condition_number < 35.0
-    assert found.trajectory.joint_names == leg.joint_names
-    assert found.trajectory.rests_at_ends
-    kept(leg, found, limits)
-
-
 @pytest.mark.slow  # 3.1 s
 @pytest.mark.rounding
 def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -> None:
@@ -62,13 +51,6 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.condition_number == pytest.approx(kappa, rel=1e-2)
     assert len(found.base.columns) == len(base_parameters(slider_arm).columns)
     assert found.trajectory.prismatic_joints == ("rail",)
-
-
-@pytest.mark.slow  # a search of 2 s
-def test_only_some_torques_known(leg: Robot) -> None:
-    found = plan(leg, torque_joints=["hip_pitch", "knee_pitch", "ankle_pitch"])
-    assert len(found.base.columns) == 21
-    assert np.isfinite(found.condition_number)
 
 
 @pytest.mark.slow  # a search for a motion of the leg

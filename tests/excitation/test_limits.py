@@ -63,28 +63,21 @@ def test_a_limit_is_one_number_one_a_joint_or_a_mapping_and_else_the_robots(
         ({"upper": {"elbow": 1e200}}, r"'elbow': upper limit must be from .* found 1e\+200"),
         ({"acceleration": 1e-320}, r"acceleration limit must be more than 1e-09, found 9\.99"),
         ({"velocity": {"elbow": "fast"}}, "velocity limit must be numbers"),
+        # that may be infinite
+        ({"motor_speed": np.nan}, "'rail' of 'slider_arm': motor_speed limit is nan, which is not"),
+        ({"motor_speed": -np.inf}, "'rail' of 'slider_arm': motor_speed limit is -inf, which is"),
+        ({"motor_speed": {"elbow": 0.0}}, "'elbow': motor_speed limit must be more than zero, f"),
+        ({"motor_speed": [1.0, -2.0, 3.0]}, "'shoulder': motor_speed limit must be more than zer"),
+        ({"motor_speed": {"elbo": 1.0}}, "motor_speed limit: no joint is named 'elbo'; did you "),
     ],
 )
 def test_bad_limits_name_joint_and_limit(
     slider_arm: Robot, limits: dict[str, Any], words: str
 ) -> None:
+    """Each limit that is no number, not positive or of no joint, infinite or not."""
     with pytest.raises(ExcitationError, match=words):
         joint_limits(slider_arm, Limits(**limits))
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (np.nan, "joint 'rail' of 'slider_arm': motor_speed limit is nan, which is not finite"),
-        (-np.inf, "joint 'rail' of 'slider_arm': motor_speed limit is -inf, which is not finite"),
-        ({"elbow": 0.0}, "joint 'elbow': motor_speed limit must be more than zero, found 0; give"),
-        ([1.0, -2.0, 3.0], "joint 'shoulder': motor_speed limit must be more than zero, found -2"),
-        ({"elbo": 1.0}, "motor_speed limit: no joint is named 'elbo'; did you mean 'elbow'"),
-    ],
-)
-def test_bad_limits_that_may_be_infinite_say_so(slider_arm: Robot, given: Any, words: str) -> None:
-    with pytest.raises(ExcitationError, match=words):
-        positive_values(slider_arm, "motor_speed", given, np.full(3, np.inf), unlimited=True)
+        drive_limits(slider_arm, Limits(**limits), np.ones(3))
 
 
 NO_VELOCITY = "joint 'shoulder' of 'slider_arm': velocity limit is missing; give it by Limits"

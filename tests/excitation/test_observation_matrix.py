@@ -11,7 +11,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
-from seaid.drives.functions import SMOOTH_SIGNALS, STATES, smooth_columns
+from seaid.drives.functions import SMOOTH_SIGNALS, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import FourierBasis
 from seaid.excitation.criteria import pivoted_base
@@ -24,7 +24,7 @@ from seaid.excitation.observation_matrix import (
     stacked_regressor,
 )
 from seaid.legged import load_robot
-from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
+from seaid.regressor import rigid_body_regressor
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
@@ -122,37 +122,6 @@ def test_base_regressor_is_the_stacked_one_of_every_reading() -> None:
     np.testing.assert_allclose(found, H.reshape(found.shape), rtol=1e-12)
 
 
-def test_motor_rows_are_the_regressor_of_the_motion_that_springs_make() -> None:
-    """Motor signals by hand: deflection = torque / (r_L k), differentiated by differences."""
-    robot = elastic_leg()
-    target = drive_target(robot, None, pivoted_base(robot), np.full(5, 1e-9))
-    time, motion = smooth_motion(robot, 400)
-    H = stacked_regressor(target, time, motion).reshape(len(time), 8, -1)
-    index, drive = robot.index("knee_pitch"), robot.drives["knee_pitch"]
-    assert isinstance(drive, SeriesElasticDrive)
-    k, r_M, r_L = 59966.0, drive.motor_radius, drive.load_radius
-    q, v, a = (state[:, index] for state in motion)
-    deflection = joint_torques(robot, *motion)[:, index] / (r_L * k)
-    angle = drive.ratio / r_M * (deflection + r_L * q)
-    speed = np.gradient(angle, time)
-    signals = dict(zip(STATES, (angle, speed, np.gradient(speed, time), q, v, a), strict=True))
-    regressor = motor_regressor(robot, "knee_pitch")
-    R = regressor.evaluate({**signals, "tau_M": 0 * q, "tau_L": 0 * q})[1]
-    block = next(block for block in target.blocks if block.joint == index)
-    weight = np.sqrt(READINGS_HZ * (time[1] - time[0])) * drive.ratio * r_L / r_M
-    row = int(np.argmax(block.shares))
-    found = H[:, row, list(block.columns)] / weight
-    inside = slice(5, -5)
-    for column, name in enumerate(regressor.names):
-        size = np.abs(R[:, column]).max()
-        differ = np.abs(found[inside, column] - R[inside, column]) > 2e-3 * size
-        # a sign turns within a sample where the speed crosses zero
-        assert differ.sum() <= (8 if name == "coulomb_friction" else 0)
-    # the other rows know nothing of this drive
-    others = np.delete(H, row, axis=1)[:, :, list(block.columns)]
-    assert not np.any(others)
-
-
 def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
     robot = mixed_tiago()
     regressor = motor_regressor(robot, "arm_2_joint")
@@ -172,23 +141,6 @@ def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
             smooth.evaluate(signals, 0.5)[1][:, :, index], numeric, rtol=1e-5, atol=1e-6
         )
     assert slopes.shape == (30, len(regressor.names), 7)
-
-
-def test_torque_derivatives_with_payload_and_order() -> None:
-    for name in ("ur5", "panda_reordered"):
-        robot = robots()[name]
-        motion = states(robot, 20)
-        tables, rng = torque_slopes(robot, *motion), np.random.default_rng(3)
-        for which in range(3):
-            direction = rng.normal(size=motion[which].shape)
-            torques = []
-            for sign in (1, -1):
-                moved = list(motion)
-                moved[which] = motion[which] + sign * 1e-5 * direction
-                torques.append(joint_torques(robot, moved[0], moved[1], moved[2]))
-            numeric = (torques[0] - torques[1]) / 2e-5
-            found = np.einsum("tij,tj->ti", tables[which], direction)
-            np.testing.assert_allclose(found, numeric, rtol=1e-6, atol=1e-6)
 
 
 def test_drives_need_nominal_values() -> None:
