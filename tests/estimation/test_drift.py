@@ -157,14 +157,6 @@ def test_a_linear_trend_is_drift_too() -> None:
     assert "zero the torque or current sensor" in finding.remedy
 
 
-def test_a_weight_of_the_equation_changes_nothing() -> None:
-    rows = data(1, (0.2, 0.2))
-    plain, heavy = (drifts_of(rows, weights, CUTOFF_HZ) for weights in (np.ones(2), np.full(2, 7)))
-    for (one, influence), (other, heavier) in zip(plain, heavy, strict=True):
-        assert (one.corner_hz, one.share) == pytest.approx((other.corner_hz, other.share))
-        np.testing.assert_allclose(49 * influence, heavier, atol=1e-9)
-
-
 def test_rows_without_noise_and_short_logs_have_no_drift() -> None:
     rows = data(0)
     exact = replace(rows, y=rows.H @ TRUTH + 1e-6 * rows.time)

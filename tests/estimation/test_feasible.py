@@ -91,14 +91,6 @@ def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
             assert merit(one, found.unknowns + step, weight) > least - 1e-4
 
 
-def test_chi_square_falls_and_freedom_rises_with_falling_weight() -> None:
-    one = program(3, noise=2.0)
-    found = [regularised(one, weight) for weight in (1e3, 1e1, 1e-1, 1e-3)]
-    assert np.all(np.diff([each.chi_square for each in found]) < 0)
-    assert np.all(np.diff([each.freedom for each in found]) > 0)
-    assert 0 <= found[0].freedom <= found[-1].freedom <= TOLD + 1
-
-
 def test_freedom_is_the_derivative_of_the_values_by_the_estimate() -> None:
     step, trace = 1e-4, 0.0
     for column in range(TOLD + 1):

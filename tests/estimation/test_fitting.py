@@ -28,14 +28,10 @@ from seaid.estimation.least_squares import equal_weights, ordinary, settled_weig
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.datasets import rows_of_equations
 from seaid.identification.identification import identify
-from seaid.identification.stacked_fits import spring_of
 from seaid.log.long_log import LongLog, open_long_log
 from seaid.log.motion import Motion, motion_of, reconstruct_motion
 from seaid.log.reading import Log, write_log
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import (
-    Regress,
     Regression,
     actuator_regression,
     regressions_of_parts,
@@ -50,15 +46,14 @@ Solver = Callable[[Regression], Estimate]
 ROBUST = pytest.mark.parametrize("estimator", [huber, tukey])
 
 
-def scatter(estimator: Solver, runs: int, **setting: float) -> Array:
-    return np.array([estimator(experiment(seed, **setting)).values for seed in range(runs)])  # type: ignore[arg-type]
-
-
 @pytest.mark.slow  # 3.8 s
 @ROBUST
 def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
     """95 % efficiency: errors grow by 1 / sqrt(0.95)."""
-    plain, robust = (np.std(scatter(one, 200, count=200) - TRUTH) for one in (ordinary, estimator))
+    draws = [experiment(seed, count=200) for seed in range(200)]
+    plain, robust = (
+        np.std([solve(rows).values - TRUTH for rows in draws]) for solve in (ordinary, estimator)
+    )
     assert robust == pytest.approx(plain / np.sqrt(0.95), rel=0.025)
 
 
@@ -168,15 +163,12 @@ def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def stream_estimate(
-    logs: list[LongLog],
-    regress: Regress,
-    weigh: Callable[[QRFactor], Array] = settled_weights,
-    propagated: Array | None = None,
+    logs: list[LongLog], weigh: Callable[[QRFactor], Array] = settled_weights
 ) -> tuple[Estimate, QRFactor]:
-    with rows_of_equations(logs, {"": regress}, True, None, False) as stored:
+    with rows_of_equations(logs, {"": actuator}, True, None, False) as stored:
         rows = stored[""]
         assert isinstance(rows, StoredRows)
-        return stored_estimate(rows, weigh, propagated)[:2]
+        return stored_estimate(rows, weigh, None)[:2]
 
 
 def opened(path: Path, chunk_samples: int = 1500) -> LongLog:
@@ -192,18 +184,6 @@ def actuator(one: Motion) -> Regression:
     return actuator_regression(ROBOT, one, JOINT)
 
 
-def load_side() -> tuple[Callable[[Motion], Regression], Array]:
-    """Return the regression of the load side with springs as found, and their covariance."""
-    spring = spring_of(ROBOT, ordinary(actuator(motion())), JOINT)
-    telescope = ordinary(actuator_regression(ROBOT, motion(), "telescope"))
-    other = spring_of(ROBOT, telescope, "telescope")
-    springs = {JOINT: spring.values, "telescope": other.values}
-    model = load_model(ROBOT, base_parameters(ROBOT), ROBOT.joint_names)
-    covariance = np.zeros((4, 4))
-    covariance[:2, :2], covariance[2:, 2:] = spring.covariance, other.covariance
-    return lambda one: load_regression(ROBOT, one, model, springs), covariance
-
-
 def assert_same(found: Estimate, expected: Estimate) -> None:
     assert found.names == expected.names
     assert np.max(np.abs(found.values - expected.values) / expected.standard_errors) < 1e-9
@@ -214,14 +194,8 @@ def assert_same(found: Estimate, expected: Estimate) -> None:
 
 @pytest.mark.parametrize("chunk", [1250, 1777, 100_000])
 def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
-    found = stream_estimate([opened(npz, chunk)], actuator, equal_weights)[0]
+    found = stream_estimate([opened(npz, chunk)], equal_weights)[0]
     assert_same(found, ordinary(actuator(motion())))
-
-
-def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
-    regress, propagated = load_side()
-    expected = weighted(regress(motion()), propagated)
-    assert_same(stream_estimate([opened(npz)], regress, settled_weights, propagated)[0], expected)
 
 
 def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,7 +224,7 @@ def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr("seaid.estimation.fitting.np.save", full)
     with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
-        stream_estimate([opened(npz)], actuator)
+        stream_estimate([opened(npz)])
 
 
 @pytest.mark.slow  # 2.0 s
@@ -258,7 +232,7 @@ def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     write_log(log(1), tmp_path / "other.npz")
     logs = [opened(npz), opened(tmp_path / "other.npz")]
     both = stacked([actuator(motion()), actuator(motion(1))])
-    found, qr_factor = stream_estimate(logs, actuator)
+    found, qr_factor = stream_estimate(logs)
     assert_same(found, ordinary(both))
     assert qr_factor.count == len(both.y)
     assert qr_factor.excluded == both.excluded

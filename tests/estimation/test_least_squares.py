@@ -164,18 +164,6 @@ def test_few_independent_rows_are_flagged() -> None:
 
 
 @pytest.mark.rounding
-@pytest.mark.parametrize("estimator", [ordinary, weighted])
-def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
-    H = experiment(7).H.copy()
-    H[:, 2] = 3 * H[:, 0]
-    with pytest.raises(ExcitationError, match="combination of a, c is unidentifiable") as caught:
-        estimator(regression(H, np.ones(len(H))))
-    assert "(a - 3 c; " in str(caught.value) or "(c - 0.33 a; " in str(caught.value)
-    assert "torque_joints=" in str(caught.value)
-    assert "needed 1e-07" in str(caught.value)
-
-
-@pytest.mark.rounding
 def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
     """Joint 0 sees all columns, joint 1 those of the outer body, which look alike."""
     data = experiment(8, stds=(1.0, 1.0))
@@ -292,7 +280,10 @@ def test_equation_without_a_torque_does_not_get_all_weight(noise: float) -> None
         (experiment(6).H * [1, 0, 1], "the motion does not excite b: move these joints"),
         (np.zeros((50, 3)), "does not excite a, b, c: move these joints"),
         (np.tile([1.0, 2.0, 3.0], (100, 1)), "combination of a, b, c is unidentifiable"),
-        (experiment(6).H[:, [0, 1, 0]], "combination of a, c is unidentifiable"),
+        (
+            experiment(6).H[:, [0, 1, 0]] * [1, 1, 3],
+            r"of a, c is unidentifiable .*(a - 3 c|c - 0\.33 a); .*needed 1e-07.*torque_joints=",
+        ),
         (np.where(np.arange(300)[:, None] == 5, [1, np.nan, 1], 0.0), "not finite: b"),
     ],
 )

@@ -109,7 +109,8 @@ def test_step_is_that_of_the_whole_problem_weighted_by_the_noise_it_finds() -> N
     assert fisher_covariance([log], FREE, step.stds) == pytest.approx(bound, rel=1e-8)
 
 
-def test_rows_that_do_not_count_do_not_matter() -> None:
+def test_rows_that_do_not_count_do_not_matter_and_are_no_pairs() -> None:
+    """The autocorrelation was once too small by the share of pairs that a gap takes."""
     log = problem()
     kept = log.kept.copy()
     kept[2, 10:20] = False
@@ -118,6 +119,10 @@ def test_rows_that_do_not_count_do_not_matter() -> None:
     other = gauss_newton_step([replace(log, kept=kept, residual=wild)], FREE, NOTHING)
     assert np.array_equal(one.change, other.change)
     assert not np.array_equal(one.change, gauss_newton_step([log], FREE, NOTHING).change)
+    noise = lfilter([0.6], [1.0, -0.8], np.random.default_rng(0).normal(size=40_000))
+    gaps = np.where(np.arange(len(noise)) % 20 < 10, noise, 0.0)
+    assert _autocorrelation(gaps, 6) == pytest.approx(_autocorrelation(noise, 6), abs=0.03)
+    assert _autocorrelation(gaps, 6)[2] == pytest.approx(0.8**3, abs=0.03)
 
 
 @pytest.mark.parametrize("factor", [0.0, 1.0])
@@ -180,16 +185,6 @@ def test_errors_of_a_constant_are_those_of_a_change_of_it() -> None:
     expected = plain.covariance + 0.1**2 * np.outer(slope, slope)
     np.testing.assert_allclose(step.covariance, expected, rtol=1e-9)
     np.testing.assert_array_equal(step.change, plain.change)
-
-
-def test_rows_that_do_not_count_are_no_pairs() -> None:
-    """The autocorrelation was once too small by the share of pairs that a gap takes."""
-    noise = lfilter([0.6], [1.0, -0.8], np.random.default_rng(0).normal(size=40_000))
-    gaps = np.where(np.arange(len(noise)) % 20 < 10, noise, 0.0)
-    correlation = _autocorrelation(gaps, 6)
-    whole = _autocorrelation(noise, 6)
-    assert correlation == pytest.approx(whole, abs=0.03)
-    assert correlation[2] == pytest.approx(0.8**3, abs=0.03)
 
 
 @pytest.mark.slow  # 250 searches

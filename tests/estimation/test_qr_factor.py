@@ -16,6 +16,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation import scaled_svd
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
 from seaid.regressor.regression import Regression
+from tests.plants import regression
 
 WEIGHTS = np.array([1.0, 3.0, 0.2])
 
@@ -23,14 +24,11 @@ WEIGHTS = np.array([1.0, 3.0, 0.2])
 def some_rows(count: int = 300, seed: int = 0) -> Regression:
     """Return rows of joints 0, 2 and 3, in no order."""
     rng = np.random.default_rng(seed)
-    return Regression(
-        names=("a", "b", "c", "d"),
+    return regression(
+        *(rng.normal(size=(count, 4)) * [1.0, 1e6, 1e-6, 1.0], rng.normal(size=count)),
         units=("kg", "m", "s", "N"),
-        H=rng.normal(size=(count, 4)) * [1.0, 1e6, 1e-6, 1.0],
-        y=rng.normal(size=count),
         joint=rng.choice([0, 2, 3], count),
         time=np.arange(count) / 20,
-        run=np.zeros(count),
         excluded=count // 10,
         propagated=rng.normal(size=(count, 2)),
         joint_names=("hip", "fixed", "knee", "ankle"),

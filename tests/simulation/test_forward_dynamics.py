@@ -488,24 +488,6 @@ SLIDING = StiffDrive(gear_ratio_rad_per_m=100.0, motor_inertia_kg_m2=1e-4, frict
 SLIDING = SLIDING.with_values({"viscous_friction": 1e-3, "coulomb_friction": 0.1})
 
 
-def test_stiff_differential_against_its_equations_by_hand(write_chain: Chain) -> None:
-    """m_a a + m_b b'' and m_b (a'' + b'') under F_1 + F_2 and F_1 - F_2."""
-    robot, both, second = table(write_chain, SLIDING, SLIDING)
-    plant = plant_of(robot)
-    v, tau = np.array([0.3, -0.1]), np.array([0.5, -0.2])
-    w = 100 * np.array([v[0] + v[1], v[0] - v[1]])
-    push = 100 * (tau - 1e-3 * w - 0.1 * np.sign(w))
-    rotor = 100**2 * 1e-4
-    inertia = np.array([[both + 2 * rotor, second], [second, second + 2 * rotor]])
-    expected = np.linalg.solve(inertia, [push[0] + push[1], push[0] - push[1]])
-    state = np.array([[0.0, 0.0], w, [0.0, 0.0], v])
-    data = plant.model.createData()
-    slip = slip_directions(plant, data, state, tau)
-    motor, joint = accelerations(plant, data, state, tau, slip)
-    assert joint == pytest.approx(expected)
-    assert motor == pytest.approx([100 * (joint[0] + joint[1]), 100 * (joint[0] - joint[1])])
-
-
 def test_held_motor_of_a_differential_keeps_the_sum(write_chain: Chain) -> None:
     """With a + b held, a = -b = s: (m_a - 2 m_b + m_b + 4 N^2 I) s'' = 2 N (tau - F_C) at rest."""
     robot, both, second = table(write_chain, SLIDING, SLIDING)
