@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import (
     SYMBOLS,
     DriveEquation,
+    d_0,
+    f_0,
     joint_equation,
     known_values,
     motor_equation,
@@ -162,16 +165,22 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     return with_value_findings(identification_of(known, model, sides, datasets), values)
 
 
-def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:
-    """Return the expression of an equation (T,) with the true values of a drive."""
-    values = {str(symbol): value for symbol, value in known_values(drive).items()}
-    values |= {str(SYMBOLS[name]): value for name, value in drive.values.items()}
-    flat = flat_names(equation.expression)
+@cache
+def _compiled(equation: DriveEquation, drive: Drive) -> tuple[Any, list[str]]:
+    """Return an equation with the values of a drive as a function, and what it takes."""
+    values = known_values(drive)
+    values |= {SYMBOLS[name]: number for name, number in drive.values.items()}
+    flat = flat_names(equation.expression).subs({d_0: 0.0, f_0: 0.0} | values)
     names = sorted(map(str, flat.free_symbols))
-    plain = flat.xreplace({symbol: sp.Symbol(str(symbol)) for symbol in flat.free_symbols})
-    function = sp.lambdify([sp.Symbol(name) for name in names], plain, modules="numpy")
-    arguments = [by_name[name] if name in by_name else values.get(name, 0.0) for name in names]
-    return np.broadcast_to(function(*arguments), TIME.shape).astype(float)
+    return sp.lambdify(names, flat, modules="numpy"), names
+
+
+def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array | float]) -> Array:
+    """Return the expression of an equation with the true values of a drive, as the states are."""
+    function, names = _compiled(equation, drive)
+    shape = np.broadcast_shapes(*(np.shape(states) for states in by_name.values()))
+    arguments = [by_name.get(name, 0.0) for name in names]
+    return np.broadcast_to(function(*arguments), shape).astype(float)
 
 
 def slope(values: Array) -> Array:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from seaid.excitation.limits import (
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import simulate_motion
 from tests.excitation.robots import plan
 
 
@@ -130,40 +128,6 @@ def test_margins_are_the_distances_at_the_worst_instant(slider_arm: Robot) -> No
 
 QUICK: dict[str, Any] = {"duration": 6.0, "starts": 1, "iterations": 25, "coefficients": 14}
 EVERYTHING = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, deflection=0.004)
-
-
-@pytest.mark.slow  # a search, and its motion simulated with springs
-def test_loads_are_those_of_the_simulated_leg(elastic_leg: Robot) -> None:
-    """The complete model, moved along a plan, has the torques and deflections foreseen.
-
-    Without dry friction, which in the plan turns over a small speed and in the plant at once.
-    """
-    drives = {
-        joint: replace(drive, coulomb_friction_Nm=0.0)
-        for joint, drive in elastic_leg.drives.items()
-    }
-    elastic_leg = elastic_leg.with_values(elastic_leg.parameters, drives)
-    found = plan(elastic_leg, **QUICK, limits=Limits(velocity=2.0, acceleration=6.0))
-    motion = simulate_motion(elastic_leg, found.trajectory, rate_hz=500.0)
-    limits = drive_limits(elastic_leg, EVERYTHING, np.full(5, 2.0))
-    assert limits is not None
-    states = motion.joint_states
-    loads = drive_loads(limits, motion.time, states)
-    torque = joint_torques(elastic_leg, *states)
-    np.testing.assert_allclose(loads[0], torque, atol=1e-9)
-    elastic = slice(2, 5)
-    inside = slice(100, -100)
-    ratio = limits.drives.ratio[elastic]
-    for kind, simulated in ((1, motion.motor_torque), (2, motion.motor_velocity)):
-        off = loads[kind, inside, elastic] - simulated[inside, elastic]
-        size = np.linalg.norm(simulated[inside, elastic], axis=0)
-        assert np.all(np.linalg.norm(off, axis=0) < 0.01 * size)
-    springs = [drives[joint] for joint in elastic_leg.elastic_joints]
-    radii = np.array([drive.load_radius for drive in springs])
-    sagging = motion.motor_position[:, elastic] / ratio - motion.joint_position[:, elastic]
-    foreseen = loads[3, inside, elastic]
-    off = foreseen - (radii * sagging)[inside]
-    assert np.all(np.linalg.norm(off, axis=0) < 0.01 * np.linalg.norm(foreseen, axis=0))
 
 
 @pytest.mark.slow  # 1.5 s

@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 import pytest
-import sympy as sp
 from scipy.integrate import solve_ivp
 
 from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import (
-    SYMBOLS,
-    DriveEquation,
-    d_0,
-    f_0,
     joint_equation,
-    known_values,
     motor_equation,
     spring_equation,
 )
-from seaid.drives.regressor import flat_names
 from seaid.errors import RobotError, SeaidError
 from seaid.identification.identification import identify
 from seaid.legged import load_robot
@@ -38,7 +30,7 @@ from seaid.simulation.simulation import Noise, measure, simulate, simulate_motio
 from tests.experiments import wiggle
 from tests.representatives import quick_first
 from tests.simulation.swings import SLIDER, Chain, pendulum, run
-from tests.terms import ELASTIC, STIFF, arm, with_terms
+from tests.terms import ELASTIC, STIFF, arm, value_of, with_terms
 
 DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
@@ -101,25 +93,6 @@ SPRINGS: dict[str, Drive] = {
 }
 
 
-@cache
-def compiled(equation: Callable[[Any], DriveEquation], drive: Drive) -> tuple[Any, list[str]]:
-    """Return an equation with the values of a drive as a function, and what it takes."""
-    values = known_values(drive)
-    values |= {SYMBOLS[name]: number for name, number in drive.values.items()}
-    values = {d_0: 0.0, f_0: 0.0} | values
-    flat = flat_names(equation(drive).expression).subs(values)
-    names = sorted(map(str, flat.free_symbols))
-    return sp.lambdify(names, flat, modules="math"), names
-
-
-def value(
-    equation: Callable[[Any], DriveEquation], drive: Drive, by_name: Mapping[str, float]
-) -> float:
-    """Return an equation's expression with the values of a drive, as a number."""
-    function, names = compiled(equation, drive)
-    return float(function(*(by_name[name] for name in names)))
-
-
 def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[float]:
     """Return (7), (4b) and (8) with what acts beside them at a state that slips."""
     data = robot.model.createData()
@@ -130,8 +103,8 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
     bodies = np.array(pin.rnea(robot.model, data, position, speed, joint))
     C, found = robot.transmission, []
     beside = [
-        value(
-            joint_equation,
+        value_of(
+            joint_equation(robot.drives[name]),
             robot.drives[name],
             {"theta_L": position[index], "theta_L_dot": speed[index], "tau_L": 0.0},
         )
@@ -150,9 +123,9 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
         }
         load = on_drives[index]
         by_name |= {"tau_L": load, "tau_G": load}
-        found.append(value(motor_equation, drive, by_name))
+        found.append(float(value_of(motor_equation(drive), drive, by_name)))
         if isinstance(drive, SeriesElasticDrive):
-            found.append(value(spring_equation, drive, by_name) / 100)
+            found.append(float(value_of(spring_equation(drive), drive, by_name)) / 100)
         else:
             assert gear_torques(plant, data, state, joint, slip)[index] == pytest.approx(load)
             assert motor[index] == pytest.approx(drive.ratio * C[index] @ joint)
@@ -570,10 +543,6 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
         ),
         elastic({"spring_damping": 0.5}, spring=("linear", "damping")),
     ),
-    "stribeck": (
-        STIFF,
-        elastic({"stribeck_friction": 0.02, "stribeck_speed": 15.0}, friction=(*DRY, "stribeck")),
-    ),
     "quadratic, parallel, dead zone": (
         stiff(
             {"quadratic_friction": 1e-5, "parallel_stiffness": 3.0, "parallel_preload": 1.0},
@@ -595,10 +564,6 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
             spring=("linear", "preload"),
             joint_friction=("viscous", "coulomb"),
         ),
-    ),
-    "fifth": (
-        STIFF,
-        elastic({"stiffness": 30.0, "fifth_stiffness": 2e6}, spring=("linear", "fifth")),
     ),
 }
 
