@@ -21,10 +21,10 @@ from seaid.excitation.basis import FourierBasis, JoinedBasis
 from seaid.excitation.trajectory import message_times
 
 
-def resting() -> Trajectory:
-    basis = make_basis("bspline", 2.0, 12)
-    values = np.pad(np.random.default_rng(0).normal(size=(8, 2)), ((2, 2), (0, 0)), mode="edge")
-    return Trajectory(("rail", "elbow"), basis, values, ("rail",))
+def resting(scale: float = 1.0) -> Trajectory:
+    inside = scale * np.random.default_rng(0).normal(size=(8, 2))
+    values = np.pad(inside, ((2, 2), (0, 0)), mode="edge")
+    return Trajectory(("rail", "elbow"), make_basis("bspline", 2.0, 12), values, ("rail",))
 
 
 def periodic() -> Trajectory:
@@ -196,14 +196,8 @@ def test_broken_files_say_what_is_wrong(tmp_path: Path) -> None:
 YAML_FLOAT = re.compile(r"[-+]?[0-9]+\.[0-9]*([eE][-+][0-9]+)?|[-+]?[0-9]+")
 
 
-def motion(duration: float = 2.0, scale: float = 1.0) -> Trajectory:
-    inside = scale * np.random.default_rng(0).normal(size=(8, 2))
-    values = np.pad(inside, ((2, 2), (0, 0)), mode="edge")
-    return Trajectory(("rail", "elbow"), make_basis("bspline", duration, 12), values, ("rail",))
-
-
 def test_message_has_the_shape_of_a_joint_trajectory_and_the_states() -> None:
-    planned = motion()
+    planned = resting()
     message = planned.joint_trajectory(50.0)
     assert list(message) == ["header", "joint_names", "points"]
     assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
@@ -249,7 +243,7 @@ def test_file_is_json_and_its_numbers_are_numbers_in_yaml(tmp_path: Path) -> Non
     small = (tmp_path / "small.yaml").read_text()
     assert '"positions": [1.0e-05]' in small
     assert json.loads(small)["joint_names"] == ["a 1e-05"]
-    planned = motion(scale=1e-5)  # json alone writes 1e-05, which YAML takes for a word
+    planned = resting(1e-5)  # json alone writes 1e-05, which YAML takes for a word
     path = tmp_path / "motion.yaml"
     planned.save_joint_trajectory(path, 20.0)
     text = path.read_text()

@@ -20,6 +20,7 @@ from seaid.frequency.linear_joints import linearised
 from seaid.frequency.spectra import _friction_sign
 from seaid.log.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
+from tests.one_joint import chain
 from tests.representatives import quick_first
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -309,16 +310,6 @@ def test_an_elastic_load_leaves_spring_and_resonance(tmp_path: Path) -> None:
     assert values(found, "resonance", "antiresonance") == pytest.approx(plant.modes[::2], rel=0.02)
 
 
-CHAIN = """<robot name="chain"><link name="base"/>
-<link name="upper"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
-izz="1"/></inertial></link><link name="lower"><inertial><mass value="1"/><inertia ixx="1" ixy="0"
-ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-<joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="9"/></joint>
-<joint name="two" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="9"/></joint></robot>"""
-
-
 @dataclass(frozen=True)
 class Coupled:
     """Two hanging links with springs, coupled by their mass matrix, in SI units at the joints."""
@@ -364,43 +355,24 @@ class Coupled:
 
     def robot(self, folder: Path, *, rotors: bool) -> seaid.Robot:
         """The robot without any value of springs, friction and bodies."""
-        (folder / "chain.urdf").write_text(CHAIN, "utf-8")
+        chain(folder, "one", "two")
         drive = {"type": "series_elastic", "gear_ratio": 100.0, "friction": ["viscous"]}
         drive["spring"] = ["linear", "damping"]
         known = [{"motor_inertia_kg_m2": one / 1e4} if rotors else {} for one in self.inertia]
         drives = {joint: drive | own for joint, own in zip(("one", "two"), known, strict=True)}
-        return seaid.load_robot(folder / "chain.urdf", drives).without_nominal()
+        return seaid.load_robot(folder / "robot.urdf", drives).without_nominal()
 
 
 @pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize("rotors", quick_first([True, False]))
-@pytest.mark.parametrize(
-    "plant",
-    quick_first(
-        [
-            Coupled(
-                (2106, 85.2),
-                (0.402, 0.0494),
-                (0.767, 0.223, 0.101),
-                (15.1, 2.94, 2.94),
-                (3.2, 0.25),
-                (1.1, 0.12),
-            ),
-            Coupled(
-                (255, 198),
-                (0.483, 0.104),
-                (1.10, 0.465, 0.225),
-                (19.4, 7.08, 7.08),
-                (1.8, 0.44),
-                (0.38, 0.16),
-            ),
-        ]
-    ),
-)
 def test_springs_of_coupled_joints_are_found_without_nominal_values(
-    tmp_path: Path, plant: Coupled, rotors: bool
+    tmp_path: Path, rotors: bool
 ) -> None:
     """From starts with one antiresonance for both joints, k was wrong by 6 to 25 % here."""
+    plant = Coupled(
+        *((255, 198), (0.483, 0.104), (1.10, 0.465, 0.225), (19.4, 7.08, 7.08)),
+        *((1.8, 0.44), (0.38, 0.16)),
+    )
     found = frequency_response(
         plant.robot(tmp_path, rotors=rotors), [plant.log(0), plant.log(1)], period_s=5.0
     )

@@ -388,52 +388,30 @@ def test_deeply_nested_equations_are_read() -> None:
     assert form.regressor[0].subs(x, 0) == 1
 
 
-# Multiples of an angle, as a gear with many teeth has them: powers of sine and cosine would cancel.
+# Powers of sine and cosine would cancel in multiples of an angle, as gears with many teeth have.
+ANGLES = [
+    *([sp.sin(n * x), sp.cos(n * x), x] for n in (2, 9, 137)),
+    [sp.sin(12 * x / 7) * sp.cos(9 * y), sp.sin(x / 7) ** 12],
+    [1 / (2 + sp.cos(x) ** 8), sp.cos(9 * x)],
+    [sp.sin(84 * x), sp.sin(83 * x) * sp.cos(x), sp.cos(x) ** 40, sp.cos(84 * x - y)],
+]
 
 
-def as_numbers(entries: sp.ImmutableMatrix, *signals: sp.Expr) -> Callable[..., list[float]]:
-    """Return the entries as a function of the signals in double precision."""
-    plain = [sp.Symbol(f"s{i}") for i in range(len(signals))]
-    listed = list(entries.xreplace(dict(zip(signals, plain, strict=True))))
-    found: Callable[..., list[float]] = sp.lambdify(plain, listed)
-    return found
-
-
-@pytest.mark.parametrize("times", [2, 9, 137])
-def test_multiples_of_an_angle_are_as_exact_as_the_sine(times: int) -> None:
-    """In double precision, where powers of sine and cosine would cancel."""
-    equation = m * sp.sin(times * x) + r * sp.cos(times * x) + J * x - a
-    form = separate(equation, motion=[x, a], unknowns=[m, r, J])
-    values = as_numbers(form.regressor, x)
+@pytest.mark.parametrize("functions", ANGLES)
+def test_multiples_of_an_angle_are_as_exact_as_the_sine(functions: list[sp.Expr]) -> None:
+    """In double precision, and each function keeps its column."""
+    unknowns = [m, r, J, k][: len(functions)]
+    equation = sp.Add(*map(sp.Mul, unknowns, functions)) - a
+    form = separate(equation, [x, y, a], unknowns)
+    found, direct = (sp.lambdify([x, y], list(each)) for each in (form.regressor, functions))
     for angle in np.linspace(-3.0, 3.0, 13):
-        direct = [np.sin(times * angle), np.cos(times * angle), angle]
-        assert values(angle) == pytest.approx(direct, abs=2e-13)
-    assert list(reduce(form).parameters) == [m, r, J]
+        assert found(angle, 0.2) == pytest.approx(direct(angle, 0.2), abs=2e-13)
+    assert list(reduce(form).parameters) == unknowns
 
 
 def test_multiples_are_independent_exactly() -> None:
     """sin 83 x cos x = (sin 84 x + sin 82 x) / 2, which no number of digits hides."""
-    unknowns = sp.symbols("p_1:6")
-    functions = [sp.sin(84 * x), sp.sin(83 * x) * sp.cos(x), sp.sin(82 * x), sp.cos(x) ** 40]
-    functions += [sp.cos(84 * x - y)]
-    equation = sum(p * f for p, f in zip(unknowns, functions, strict=True)) - a
-    base = reduce(separate(equation, [x, y, a], unknowns))
-    p_1, p_2, p_3, p_4, p_5 = unknowns
-    assert list(base.parameters) == [p_1 - p_3, p_2 + 2 * p_3, p_4, p_5]
+    functions = [sp.sin(84 * x), sp.sin(83 * x) * sp.cos(x), sp.sin(82 * x)]
+    base = reduce(separate(sp.Add(*map(sp.Mul, [m, r, J], functions)) - a, [x, a], [m, r, J]))
+    assert list(base.parameters) == [m - J, r + 2 * J]
     assert sp.sin(84 * x) in base.fundamental_functions
-    values = as_numbers(base.regressor, x, y)
-    assert values(0.7, 0.2)[0] == pytest.approx(np.sin(84 * 0.7), abs=1e-13)
-    assert values(0.7, 0.2)[-1] == pytest.approx(np.cos(84 * 0.7 - 0.2), abs=1e-13)
-
-
-def test_fractions_of_an_angle_and_products_of_two() -> None:
-    equation = m * sp.sin(12 * x / 7) * sp.cos(9 * y) + r * sp.sin(x / 7) ** 12 - a
-    form = separate(equation, [x, y, a], [m, r])
-    at = (0.9, -1.3)
-    direct = [np.sin(12 * at[0] / 7) * np.cos(9 * at[1]), np.sin(at[0] / 7) ** 12]
-    assert as_numbers(form.regressor, x, y)(*at) == pytest.approx(direct, abs=1e-14)
-
-
-def test_high_powers_in_a_denominator_stay() -> None:
-    form = separate(m / (2 + sp.cos(x) ** 8) + r * sp.cos(9 * x) - a, [x, a], [m, r])
-    assert as_numbers(form.regressor, x)(0.3)[0] == pytest.approx(1 / (2 + np.cos(0.3) ** 8))
