@@ -16,7 +16,6 @@ from seaid.excitation.basis import (
     JoinedBasis,
     SplineBasis,
     _refinement,
-    bernstein_from_powers,
     make_basis,
 )
 
@@ -92,18 +91,6 @@ def test_a_curve_with_repeated_knots_is_the_same_on_finer_knots(degree: int, tim
     curve = BSpline(finer, matrix @ points, degree)(time)
     np.testing.assert_allclose(curve, BSpline(knots, points, degree)(time), atol=1e-13)
     assert matrix.min() > -1e-13  # convex combinations: the finer points stay within the others
-
-
-def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
-    powers = np.random.default_rng(3).normal(size=(6, 2))
-    basis = SplineBasis(5, np.repeat([0.0, 2.5], 6))
-    time = np.linspace(0.0, 2.5, 11)
-    position, velocity, _ = basis.matrices(time)
-    coefficients = bernstein_from_powers(powers, 2.5)
-    expected = sum(np.outer(time**i, powers[i]) for i in range(6))
-    slope = sum(np.outer(i * time ** (i - 1), powers[i]) for i in range(1, 6))
-    np.testing.assert_allclose(position @ coefficients, expected, rtol=1e-10)
-    np.testing.assert_allclose(velocity @ coefficients, slope, rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -196,11 +196,12 @@ pendulum | q | J m r | J, m*r
 damped pendulum | q | J m r c | J, m*r, c
     J*dq^2/2 + m*g*r*cos(q)
     loss c*dq^2/2
-pendulum with a torsion spring | q | J m r k | 3
-    J*dq^2/2 + m*g*r*cos(q) - k*q^2/2
-mass, spring and damper in gravity | x | m k c | 3
-    m*dx^2/2 - k*x^2/2 - m*g*x
-    loss c*dx^2/2
+two masses and a spring | x y | m1 m2 k c | m1, m2, k, c
+    m1*dx^2/2 + m2*dy^2/2 - k*(x - y)^2/2
+    loss c*(dx - dy)^2/2
+series elastic joint | q p | F_v F_C k J m | F_v, F_C, k, J, m
+    I*dq^2/2 + J*dp^2/2 + m*g*r*cos(p) - k*(r1/N*q - r2*p)^2/2
+    forces u1 - F_v*dq - F_C*sign(dq), 0
 Duffing oscillator | x | m k1 k3 c | 4
     m*dx^2/2 - k1*x^2/2 - k3*x^4/4
     loss c*dx^2/2

@@ -135,18 +135,6 @@ def test_the_three_types_of_columns() -> None:
     assert first.different_rows == 2
 
 
-def test_known_numbers_form_a_field() -> None:
-    """Square roots and sines of known angles count as what they are."""
-    c, s = sp.cos(alpha), sp.sin(alpha)
-    equation = P[0] * (sp.sqrt(2) * x + y) + P[1] * (x + y / sp.sqrt(2)) - a
-    assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
-    equation = P[0] * (c * x + s * y) + P[1] * (s * x - c * y) + P[2] * x - a
-    base = reduce(separate(equation, [x, y, a], P[:3]))
-    assert list(base.parameters) == [P[0] + c * P[2], P[1] + s * P[2]]
-    equation = P[0] * ((1 + c) * x + s * y) + P[1] * (s * x + (1 - c) * y) - a
-    assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
-
-
 pi, cos = sp.pi, sp.cos
 
 
