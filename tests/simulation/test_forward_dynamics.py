@@ -529,20 +529,6 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
             motor_input="current",
         ),
     ),
-    "offset, asymmetric, voltage, smooth": (
-        stiff(
-            {"friction_offset": 0.01, "asymmetric_friction": 1e-4, "voltage_constant": 0.03},
-            friction=(*DRY, "offset", "asymmetric"),
-            motor_input="voltage",
-        ),
-        elastic({"coulomb_width": 6.0}, friction=("viscous", "smooth_coulomb")),
-    ),
-    "shifted, damping": (
-        stiff(
-            {"coulomb_width": 4.0, "coulomb_shift": 1.0}, friction=("viscous", "shifted_coulomb")
-        ),
-        elastic({"spring_damping": 0.5}, spring=("linear", "damping")),
-    ),
     "quadratic, parallel, dead zone": (
         stiff(
             {"quadratic_friction": 1e-5, "parallel_stiffness": 3.0, "parallel_preload": 1.0},
