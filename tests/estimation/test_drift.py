@@ -17,7 +17,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.fitting import ESTIMATORS, fit, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor.regression import Regression
-from tests.estimation.rows import TRUTH
+from tests.estimation.rows import TRUTH, experiment
 from tests.plants import regression
 from tests.representatives import quick_first
 
@@ -168,19 +168,13 @@ def test_rows_without_noise_and_short_logs_have_no_drift() -> None:
 # Whether blocks and logs agree within their errors, and what is done if they do not
 
 
-def smooth(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    return np.asarray(lfilter([0.6], [1.0, -0.8], rng.normal(size=shape), axis=0))
-
-
 def blocks_of(seed: int, logs: int, differ: float = 0.0, instants: int = 300) -> Regression:
     """Return rows of logs whose first parameter differs."""
-    rng = np.random.default_rng(seed)
-    H = smooth(rng, (logs * instants, 3))
+    rows = experiment(seed, (0.1,), logs * instants, phi=0.8)
     run = np.repeat(np.arange(logs), instants)
-    y = H @ TRUTH + 0.1 * smooth(rng, (logs * instants, 1))[:, 0]
-    y += H[:, 0] * differ * rng.normal(size=logs)[run]
+    shift = differ * np.random.default_rng(seed).normal(size=logs)
     time = np.tile(0.05 * np.arange(instants), logs)
-    return regression(H, y, time=time, run=run.astype(float), joint_names=("j",))
+    return replace(rows, y=rows.y + rows.H[:, 0] * shift[run], time=time, run=run.astype(float))
 
 
 @pytest.mark.parametrize(("logs", "differ"), [(8, 0.1), (4, 0.3)])

@@ -11,11 +11,12 @@ import numpy as np
 
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.excitation import Excitation, design_excitation
+from seaid.excitation import Excitation, JointLimits, Trajectory, design_excitation
 from seaid.legged import load_robot
 from seaid.robot.robot import Payload, Robot
 
 MODELS = Path(__file__).parents[2] / "models"
+States = tuple[Array, Array, Array]
 PANDA = [f"panda_joint{i}" for i in range(1, 8)]
 TIAGO = ["torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8))]
 
@@ -39,7 +40,7 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def states(robot: Robot, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+def states(robot: Robot, samples: int, seed: int = 0) -> States:
     rng = np.random.default_rng(seed)
     shape = (samples, robot.n)
     return rng.uniform(-1, 1, shape), rng.normal(0, 1, shape), rng.normal(0, 3, shape)
@@ -51,3 +52,16 @@ def plan(robot: Robot, duration: float = 4.0, **options: Any) -> Excitation:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the search for an excitation ended early")
         return design_excitation(robot, duration, **(quick | options))
+
+
+def assert_kept(motion: Trajectory, bounds: JointLimits, rate_hz: float) -> States:
+    """Assert that no limit is broken by more than 1e-9 at any sample, and return these."""
+    time = np.append(np.arange(0.0, motion.duration, 1 / rate_hz), motion.duration)
+    q, v, a = motion.sample(time)
+    for value, most in (
+        (q - bounds.middle, bounds.half_range),
+        (v, bounds.velocity),
+        (a, bounds.acceleration),
+    ):
+        assert np.all(np.abs(value) <= most + 1e-9 * np.minimum(1.0, most))
+    return q, v, a

@@ -29,6 +29,7 @@ from seaid.excitation.boundary import (
     with_run_in,
 )
 from seaid.robot.robot import Robot
+from tests.excitation.robots import assert_kept
 
 BASES: list[tuple[BasisName, int]] = [
     ("bspline", 8),
@@ -139,11 +140,7 @@ def test_no_limit_is_broken_at_100_kHz(
     names = [f"joint{j}" for j in range(n)]
     found = motion_space(make_basis(case[0], duration, case[1]), names, bounds, state, state)
     motion = Trajectory(tuple(names), found.basis, found.coefficients(filling(found, bounds, rng)))
-    q, v, a = motion.sample(np.append(np.arange(0.0, duration, 1e-5), duration))
-    assert np.all(q >= bounds.lower - 1e-9)
-    assert np.all(q <= bounds.upper + 1e-9)
-    assert np.all(np.abs(v) <= bounds.velocity * (1 + 1e-9))
-    assert np.all(np.abs(a) <= bounds.acceleration * (1 + 1e-9))
+    q, v, a = assert_kept(motion, bounds, 1e5)
     used = [np.abs(q - bounds.middle).max(axis=0) / bounds.half_range]
     used += [np.abs(v).max(axis=0) / bounds.velocity, np.abs(a).max(axis=0) / bounds.acceleration]
     assert np.all(np.max(used, axis=0) > 0.9)  # it is at a limit: the hulls are close
@@ -241,10 +238,7 @@ def test_it_rests_at_both_ends_without_a_jump_and_within_limits(
             np.testing.assert_allclose(last[1] / size, start[0] / size, atol=1e-8)
     found = margins(whole, bounds)
     assert np.min([found.position, found.velocity, found.acceleration]) > -1e-9
-    q, v, a = whole.sample(np.arange(0.0, whole.duration, 1e-5))
-    assert np.all(np.abs(q - bounds.middle) <= bounds.half_range + 1e-9)
-    assert np.all(np.abs(v) <= bounds.velocity + 1e-9)
-    assert np.all(np.abs(a) <= bounds.acceleration + 1e-9)
+    assert_kept(whole, bounds, 1e5)
     begin, end = whole.main_interval
     assert end - begin == pytest.approx(3.0, rel=1e-12)
     assert 0.0 < begin < 1.0

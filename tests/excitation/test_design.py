@@ -21,19 +21,13 @@ from seaid.log.reading import Log
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.base import base_parameters
 from seaid.robot.robot import Robot
-from tests.excitation.robots import plan
+from tests.excitation.robots import assert_kept, plan
 from tests.representatives import quick_first
 
 
 def kept(robot: Robot, plan: Excitation, limits: Limits | None, rate_hz: float = 1e4) -> None:
     """Assert that no limit is broken by more than 1e-9 at any of the samples."""
-    bounds = joint_limits(robot, limits)
-    duration = plan.trajectory.duration
-    q, v, a = plan.trajectory.sample(np.linspace(0.0, duration, int(duration * rate_hz) + 1))
-    assert np.all(q >= bounds.lower - 1e-9)
-    assert np.all(q <= bounds.upper + 1e-9)
-    assert np.all(np.abs(v) <= bounds.velocity + 1e-9)
-    assert np.all(np.abs(a) <= bounds.acceleration + 1e-9)
+    assert_kept(plan.trajectory, joint_limits(robot, limits), rate_hz)
     least = [plan.margins.position, plan.margins.velocity, plan.margins.acceleration]
     assert np.min(least) >= -1e-9
 

@@ -27,10 +27,9 @@ from seaid.legged import load_robot
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
-from tests.excitation.robots import TIAGO, example_robot, robots, states
+from tests.excitation.robots import TIAGO, States, example_robot, robots, states
 
 MODELS = Path(__file__).parents[2] / "models"
-States = tuple[Array, Array, Array]
 
 
 def elastic_leg() -> Robot:
