@@ -132,15 +132,14 @@ def test_the_share_leaves_out_the_mean_of_every_log() -> None:
 
 def test_share_and_corner_are_those_of_the_drift() -> None:
     """Spectra of drift 4 tau s^2 / (1 + (2 pi f tau)^2) and noise 2 n^2 step are equal at f_c."""
-    shares, corners = [], []
-    for seed in range(30):
-        for one in found(data(seed, (0.2,))):
-            shares.append(one.share * np.std(data(seed).y))
-            corners.append(one.corner_hz)
-    tau = 2.0
-    ratio = 4 * tau * 0.2**2 / (2 * NOISE**2 * STEP_S)
-    assert np.median(corners) == pytest.approx(np.sqrt(ratio) / (2 * np.pi * tau), rel=0.4)
-    assert 0.1 < np.median(shares) < 0.3  # of 0.2, less its mean over 10 s
+    size, tau = 0.1, 2.0  # the corner of a drift of 0.2 is that of the highest that is tried
+    drifts = [
+        (one, np.std(data(seed).y)) for seed in range(30) for one in found(data(seed, (size,)))
+    ]
+    ratio = 4 * tau * size**2 / (2 * NOISE**2 * STEP_S)
+    corner = np.median([drift.corner_hz for drift, _ in drifts])
+    assert corner == pytest.approx(np.sqrt(ratio) / (2 * np.pi * tau), rel=0.4)
+    assert 0.05 < np.median([drift.share * std for drift, std in drifts]) < 0.15  # less its mean
 
 
 def test_a_linear_trend_is_drift_too() -> None:

@@ -107,6 +107,8 @@ def test_step_is_that_of_the_whole_problem_weighted_by_the_noise_it_finds() -> N
     assert step.nuisance[0].ravel() == pytest.approx(expected[P:], rel=1e-9)
     bound = np.linalg.inv(H.T @ H)[:P, :P]
     assert fisher_covariance([log], FREE, step.stds) == pytest.approx(bound, rel=1e-8)
+    count, width = H.shape  # residuals are smaller than the noise: n / (n - p)
+    assert step.white_covariance == pytest.approx(bound * count / (count - width), rel=1e-8)
 
 
 def test_rows_that_do_not_count_do_not_matter_and_are_no_pairs() -> None:
