@@ -239,13 +239,3 @@ def test_poorly_told_combination_is_named_with_its_size() -> None:
     assert f"{found.shares[-1]:.1e}" in sentence[0]
     assert found.text(2) in ("b - 2 c", "c - 0.5 b")
     assert not poorly_determined(qr_factor, share=1e-6)
-
-
-def test_long_combinations_are_cut() -> None:
-    H = np.random.default_rng(5).normal(size=(200, 6))
-    H[:, 5] = np.sum(H[:, :5], axis=1) + 1e-4 * H[:, 5]
-    found = directions(
-        qr_factor_of(regression(H, np.zeros(200))).weighted_factor(), tuple("abcdef")
-    )
-    assert found.text(5).endswith(" and 2 more")
-    assert found.text(5).startswith("f - ")

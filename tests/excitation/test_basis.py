@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import BSpline
 
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import (
@@ -15,7 +14,6 @@ from seaid.excitation.basis import (
     FourierBasis,
     JoinedBasis,
     SplineBasis,
-    _refinement,
     make_basis,
 )
 
@@ -25,6 +23,7 @@ BASES: dict[str, Basis] = {
     **{f"bspline {count}": make_basis("bspline", 3.4, count) for count in (7, 30)},
     **{f"polynomial {count}": make_basis("polynomial", 3.4, count) for count in (7, 18, 30)},
     **{f"fourier {count}": make_basis("fourier", 3.4, count) for count in (7, 31)},
+    "repeated knots": SplineBasis(5, np.sort([*[0] * 6, 0.5, *[1.7] * 3, 2.1, *[3.4] * 6])),
     "joined": JOINED,
 }
 
@@ -79,18 +78,6 @@ def test_a_shifted_fourier_series_is_the_same_motion_begun_later() -> None:
     begun_later = basis.states(time, basis.shifted(values, 0.7))
     for one, other in zip(begun_later, basis.states(time + 0.7, values), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)
-
-
-@pytest.mark.parametrize(("degree", "times"), [(3, 2), (3, 3), (4, 4), (5, 4), (8, 6)])
-def test_a_curve_with_repeated_knots_is_the_same_on_finer_knots(degree: int, times: int) -> None:
-    ends = np.repeat([0.0, 1.0], degree + 1)
-    knots = np.sort([*ends, 0.3, *np.repeat(0.5, times), 0.8])
-    finer = np.sort([*knots, 0.1, 0.4, 0.45, 0.55, 0.9])
-    points = np.random.default_rng(0).normal(size=len(knots) - degree - 1)
-    matrix, time = _refinement(knots, finer, degree), np.linspace(0.0, 1.0, 501)
-    curve = BSpline(finer, matrix @ points, degree)(time)
-    np.testing.assert_allclose(curve, BSpline(knots, points, degree)(time), atol=1e-13)
-    assert matrix.min() > -1e-13  # convex combinations: the finer points stay within the others
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -11,13 +12,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.signal import cont2discrete, savgol_filter
+from scipy.signal import cont2discrete
 
 import seaid
 from seaid._arrays import Array
 from seaid.frequency.frequency_response import FrequencyResponse, frequency_response
 from seaid.frequency.linear_joints import linearised
-from seaid.frequency.spectra import _friction_sign
 from seaid.log.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
 from tests.one_joint import chain
@@ -118,19 +118,6 @@ def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviatio
     scores = np.abs(noisy.response[:, 0, 0] - exact) / noisy.noise_std[:, 0, 0]
     assert 0.6 < np.sqrt(np.mean(scores**2)) < 1.6
     assert np.all(noisy.coherence > 0.9)
-
-
-@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
-def test_a_log_without_periods_gives_the_same_spring(tmp_path: Path) -> None:
-    robot = PLANT.robot(tmp_path)
-    cut = with_noise(clean_log(), 2, 0.001).between(0.3, 10.0)
-    found = frequency_response(robot.without_nominal(), cut)
-    assert found.period_s is None
-    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=5e-3)
-    assert values(found, "stiffness") == pytest.approx([PLANT.stiffness], rel=5e-3)
-    exact = PLANT.response(found.frequency_hz)
-    near = np.abs(found.response[:, 0, 0] / exact - 1)
-    assert np.median(near) < 0.03
 
 
 @pytest.mark.slow  # 30 fits of eight parameters
@@ -235,25 +222,41 @@ def test_logs_and_arguments_without_a_response_are_refused(
         frequency_response(PLANT.robot(tmp_path), **given)
 
 
-@pytest.mark.slow  # 0.5 s
-def test_uneven_time_stamps_are_put_on_whole_periods(tmp_path: Path) -> None:
+def cut() -> Log:
+    return with_noise(clean_log(), 2, 0.001).between(0.3, 10.0)
+
+
+def uneven() -> Log:
     """A clock that is 0.02 % fast makes a period of no whole number of samples."""
-    robot, log = PLANT.robot(tmp_path), clean_log()
+    log = clean_log()
     jitter = np.random.default_rng(0).uniform(-0.2, 0.2, len(log.time)) / RATE_HZ
     moved = log.time + jitter * (log.time > 0)
     torque, angle = (
         np.interp(moved, log.time, one[:, 0])[:, None]
         for one in (log.motor_torque, log.motor_position)
     )
-    uneven = Log(
+    return replace(
+        log,
         time=moved,
-        joint_names=("arm",),
         motor_position=angle,
         joint_position=np.full_like(angle, np.nan),
         motor_torque=torque,
     )
-    found = frequency_response(robot, uneven, period_s=4.0)
-    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=0.01)
+
+
+@pytest.mark.slow  # logs of a hundred periods, simulated and fitted
+@pytest.mark.parametrize(("make", "period_s", "share"), [(cut, None, 5e-3), (uneven, 4.0, 0.01)])
+def test_logs_without_whole_periods_give_the_same_spring(
+    tmp_path: Path, make: Callable[[], Log], period_s: float | None, share: float
+) -> None:
+    """A log that was cut, and one with uneven time stamps."""
+    robot = PLANT.robot(tmp_path).without_nominal()
+    found = frequency_response(robot, make(), period_s=period_s)
+    assert found.period_s == period_s
+    assert values(found, *NAMES) == pytest.approx(PLANT.modes, rel=share)
+    assert values(found, "stiffness") == pytest.approx([PLANT.stiffness], rel=share)
+    near = np.abs(found.response[:, 0, 0] / PLANT.response(found.frequency_hz) - 1)
+    assert np.median(near) < 0.03
 
 
 def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
@@ -264,24 +267,6 @@ def test_the_table_has_every_number_and_warning(tmp_path: Path) -> None:
     assert re.search(r"\barm +antiresonance_damping ", text)
     assert "hidden-resonance" in text
     assert repr(found).startswith("FrequencyResponse(joints arm: ")
-
-
-def test_a_reversal_is_where_the_motor_turns_despite_the_kink_of_its_speed() -> None:
-    """The speed falls fast before a reversal and rises slowly after it; a smoothed one is late."""
-    fine = np.arange(40_000) / 40  # in samples; half a period has 250
-    place = (fine - 0.3) % 250
-    speed = np.minimum(place, 8 * (250 - place)) * np.where((fine - 0.3) // 250 % 2, -1.0, 1.0)
-    angle = np.cumsum(speed)[::40] * 1e-5
-    for one in (angle, np.round(angle / 3e-4) * 3e-4):
-        assert turns(_friction_sign(one)) == pytest.approx(0.3, abs=0.5)
-    assert np.all(turns(savgol_filter(angle, 5, 2, deriv=1)) > 0.85)
-
-
-def turns(sign: Array) -> Array:
-    """Return the places of three reversals after each half period of 250 samples."""
-    places = np.flatnonzero(np.diff((sign > 0).astype(int)))
-    found = places + sign[places] / (sign[places] - sign[places + 1])
-    return np.asarray(found[1:4] % 250)
 
 
 @pytest.mark.slow  # logs of a hundred periods, simulated and fitted
