@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from seaid._arrays import Array
 from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import (
+    DriveEquation,
     joint_equation,
     motor_equation,
     spring_equation,
@@ -93,6 +95,11 @@ SPRINGS: dict[str, Drive] = {
 }
 
 
+@cache
+def equation_of(make: Callable[[Any], DriveEquation], drive: Drive) -> DriveEquation:
+    return make(drive)
+
+
 def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[float]:
     """Return (7), (4b) and (8) with what acts beside them at a state that slips."""
     data = robot.model.createData()
@@ -104,7 +111,7 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
     C, found = robot.transmission, []
     beside = [
         value_of(
-            joint_equation(robot.drives[name]),
+            equation_of(joint_equation, robot.drives[name]),
             robot.drives[name],
             {"theta_L": position[index], "theta_L_dot": speed[index], "tau_L": 0.0},
         )
@@ -123,9 +130,9 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
         }
         load = on_drives[index]
         by_name |= {"tau_L": load, "tau_G": load}
-        found.append(float(value_of(motor_equation(drive), drive, by_name)))
+        found.append(float(value_of(equation_of(motor_equation, drive), drive, by_name)))
         if isinstance(drive, SeriesElasticDrive):
-            found.append(float(value_of(spring_equation(drive), drive, by_name)) / 100)
+            found.append(float(value_of(equation_of(spring_equation, drive), drive, by_name)) / 100)
         else:
             assert gear_torques(plant, data, state, joint, slip)[index] == pytest.approx(load)
             assert motor[index] == pytest.approx(drive.ratio * C[index] @ joint)
