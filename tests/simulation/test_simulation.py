@@ -52,20 +52,17 @@ def at_rest() -> Array:
     return np.zeros((4, 1))
 
 
-def test_motor_sticks_while_its_load_swings(write_chain: Chain) -> None:
-    plant = plant_of(pendulum(write_chain, SPRING))
+def test_motor_sticks_while_friction_can_hold_it(write_chain: Chain) -> None:
+    """Behind a spring its load swings on; a stiff joint is held against gravity without creep."""
     state = at_rest()
     state[JOINT_SPEED] = 0.3
+    plant = plant_of(pendulum(write_chain, SPRING))
     states = run_of_one(plant, state, lambda t: 0.004 * np.sin(30 * t), 0.5, STEP_S)
-    assert np.all(states[:, SPEED] == 0.0)
-    assert np.all(states[:, POSITION] == 0.0)
+    assert not np.any(states[:, [SPEED, POSITION]])
     assert np.ptp(states[:, JOINT_POSITION]) > 0.01
-
-
-def test_stiff_joint_is_held_against_gravity_without_creeping(write_chain: Chain) -> None:
-    plant = plant_of(pendulum(write_chain, STIFF))
     state = at_rest()
     state[JOINT_POSITION], state[POSITION] = 0.4, 20.0
+    plant = plant_of(pendulum(write_chain, STIFF))
     states = run_of_one(plant, state, lambda t: 0.1 * np.sin(30 * t), 0.3, STEP_S)
     assert np.all(states[:, SPEED] == 0.0)
     assert np.all(states[:, JOINT_POSITION] == 0.4)
@@ -235,7 +232,6 @@ def test_drives_that_cannot_be_simulated_are_named(
     [
         (lambda: simulate(leg().without_nominal(), short(leg())), "has no inertial parameters: it"),
         (lambda: simulate(leg(), short(leg()), rate_hz=0.0), "rate_hz must be more than zero"),
-        (lambda: simulate(leg(), short(leg()), rate_hz=np.nan), "rate_hz must be more than zero"),
         (lambda: simulate(leg(), short(leg()), rate_hz=np.inf), "rate_hz must be more than zero"),
         (lambda: simulate(leg(), short(arm())), r"rail, shoulder, telescope, wrist; .* hip_yaw"),
         (lambda: noisy(1e308), r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"),
