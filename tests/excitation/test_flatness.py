@@ -288,6 +288,8 @@ def test_current_column_is_what_the_motor_needs(tmp_path: Path) -> None:
         (DEAD, {"motor_speed": 100.0}, "spring with dead zone: its motor_speed do not follow"),
         (DAMPED, {"deflection": 0.1}, "'two' has a spring with damping: its deflection do not fol"),
         (FIFTH, {"motor_speed": 100.0}, "'two': its spring has no linear stiffness"),
+        ({"stiffness_Nm_per_rad": None}, {"deflection": 0.1}, "has no nominal stiffness"),
+        ({"viscous_friction_Nms_per_rad": None}, {"motor_torque": 0.1}, "nominal viscous friction"),
         ({"spring": ("linear", "cubic")}, {"motor_speed": 100.0}, "nominal cubic stiffness"),
         ({"friction": (*DRY, "stribeck")}, {"motor_torque": 0.1}, "nominal stribeck friction"),
         ({"parallel_spring": ("linear",)}, {"joint_torque": 1.0}, "nominal parallel stiffness"),

@@ -199,16 +199,3 @@ def test_limits_that_cannot_be_kept_are_named(
 ) -> None:
     with pytest.raises(ExcitationError, match=words):
         plan(elastic_leg, **QUICK, limits=limits)
-
-
-def test_limits_on_drives_need_nominal_values(elastic_leg: Robot) -> None:
-    unknown = elastic_leg.without_nominal()
-    with pytest.raises(ExcitationError, match=r"no nominal inertial parameters .* \(NaN\)"):
-        plan(unknown, **QUICK, limits=Limits(joint_torque=10.0))
-    bodies = elastic_leg.with_values(elastic_leg.parameters, unknown.drives)
-    for limits, words in (
-        (Limits(deflection=0.1), "'hip_pitch': its drive has no nominal stiffness"),
-        (Limits(motor_torque=0.1), "its drive has no nominal (viscous friction|stiffness)"),
-    ):
-        with pytest.raises(ExcitationError, match=words):
-            plan(bodies, **QUICK, limits=limits)

@@ -54,7 +54,13 @@ def constants(system: System) -> Values:
 
 
 BY_NAME = {system.name: system for system in SYSTEMS}
-QUICK = ("arm yz", "2 masses with cubic springs", "acrobot", "series elastic joint")
+QUICK = (
+    "arm yz",
+    "2 masses with cubic springs",
+    "acrobot",
+    "series elastic joint",
+    "lever of 0.3 m",
+)
 
 
 @pytest.mark.parametrize("name", quick_only(BY_NAME, QUICK))
