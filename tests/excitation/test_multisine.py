@@ -14,6 +14,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.excitation.limits import Limits
 from seaid.excitation.multisine import Multisine
+from tests.excitation.robots import assert_kept
 from tests.experiments import leg
 from tests.one_joint import chain
 
@@ -33,7 +34,9 @@ def amplitudes(found: seaid.Trajectory, order: int = 0) -> Array:
 
 
 def test_only_odd_lines_of_the_band_are_excited_equally_in_acceleration() -> None:
-    lines = amplitudes(plan().trajectory, 2)
+    """The motion keeps all limits, that of the torque too."""
+    found = plan()
+    lines = amplitudes(found.trajectory, 2)
     excited = np.flatnonzero(lines[:, 0] > 1e-6 * lines.max())
     assert np.all(excited % 2 == 0)  # two periods
     assert np.all((excited // 2) % 2 == 1)
@@ -42,27 +45,12 @@ def test_only_odd_lines_of_the_band_are_excited_equally_in_acceleration() -> Non
     assert lines[excited] == pytest.approx(np.broadcast_to(lines[excited][0], (len(excited), 5)))
     possible = len(np.arange(3, 51, 2))
     assert len(excited) == possible - possible // 4  # one of four is omitted
-
-
-def test_a_multisine_uses_and_keeps_the_limits() -> None:
-    found = plan()
-    q, v, a = found.trajectory.sample(np.linspace(0, 10, 5001))
-    assert np.all((q > found.limits.lower) & (q < found.limits.upper))
-    share = np.max(
-        [
-            np.abs(q - found.limits.middle).max(0) / found.limits.half_range,
-            np.abs(v).max(0) / found.limits.velocity,
-            np.abs(a).max(0) / found.limits.acceleration,
-        ],
-        axis=0,
-    )
-    assert np.all(share <= 1.0)
+    assert_kept(found.trajectory, found.limits, 500.0)
     assert np.all(found.margins.velocity > 0)
-    torque = seaid.excitation.limits.drive_loads(
-        seaid.excitation.limits.drive_limits(leg(), LIMITS, found.limits.velocity),  # type: ignore[arg-type]
-        np.linspace(0, 5, 400),
-        found.trajectory.sample(np.linspace(0, 5, 400)),
-    )[0]
+    limits = seaid.excitation.limits.drive_limits(leg(), LIMITS, found.limits.velocity)
+    assert limits is not None
+    time = np.linspace(0, 5, 400)
+    torque = seaid.excitation.limits.drive_loads(limits, time, found.trajectory.sample(time))[0]
     assert np.all(np.abs(torque) <= leg().effort_limits)
 
 
