@@ -68,12 +68,10 @@ def test_a_logged_torque_is_linear_between_its_samples() -> None:
 def test_a_voltage_acts_through_its_constant() -> None:
     by_torque = pendulum()
     by_voltage = pendulum(replace(DRIVE, motor_input="voltage", nominal={"voltage_constant": 0.02}))
-    time = swing(by_torque).time
-    torque = 0.02 * np.sin(4 * time)[:, None]
-    plain = swing(by_torque, torque)
-    electric = replace(swing(by_torque), motor_voltage=torque / 0.02)
-    expected = replay(by_torque, plain)
-    found = replay(by_voltage, electric)
+    plan = swing(by_torque)
+    torque = 0.02 * np.sin(4 * plan.time)[:, None]
+    expected = replay(by_torque, replace(plan, motor_torque=torque))
+    found = replay(by_voltage, replace(plan, motor_voltage=torque / 0.02))
     np.testing.assert_allclose(found.joint_position, expected.joint_position, atol=1e-9)
     np.testing.assert_allclose(found.motor_torque, torque, atol=1e-12)
 
@@ -112,16 +110,11 @@ def test_the_start_of_a_noisy_log_has_the_speed_of_the_motion() -> None:
     robot = pendulum()
     plan = swing(robot)
     moved = replay(robot, plan, lambda at, _: np.array([0.03 * np.sin(5 * at)]))
-    part = slice(80, None)  # starts in motion
     noise = np.random.default_rng(3).normal(size=(240, 1)) * 2e-3
-    log = seaid.Log(
-        plan.time[part],
-        robot.joint_names,
-        plan.motor_position[part],
-        (moved.joint_position + noise)[part],
-        moved.motor_torque[part],
-    )
-    error = replay(robot, log).joint_position - moved.joint_position[part]
+    log = replace(
+        plan, joint_position=moved.joint_position + noise, motor_torque=moved.motor_torque
+    ).at(slice(80, None))  # it starts in motion
+    error = replay(robot, log).joint_position - moved.joint_position[80:]
     # 0.1 s of a noise of 2 mrad gives a speed within 0.15 rad/s, its end slope one of 0.6 rad/s
     assert np.abs(error).max() < 0.03
 
