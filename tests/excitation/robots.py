@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.excitation import Excitation, JointLimits, Trajectory, design_excitation
+from seaid.excitation.basis import FourierBasis
+from seaid.excitation.observation_matrix import Target, regressor_pull_back, stacked_regressor
 from seaid.legged import load_robot
 from seaid.robot.robot import Payload, Robot
 
@@ -65,3 +69,33 @@ def assert_kept(motion: Trajectory, bounds: JointLimits, rate_hz: float) -> Stat
     ):
         assert np.all(np.abs(value) <= most + 1e-9 * np.minimum(1.0, most))
     return q, v, a
+
+
+def smooth_motion(robot: Robot, samples: int = 60, reach: float = 0.1) -> tuple[Array, States]:
+    """Return a motion whose time derivatives are smooth, at equally spaced times."""
+    basis = FourierBasis(4, 5.0)
+    c = reach * np.random.default_rng(0).normal(size=(basis.size, robot.n))
+    time = np.linspace(0.0, 4.9, samples)
+    q, v, a = (matrix @ c for matrix in basis.matrices(time))
+    return time, (q, v, a)
+
+
+def assert_gradient(target: Target, time: Array, motion: States) -> None:
+    rng = np.random.default_rng(1)
+    H = stacked_regressor(target, time, motion)
+    again = pickle.loads(pickle.dumps(target))  # as it goes to another process
+    np.testing.assert_array_equal(stacked_regressor(again, time, motion), H)
+    sizes = np.linalg.norm(H, axis=0)
+    W = rng.normal(size=H.shape) / sizes
+    gradient = regressor_pull_back(target, time, motion, W)
+    wave = FourierBasis(6, 1.1 * float(time[-1])).matrices(time)[0]
+    for which in range(3):
+        direction = wave @ rng.normal(size=(wave.shape[1], motion[0].shape[1]))
+        step, sums = 1e-6, []
+        for sign in (1, -1):
+            moved = list(motion)
+            moved[which] = motion[which] + sign * step * direction
+            sums.append(np.sum(stacked_regressor(target, time, (moved[0], moved[1], moved[2])) * W))
+        assert np.sum(gradient[which] * direction) == pytest.approx(
+            (sums[0] - sums[1]) / (2 * step), rel=1e-6
+        )

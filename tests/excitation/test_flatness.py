@@ -34,7 +34,7 @@ from seaid.regressor.load import load_model
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
 from tests import terms
-from tests.excitation.test_observation_matrix import assert_gradient
+from tests.excitation.robots import assert_gradient, smooth_motion
 from tests.representatives import quick_first
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
@@ -225,10 +225,7 @@ def test_gradient_of_the_columns_of_all_terms(
     target = drive_target(robot, None, base_parameters(robot), np.full(2, 2.0))
     nonlinear = {"cubic_stiffness", "coulomb_shift", "dead_zone", "torque_constant"}
     assert nonlinear & {name.split(" of ")[0] for name in target.names}
-    time = np.linspace(0.0, 4.9, 60)
-    c = 0.2 * np.random.default_rng(0).normal(size=(9, 2))
-    q, v, a = (matrix @ c for matrix in FourierBasis(4, 5.0).matrices(time))
-    assert_gradient(target, time, (q, v, a))
+    assert_gradient(target, *smooth_motion(robot, reach=0.2))
 
 
 @pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
@@ -240,13 +237,11 @@ def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_pat
     robot = robot_of(tmp_path, one, two, is_coupled)
     base, model = base_parameters(robot), load_model(robot, base_parameters(robot), ("one", "two"))
     target = drive_target(robot, None, base, SHARP)
-    time = np.linspace(0.0, 4.9, 99)
-    c = 0.2 * np.random.default_rng(0).normal(size=(9, 2))
-    states = [matrix @ c for matrix in FourierBasis(4, 5.0).matrices(time)]
-    H = stacked_regressor(target, time, (states[0], states[1], states[2]))
+    time, states = smooth_motion(robot, 99, 0.2)
+    H = stacked_regressor(target, time, states)
     limits = drive_limits(robot, LIMITED, SHARP)
     assert limits is not None
-    loads = drive_loads(limits, time, (states[0], states[1], states[2]))
+    loads = drive_loads(limits, time, states)
     through = loads[0] @ np.linalg.inv(robot.transmission)
     drives, p = robot.drives, len(base.columns)
     true = np.array([drives[joint].values[name] for joint, name, _ in model.drives])

@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.functions import SMOOTH_SIGNALS, smooth_columns
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import FourierBasis
 from seaid.excitation.criteria import pivoted_base
 from seaid.excitation.observation_matrix import (
     READINGS_HZ,
-    Target,
     drive_target,
     load_target,
-    regressor_pull_back,
     stacked_regressor,
 )
 from seaid.legged import load_robot
 from seaid.regressor import rigid_body_regressor
 from seaid.regressor.regression import motor_regressor
 from seaid.robot.robot import Robot
-from tests.excitation.robots import TIAGO, States, example_robot, robots, states
+from tests.excitation.robots import (
+    TIAGO,
+    assert_gradient,
+    example_robot,
+    robots,
+    smooth_motion,
+    states,
+)
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -56,36 +58,6 @@ def mixed_tiago() -> Robot:
         "arm_3_joint": spring,
     }
     return example_robot("tiago_no_hand.urdf", drives=drives, joints=TIAGO[::-1])
-
-
-def smooth_motion(robot: Robot, samples: int = 60) -> tuple[Array, States]:
-    """Return a motion whose time derivatives are smooth, at equally spaced times."""
-    basis = FourierBasis(4, 5.0)
-    c = 0.1 * np.random.default_rng(0).normal(size=(basis.size, robot.n))
-    time = np.linspace(0.0, 4.9, samples)
-    q, v, a = (matrix @ c for matrix in basis.matrices(time))
-    return time, (q, v, a)
-
-
-def assert_gradient(target: Target, time: Array, motion: States) -> None:
-    rng = np.random.default_rng(1)
-    H = stacked_regressor(target, time, motion)
-    again = pickle.loads(pickle.dumps(target))  # as it goes to another process
-    np.testing.assert_array_equal(stacked_regressor(again, time, motion), H)
-    sizes = np.linalg.norm(H, axis=0)
-    W = rng.normal(size=H.shape) / sizes
-    gradient = regressor_pull_back(target, time, motion, W)
-    wave = FourierBasis(6, 1.1 * float(time[-1])).matrices(time)[0]
-    for which in range(3):
-        direction = wave @ rng.normal(size=(wave.shape[1], motion[0].shape[1]))
-        step, sums = 1e-6, []
-        for sign in (1, -1):
-            moved = list(motion)
-            moved[which] = motion[which] + sign * step * direction
-            sums.append(np.sum(stacked_regressor(target, time, (moved[0], moved[1], moved[2])) * W))
-        assert np.sum(gradient[which] * direction) == pytest.approx(
-            (sums[0] - sums[1]) / (2 * step), rel=1e-6
-        )
 
 
 SOME = ("ankle_pitch", "hip_pitch", "knee_pitch")
