@@ -13,8 +13,31 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from seaid._arrays import Array
 from seaid.excitation.criteria import scaled_condition_and_d_value
-from tests.excitation.test_criteria import chosen, regressor
+from seaid.regressor import rigid_body_regressor
+from tests.experiments import leg, leg_trajectory
+
+
+def regressor(seed: int) -> Array:
+    """Return the regressor (T n, 10 N) of a motion in all standard parameters."""
+    states = leg_trajectory(seed).sample(np.linspace(0.0, 6.0, 400))
+    return np.asarray(rigid_body_regressor(leg(), *states).reshape(-1, leg().parameters.size))
+
+
+def chosen(Y: Array, count: int, rng: np.random.Generator) -> list[int]:
+    """Return a random valid choice of base columns: the first independent ones in random order."""
+    picked: list[int] = []
+    basis = np.empty((len(Y), 0))
+    norms = np.linalg.norm(Y, axis=0)
+    for column in rng.permutation(Y.shape[1]):
+        rest = Y[:, column] - basis @ (basis.T @ Y[:, column])
+        rest -= basis @ (basis.T @ rest)
+        if np.linalg.norm(rest) > 1e-7 * max(norms[column], 1e-3):
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+            picked.append(int(column))
+    assert len(picked) == count
+    return picked
 
 
 def main() -> None:
