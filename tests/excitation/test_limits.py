@@ -127,7 +127,6 @@ def test_margins_are_the_distances_at_the_worst_instant(slider_arm: Robot) -> No
 # Limits on torques, motor speed and deflection: what they are, their gradient, that they hold
 
 QUICK: dict[str, Any] = {"duration": 6.0, "starts": 1, "iterations": 25, "coefficients": 14}
-EVERYTHING = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, deflection=0.004)
 
 
 @pytest.mark.slow  # 1.5 s

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 
 import sympy as sp
 from mpmath import mp, mpf
+from sympy import Abs, cos, exp, pi, sign, sin, sqrt, tan, tanh
 
 from seaid.symbolic import equations_of_motion
 from seaid.symbolic.expression_text import expression_of
@@ -122,17 +123,11 @@ ARMS = {"yy": 6, "zz": 4, "zy": 8}
 
 TWO_BODIES = [two_bodies(one + two) for one in "xyzXYZ" for two in "xyzXYZ"]
 
-m, m1, m2, m3, M, r, r1, r2, J, J1, J2, J3 = sp.symbols("m m1 m2 m3 M r r1 r2 J J1 J2 J3")
-I1, I2, I3, k, k1, k2, k3, c, c1, c2, d, b = sp.symbols("I1 I2 I3 k k1 k2 k3 c c1 c2 d b")
-rod, l1, l2, R, h, N, F, F_v, F_C, F_s, alpha, beta = sp.symbols(
-    "l l1 l2 R h N F F_v F_C F_s alpha beta"
-)
+m, m1, m2, r, J, k, k1, k2, k3, c, d = sp.symbols("m m1 m2 r J k k1 k2 k3 c d")
+rod, l1, l2, alpha, beta = sp.symbols("l l1 l2 alpha beta")
 x, y, z = signal("x"), signal("y"), signal("z")
 q, p, w, u = signal("q"), signal("p"), signal("w"), signal("u")
 th, ph, ps = signal("theta"), signal("phi"), signal("psi")
-sin, cos, tan, exp, sqrt, pi, Abs, sign, tanh = (
-    *(sp.sin, sp.cos, sp.tan, sp.exp, sp.sqrt, sp.pi, sp.Abs, sp.sign, sp.tanh),
-)
 half = sp.Rational(1, 2)
 
 
