@@ -76,8 +76,7 @@ def test_a_shifted_fourier_series_is_the_same_motion_begun_later() -> None:
     values = np.random.default_rng(0).normal(size=(9, 2))
     time = np.linspace(0.0, 2.0, 21)
     begun_later = basis.states(time, basis.shifted(values, 0.7))
-    for one, other in zip(begun_later, basis.states(time + 0.7, values), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-10)
+    np.testing.assert_allclose(begun_later, basis.states(time + 0.7, values), atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -124,10 +123,8 @@ def test_each_part_keeps_its_interval_and_its_coefficients() -> None:
     for part, first, start in zip(JOINED.parts, (0, 8, 15), JOINED.starts, strict=False):
         local = np.linspace(0.0, part.duration, 9)[:-1] + 1e-12
         alone = part.states(local, c[first : first + part.size])
-        for joined, expected in zip(JOINED.states(local + start, c), alone, strict=True):
-            np.testing.assert_allclose(joined, expected, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(JOINED.states(local + start, c), alone, rtol=1e-8, atol=1e-8)
     at_start = PARTS[1].states(np.array([0.0]), c[8:15])
-    for joined, expected in zip(JOINED.states(np.array([1.3]), c), at_start, strict=True):
-        np.testing.assert_array_equal(joined, expected)
+    np.testing.assert_array_equal(JOINED.states(np.array([1.3]), c), at_start)
     np.testing.assert_array_equal(JOINED.scaling[8:15, 8:15], PARTS[1].scaling)
     assert np.count_nonzero(JOINED.scaling) == JOINED.size
