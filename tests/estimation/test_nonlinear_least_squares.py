@@ -378,6 +378,7 @@ def test_the_best_of_several_starts_is_taken_on() -> None:
     near = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
     assert found.nonlinear == pytest.approx(near.nonlinear, rel=1e-6)
     assert found.nonlinear[0] == pytest.approx(4.0, rel=0.1)
-    without = separable_least_squares(*two_decays((1.0, 0.0, 1.0)), [np.array([0.5])], *bounds)
+    columns, slopes = two_decays((1.0, 0.0, 1.0))
+    without = separable_least_squares(columns, slopes, [np.array([0.5])], *bounds)
     assert 1e-3 <= without.nonlinear[0] <= 50.0
     assert np.all(np.isfinite(without.linear))

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 import sympy as sp
 from hypothesis import given, settings
@@ -112,7 +114,7 @@ REFUSED_INPUTS = [
     ([sp.Function("z")(sp.Symbol("x"))], ["different times"]),
     ([p], ["contains z(t)", "not declared", "inputs="]),
 ]
-ROWS = [(*row[:4], (), row[4]) for row in REFUSED]
+ROWS: list[tuple[Any, ...]] = [(*row[:4], (), row[4]) for row in REFUSED]
 ROWS += [(KINETIC * other, [q], [0], None, *row) for row in REFUSED_INPUTS]
 
 
