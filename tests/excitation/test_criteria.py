@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import qr
 
 import seaid
 from seaid._arrays import Array
@@ -62,6 +61,7 @@ def test_slope_equals_central_differences(
 
 
 def test_what_the_criteria_are() -> None:
+    """By the regressor itself; and the measures of columns of unit norm, and of dependent ones."""
     rng = np.random.default_rng(3)
     H = rng.normal(size=(50, 6)) * np.logspace(0, 1, 6)
     R = triangular_factor(H, np.empty((0, 6)))
@@ -72,6 +72,11 @@ def test_what_the_criteria_are() -> None:
     worst = np.sqrt(np.diag(covariance).max())
     assert found["relative_error"] == pytest.approx(worst, rel=1e-10)
     np.testing.assert_allclose(singular_values(R), np.linalg.svd(H, compute_uv=False))
+    scaled, d_value = scaled_condition_and_d_value(H)
+    assert scaled == pytest.approx(np.linalg.cond(H / np.linalg.norm(H, axis=0)))
+    assert d_value == pytest.approx(np.linalg.det(H.T @ H) ** (1 / 12))
+    for dependent in (np.column_stack([H, H[:, 0]]), np.column_stack([H, 0 * H[:, 0]])):
+        assert scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
 
 
 @pytest.mark.rounding
@@ -113,17 +118,6 @@ def test_the_efficiency_does_not_depend_on_base_columns_and_units() -> None:
     by_name = [excitation_measures(leg().without_nominal(), one) for one in (ONE, OTHER)]
     assert not by_name[0].has_drives
     assert by_name[0].d_efficiency(by_name[1]) == pytest.approx(efficiencies[0], rel=0.05)
-
-
-def test_a_determinant_is_that_of_an_independent_route() -> None:
-    H = np.random.default_rng(3).normal(size=(50, 6))
-    R = qr(H, mode="economic")[1]
-    d_value = np.prod(np.abs(np.diag(R))) ** (1 / 6)
-    assert scaled_condition_and_d_value(H)[1] == pytest.approx(d_value)
-    unit = H / np.linalg.norm(H, axis=0)
-    assert scaled_condition_and_d_value(H)[0] == pytest.approx(np.linalg.cond(unit))
-    for dependent in (np.column_stack([H, H[:, 0]]), np.column_stack([H, 0 * H[:, 0]])):
-        assert scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
 
 
 @pytest.mark.slow  # simulates a planned motion
