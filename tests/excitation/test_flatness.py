@@ -255,7 +255,7 @@ def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_pat
     assert len(target.names) > p
     told = H @ np.array([values[name] for name in target.names])
     told = told.reshape(len(time), 3)[1:-1] / np.sqrt(1000.0 * (time[1] - time[0]))
-    signals = motor_signals(limits.drives, states, through, differentiation(time))  # type: ignore[arg-type]
+    signals = motor_signals(limits.drives, states, through, differentiation(time))
     rotor = 1e-5 * signals[2, 1:-1, 1]
     expected = [
         40.0 * loads[1, 1:-1, 0] - 40.0 * 2e-5 * signals[2, 1:-1, 0],
