@@ -19,10 +19,8 @@ from seaid.estimation.fitting import (
     LinearEstimator,
     StoredRows,
     huber,
-    huber_weights,
     stored_estimate,
     tukey,
-    tukey_weights,
 )
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
@@ -89,7 +87,8 @@ def test_weights_solve_the_estimating_equation(estimator: Solver) -> None:
     of_joint = [1.4826 * np.median(np.abs(at_huber[data.joint == j])) for j in range(2)]
     scale = np.array(of_joint)[data.joint.astype(int)]
     u = (data.y - data.H @ estimator(data).values) / scale
-    psi = u * (huber_weights if estimator is huber else tukey_weights)(u)
+    bisquare = np.maximum(1 - (u / 4.685) ** 2, 0.0) ** 2
+    psi = u * (np.minimum(1.0, 1.345 / np.abs(u)) if estimator is huber else bisquare)
     size = np.linalg.norm(data.H / scale[:, None], axis=0)
     assert np.all(np.abs(data.H.T @ (psi / scale)) < 1e-3 * size)
 
