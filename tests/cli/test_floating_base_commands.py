@@ -26,8 +26,6 @@ def test_contacts_are_those_of_their_text() -> None:
     assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
     assert [one for each in found for one in contacts_of(contact_text(each))] == found
     assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
-    assert "did you mean 'FL_foot'" in refused("inspect", *GO2[:-1], "FL_fot")
-    assert "no base is named 'float'" in refused("inspect", "go2", "--base", "float")
 
 
 @pytest.mark.slow  # 1.2 s
@@ -38,7 +36,6 @@ def test_inspect_shows_what_stances_determine() -> None:
     text = done("inspect", *GO2, "--stance", FEET, "--stance", "hanging").out
     assert "together" in text.splitlines()[-2]
     assert " 94 " in text.splitlines()[-2]
-    assert "no contact is named 'FL'" in refused("inspect", *GO2, "--stance", "FL")
 
 
 @pytest.mark.slow  # simulates and identifies a quadruped
@@ -115,22 +112,14 @@ def test_messages_of_a_project_file(tmp_path: Path, old: str, new: str, message:
         seaid.load_project(file)
 
 
-def test_excite_refuses_a_stance_that_cannot_be(tmp_path: Path) -> None:
-    line = ("excite", *GO2, "-o", tmp_path / "plan.json")
-    assert "--stance: no contact is named 'FL'; allowed: FL_foot" in refused(
-        *line, "--stance", "FL"
-    )
-    said = refused(*line, "--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
-    assert "give a --posture with the weight over the feet" in said
-    held = refused("excite", "go2", "--stance", "FL_foot", "-o", tmp_path / "plan.json")
-    assert "--stance needs a floating base" in held
-
-
 @pytest.mark.slow  # a search of a motion in stance
 def test_excite_writes_the_motion_of_legs_and_base(tmp_path: Path) -> None:
     posture = ",".join(f"{leg}_{x}" for leg in ("FL", "FR", "RL", "RR") for x in POSTURE)
     line = ("--stance", FEET, "--posture", posture, "--duration", "3", "--starts", "1")
     plan = tmp_path / "plan.json"
+    far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
+    said = refused("excite", *GO2, "-o", plan, *far)
+    assert "give a --posture with the weight over the feet" in said
     done("excite", *GO2, *line, "--iterations", "3", "--criterion", "d_optimality", "-o", plan)
     assert seaid.load_trajectory(plan).joint_names == STANDING.joint_names
     base = (tmp_path / "plan_base.csv").read_text().splitlines()

@@ -6,13 +6,8 @@ gauntlet, on the leg, handed over as files.
 
 from __future__ import annotations
 
-import json
-import re
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 import tomli_w
 
@@ -69,14 +64,15 @@ MISTAKES = {
         "--known-std: no constant is named 'torqe'; did you mean 'torque'?"
     ),
     "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
-    "identify arm.urdf run.csv --method twostep": "--method: no method is named 'twostep'; did you",
     "inspect no.urdf": "no URDF file at 'no.urdf'",
     "inspect arm.urdf --drives no.toml": "cannot read drives 'no.toml'",
     "identify arm.urdf no.csv -o {}/o": "no log file at 'no.csv'",
     "identify arm.urdf . -o {}/o": "'.'",
     "simulate arm.urdf no.json -o {}/o.csv": "cannot read trajectory 'no.json'",
     "report --run runs/latest": "no saved run at 'runs/latest'",
+    "view --run nowhere": "no saved run at 'nowhere'",
     "run": "cannot read the project 'seaid.toml'",
+    "compare run_plan.json log.json": "is no file of identified parameters",
     "check arm.urdf run.csv --known-body base": "no moving joint",
     "identify arm.urdf run.csv --estimator best": "no estimator is named 'best'",
     # options before any file is read
@@ -107,6 +103,11 @@ MISTAKES = {
         "give others by --lower shoulder=..., --upper shoulder=..."
     ),
     "simulate arm.urdf run_plan.json --rate-hz 0 -o {}/a.csv": "--rate-hz must be more than zero",
+    # bases that float
+    "inspect go2 --base float": "--base: no base is named 'float'",
+    "inspect go2 --base floating --contact FL_fot": "did you mean 'FL_foot'",
+    "inspect go2 --base floating --contact FL_foot --stance FL": "no contact is named 'FL'",
+    "excite go2 --stance FL_foot -o {}/p.json": "--stance needs a floating base",
     # results
     "identify arm.urdf run.csv -o run.csv": "'run.csv' is read by this command: name another file",
     "describe run.csv -o log.toml": "'log.toml' is there already: name another file, or add",
@@ -151,7 +152,8 @@ USAGE = {
     "inspect arm.urdf --gravity 9.81": "'9.81' is not x,y,z, as 0,0,-9.81",
     "inspect go2 --base floating --contact FL_foot:0,1": "is not link:x,y,z:flat or",
     "identify arm.urdf run.csv --known-std 3%": "a list as torque=0.03,payload=0.01",
-    "identify arm.urdf run.csv --cutoff-hz six": "Invalid value for '--cutoff-hz'",
+    "identify arm.urdf run.csv --cutoff-hz six": "Invalid value for '--cutoff-hz': 'six' is no",
+    "simulate arm.urdf run_plan.json --seed 1.5": "'1.5' is no int",
     "excite arm.urdf --velocity fast": "is neither a number nor a list as knee=2,hip=1",
     "excite arm.urdf --rate-hz 0": "is not more than zero",
     "identify arm.urdf --condition run.csv": "'run.csv' is not NAME=VALUE, as warm=run.csv",
@@ -169,6 +171,9 @@ USAGE = {
     "report arm.urdf": "--from, --run: give one of the two",
     "export arm.urdf -o found.urdf": "--from, --run: give one of the two",
     "export arm.urdf --from run.csv --parameters p -o found.urdf": "give one of them",
+    "export arm.urdf --run runs/latest --parameters p -o found.urdf": "give one of them",
+    "view arm.urdf --run runs/latest --parameters p": "give one of the two",
+    "report --run runs/latest --plan run_plan.json -o a.html": "a plan needs its --multisine",
     "check arm.urdf run.csv --delays --terms": "--delays, --terms: give one of them",
     "check arm.urdf run.csv other.csv --delays": "--delays: give one log",
     "check arm.urdf run.csv --of elbow": "--of: it needs --terms",
@@ -206,107 +211,6 @@ def test_wrong_usage_has_its_own_exit_code(
     said = run(*line.split())
     assert said.code == 2
     assert USAGE[line] in " ".join(said.err.split())
-
-
-def written(name: str, content: str | bytes) -> Callable[[Path], None]:
-    """Return what writes a file."""
-    data = content.encode() if isinstance(content, str) else content
-
-    def write(folder: Path) -> None:
-        (folder / name).write_bytes(data)
-
-    return write
-
-
-def changed(name: str, old: str, new: str) -> Callable[[Path], None]:
-    """Return what replaces a text in a file."""
-    return lambda folder: written(name, (folder / name).read_text().replace(old, new))(folder)
-
-
-def at_row(row: int, column: int, value: Callable[[np.ndarray], float]) -> Callable[[Path], None]:
-    """Return what replaces a number in run.csv, by the numbers of its column."""
-
-    def write(folder: Path) -> None:
-        file = folder / "run.csv"
-        header = file.read_text().splitlines()[0]
-        values = np.loadtxt(file, delimiter=",", skiprows=1)
-        values[row, column] = value(values[:, column])
-        np.savetxt(file, values, delimiter=",", header=header, comments="", fmt="%.9g")
-
-    return write
-
-
-IDENTIFY = "identify arm.urdf run.csv --drives arm.toml"
-FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
-    "floating joint": (
-        changed("arm.urdf", 'type="revolute"', 'type="floating"'),
-        "inspect arm.urdf",
-        r"joint 'shoulder' is floating.*--joints",
-    ),
-    "URDF cut off": (
-        changed("arm.urdf", "</robot>", ""),
-        "inspect arm.urdf",
-        r"arm.urdf.*line \d+",
-    ),
-    "no limits of velocity": (
-        changed("arm.urdf", ' velocity="3"', ""),
-        "excite arm.urdf --duration 2 -o plan.json",
-        r"velocity",
-    ),
-    "key of a drive": (
-        changed("arm.toml", "stiffness_Nm_per_rad", "stiffness"),
-        "inspect arm.urdf --drives arm.toml",
-        r"arm.toml: \[elbow\]: no key is named 'stiffness'; did you mean 'stiffness_Nm_per_rad'",
-    ),
-    "column": (
-        changed("run.csv", "elbow.motor_torque_Nm", "elbow.torque"),
-        IDENTIFY,
-        r"'run.csv'.*elbow.motor_torque_Nm",
-    ),
-    "times that go back": (at_row(50, 0, lambda t: t[40]), IDENTIFY, r"time.*--repair"),
-    "a hole in a channel": (at_row(80, 2, lambda _: np.nan), IDENTIFY, r"run.csv.*--repair"),
-    "unit in the description": (
-        written("run.toml", '[joints.elbow]\nmotor_torque = { column = "t", unit = "lbf" }\n'),
-        IDENTIFY,
-        r"run.toml.*'lbf'",
-    ),
-    "key of the project": (
-        written("seaid.toml", 'urdf = "arm.urdf"\ndrive = "arm.toml"\n'),
-        "run",
-        r"'seaid.toml': no key is named 'drive'; did you mean 'drives'",
-    ),
-    "project that is there": (
-        written("seaid.toml", ""),
-        "init arm.urdf run.csv",
-        r"'seaid.toml' is there already",
-    ),
-}
-"""{what is wrong: how files are written, a line, and words of its error, as an expression}."""
-
-
-@pytest.fixture
-def folder(arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in ("arm.urdf", "arm.toml", "run.csv", "run_plan.json"):
-        shutil.copy(arm / name, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_mistake_in_a_file_is_named_with_its_place(name: str, folder: Path) -> None:
-    change, line, words = FILES[name]
-    change(folder)
-    before = {*folder.iterdir()}
-    assert re.search(words, refused(*line.split()))
-    assert {*folder.iterdir()} == before
-
-
-def test_a_spreadsheet_with_semicolons_and_decimal_commas_is_read(folder: Path) -> None:
-    plain = json.loads(run(*IDENTIFY.split(), "--json").out)["result"]
-    (folder / "parameters.json").unlink()
-    text = (folder / "run.csv").read_text().replace(",", ";").replace(".", ",")
-    (folder / "run.csv").write_text(text.replace(",m", ".m").replace(",j", ".j"))
-    assert json.loads(run(*IDENTIFY.split(), "--json").out)["result"] == plain
 
 
 def handed_over(setup: Setup, folder: Path) -> list[str]:
