@@ -76,6 +76,20 @@ def inspected(arm: Path) -> dict[str, Any]:
     }
 
 
+def measures(arm: Path) -> dict[str, Any]:
+    files = ("run_plan.json", "other_plan.json")
+    plans = [seaid.load_trajectory(arm / file) for file in files]
+    first, other = (seaid.excitation.excitation_measures(robot_of(arm), plan) for plan in plans)
+    efficiency = first.d_efficiency(other)
+    values = {"d_value": other.d_value, "d_efficiency": efficiency}
+    return {"plans": {files[0]: {"d_value": first.d_value}, files[1]: values}}
+
+
+def in_pieces(arm: Path) -> dict[str, Any]:
+    found = seaid.identify(robot_of(arm), str(arm / "run.csv"), method="two-step")
+    return content_of(found)
+
+
 def responded(arm: Path) -> dict[str, Any]:
     found = seaid.frequency_response(robot_of(arm), log_of(arm), band_hz=(0.3, 5.0))
     drives = {
@@ -112,6 +126,7 @@ FROM = "arm.urdf other.csv --from run.csv --drives arm.toml"
 LINES: dict[str, tuple[str, str, Library]] = {
     "inspect": (ARM, "", inspected),
     "inspect --exact": ("arm.urdf", "", lambda _: {"exact": {"agree": True}}),
+    "inspect --plan run_plan.json": (f"{ARM} --plan other_plan.json", "", measures),
     "excite": ("arm.urdf --duration 2 --starts 1 --iterations 3", "json", lambda _: {}),
     "simulate": ("arm.urdf short_plan.json --drives arm.toml", "csv", lambda _: {}),
     "describe": (
@@ -147,6 +162,7 @@ LINES: dict[str, tuple[str, str, Library]] = {
         "json",
         lambda arm: content_of(seaid.refine(identified(arm), log_of(arm))),
     ),
+    "identify --in-pieces": (f"{LOG} --method two-step", "json", in_pieces),
     "identify --condition a=run.csv": (
         f"{ARM} --condition b=other.csv --specific viscous_friction",
         "json",
@@ -182,7 +198,10 @@ SLOW = ("frequency", "identify --refine", "replay", "validate --cross")
 OF_PROJECTS = ("init", "run")
 """Commands that are tried in tests/project."""
 
-VERDICTS = ("identify", "identify --refine", "validate", "report", "export", "replay")
+VERDICTS = (
+    *("identify", "identify --refine", "identify --in-pieces", "validate", "report", "export"),
+    "replay",
+)
 """Lines whose result is judged."""
 
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
@@ -359,15 +378,15 @@ def test_a_condition_has_its_own_payload(arm: Path, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:
-    file = arm / "run.json"
-    assert "is no file of identified parameters" in refused("compare", arm / "run_plan.json", file)
-    other = json.loads(file.read_text())
-    other["drives"], other["load"] = {}, []
-    (tmp_path / "b.json").write_text(json.dumps(other))
-    assert "have no parameter in common" in refused("compare", file, tmp_path / "b.json")
-    other["load"] = [{"expression": "m_upper"}]
-    (tmp_path / "c.json").write_text(json.dumps(other))
-    assert "are not as seaid identify writes them" in refused("compare", file, tmp_path / "c.json")
+    """Files of parameters with nothing in common, and with entries that are none."""
+    file, other = arm / "run.json", tmp_path / "other.json"
+    for load, words in (
+        ([], "have no parameter in common"),
+        ([{"expression": "m_upper"}], "are not as seaid identify writes them"),
+    ):
+        content = {**json.loads(file.read_text()), "drives": {}, "load": load}
+        other.write_text(json.dumps(content))
+        assert words in refused("compare", file, other)
 
 
 @pytest.fixture(scope="module")
@@ -402,17 +421,13 @@ def test_a_multisine_from_its_plan_to_the_report(
     assert figure.read_bytes()[:4] == b"\x89PNG"
     narrow = ("frequency", *robot_and_drives(arm), log, "--band", "0.6,0.7")
     assert "excited frequencies from 0.6 to 0.7 Hz" in refused(*narrow)
-    wrong = run("frequency", *robot_and_drives(arm), log, "--plan", arm / "run_plan.json")
-    assert "--plan must be a multisine" in wrong.err
+    wrong = ("frequency", *robot_and_drives(arm), log, "--plan", arm / "run_plan.json")
+    assert "--plan must be a multisine" in run(*wrong).err
     done("report", "--run", saved, "--multisine", log, "--plan", plan, "-o", page)
     assert "Size of the frequency response of elbow" in page.read_text(encoding="utf-8")
-    said = run("report", "--run", saved, "--plan", plan, "-o", tmp_path / "no.html")
-    assert "a plan needs its --multisine" in said.err
-
     fit = seaid.load_run(saved).identification
     drive = fit.drive_side["elbow"]
-    values = np.array(drive.values)
-    values[drive.names.index("stiffness")] *= 1.3
+    values = np.where(np.array(drive.names) == "stiffness", 1.3, 1.0) * drive.values
     stiffer = replace(fit, drive_side={"elbow": replace(drive, values=values)})
     response = seaid.frequency_response(
         robot_of(arm),
