@@ -77,22 +77,3 @@ def test_a_plain_terminal_gets_letters_it_has_not_as_others(tmp_path: Path) -> N
     assert code == 0, error
     assert b"Traceback" not in error
     assert b"\x1b" not in out + error
-
-
-@pytest.mark.slow  # two commands in processes of their own
-def test_a_deleted_working_folder_is_said(tmp_path: Path) -> None:
-    (tmp_path / "gone").mkdir()
-    line = "cd gone; rmdir ../gone; seaid inspect a.urdf; seaid describe a.csv -o b.toml"
-    code, _, error = shell(line, tmp_path)
-    assert code == 1
-    assert error.count(b"\n") == error.count(b"the working folder has been deleted: change") == 2
-
-
-@pytest.mark.slow  # two commands in processes of their own
-def test_output_may_be_the_terminal_or_nothing(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("time,angle\n" + "".join(f"{n},{n}\n" for n in range(60)))
-    code, out, error = shell("seaid describe a.csv -o /dev/stdout", tmp_path)
-    assert code == 0, error
-    assert b"[columns]" in out or b"time" in out
-    assert shell("seaid describe a.csv -o /dev/null", tmp_path)[0] == 0
-    assert sorted(os.listdir(tmp_path)) == ["a.csv"]
