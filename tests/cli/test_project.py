@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import seaid
-from tests.cli.small_arm import done, refused
+from tests.cli.small_arm import done
 from tests.cli.small_arm import run as run_command
 from tests.cli.test_commands import KEYS
 
@@ -39,45 +39,66 @@ def here(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return tmp_path
 
 
-@pytest.mark.slow  # 3.6 s
-def test_every_command_has_the_robot_and_logs_of_the_project(here: Path) -> None:
-    assert "elbow" in done("inspect").out
-    assert done("check").out
-    own = json.loads(done("identify", "-o", here / "a.json", "--json").out)
-    named = ["arm.urdf", "run.csv", "--drives", "arm.toml", "--feasible"]
-    other = json.loads(done("identify", *named, "-o", here / "b.json", "--json").out)
-    assert own["result"] == other["result"]
-    assert (here / "a.json").read_bytes() == (here / "b.json").read_bytes()
+LOAD = """
+[[payload]]
+link = "lower"
+mass_kg = 0.5
+com_m = [0, 0, -0.2]
+"""
+SEARCH = "--duration 2 --starts 1 --iterations 5"
+LINES: dict[str, tuple[str, str, str, str]] = {
+    "robot and logs": ("", "", "identify", "arm.urdf run.csv --drives arm.toml --feasible"),
+    "an option of the line wins": (
+        "",
+        "",
+        "identify --estimator ols",
+        "arm.urdf run.csv --drives arm.toml --feasible",
+    ),
+    "gravity and payloads": (
+        "gravity = [0.0, 9.81, 0.0]\n",
+        LOAD,
+        "check",
+        "arm.urdf run.csv --drives arm.toml --payload lower:0.5:0,0,-0.2 --gravity 0,9.81,0",
+    ),
+    "joints that are locked": (
+        'joints = ["elbow"]\nlocked = { shoulder = 0.4 }\n',
+        "",
+        f"excite {SEARCH} -o plan.json",
+        "arm.urdf --drives arm.toml --joints elbow --locked shoulder=0.4",
+    ),
+}
+"""{what a project gives: the start and the end of its file, a command, and what it stands for}."""
 
 
-@pytest.mark.slow  # three identifications, 4 s
-def test_a_log_alone_goes_with_the_robot_of_the_project(here: Path) -> None:
-    own = json.loads(done("identify", "other.csv", "-o", here / "a.json", "--json").out)
-    first = json.loads(done("identify", "run.csv", "-o", here / "b.json", "--json").out)
-    assert own["robot"] == first["robot"] == "small_arm"
-    assert own["result"]["drives"] != first["result"]["drives"]
-    both = done("identify", "run.csv", "other.csv", "-o", here / "c.json", "--json").out
-    assert json.loads(both)["result"]["drives"] != first["result"]["drives"]
-
-
-def test_options_of_the_line_win(here: Path) -> None:
-    own = json.loads(done("identify", "--estimator", "ols", "-o", here / "a.json", "--json").out)
-    default = json.loads(done("identify", "-o", here / "b.json", "--json").out)
-    assert own["result"]["load"] != default["result"]["load"]
-
-
-def test_joints_that_a_project_locks_stand_there_in_every_command(
-    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("given", LINES)
+def test_a_project_stands_for_the_words_of_a_line(
+    given: str, here: Path, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = f'urdf = "{arm / "arm.urdf"}"\njoints = ["elbow"]\nlocked = {{ shoulder = 0.4 }}\n'
-    (tmp_path / "seaid.toml").write_text(text)
+    """Outside of the folder the same words have to be named, with the same result."""
+    start, end, command, words = LINES[given]
+    results = []
+    for name, arguments in (("of_project", ""), ("of_line", words)):
+        (here / name).mkdir()
+        for file in ("arm.urdf", "arm.toml", "run.csv", "other.csv"):
+            shutil.copy(project / file, here / name)
+        if name == "of_project":
+            text = (project / "seaid.toml").read_text()
+            (here / name / "seaid.toml").write_text(start + text + end)
+        monkeypatch.chdir(here / name)
+        verb, *more = command.split()
+        said = done(verb, *arguments.split(), *more, "--json")
+        results.append(json.loads(said.out)["result"])
+    assert results[0] == results[1]
+
+
+def test_a_folder_or_file_of_a_project_stands_for_its_robot(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is said which options are taken from it."""
     monkeypatch.chdir(tmp_path)
-    named = (arm / "arm.urdf", "--joints", "elbow", "--locked", "shoulder=0.4")
-    sizes = ("--duration", "2", "--starts", "1", "--iterations", "5", "--json", "-o")
-    of_project = json.loads(done("excite", *sizes, tmp_path / "a.json").out)["result"]
-    monkeypatch.chdir(arm)
-    of_line = json.loads(done("excite", *named, *sizes, tmp_path / "b.json").out)["result"]
-    assert of_project == of_line
+    assert json.loads(done("check", project / "seaid.toml", "--json").out)["robot"] == "small_arm"
+    said = done("inspect", project)
+    assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
 
 
 def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,10 +137,6 @@ def test_a_saved_run_needs_no_project(
     monkeypatch.chdir(tmp_path)
     assert "Unseen motion" in done("validate", project / "other.csv", "--run", run).out
     done("export", "--run", run / "identification.npz", "-o", "found.urdf")
-    twice = run_command("export", "--run", run, "--parameters", "p.json", "-o", "a.urdf")
-    assert twice.code == 2
-    assert "give one of them" in twice.err
-    assert "no saved run at 'none'" in refused("report", "--run", "none")
 
 
 @pytest.mark.slow  # 0.9 s
@@ -150,44 +167,13 @@ def test_a_project_of_another_robot_does_not_count(here: Path, project: Path) ->
         assert "of another robot, 'arm.urdf', and is not used" in other.err
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(here)
-            files = [project / one for one in ("run.csv", "arm.toml")]
-            line: list[str | Path] = [
-                "other.urdf",
-                files[0],
-                "--drives",
-                files[1],
-                "--cutoff-hz",
-                "6",
-            ]
+            log, drives = project / "run.csv", project / "arm.toml"
+            line = ("other.urdf", log, "--drives", drives, "--cutoff-hz", "6")
             alone = done("identify", *line, "-o", "c.json")
     finally:
         (project / "seaid.toml").write_text(text)
     assert "seaid.toml" not in alone.err
     assert (here / "b.json").read_bytes() == (here / "c.json").read_bytes()
-
-
-def test_a_folder_of_a_project_stands_for_its_robot(
-    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = json.loads(done("check", project, "--json").out)
-    assert found["robot"] == "small_arm"
-    assert done("check", project / "seaid.toml").out
-    said = done("inspect", project)
-    assert f"note: from '{project / 'seaid.toml'}': --drives" in said.err
-
-
-def test_payloads_and_contacts_of_a_project_reach_a_command(here: Path, project: Path) -> None:
-    text = (project / "seaid.toml").read_text()
-    load = '\n[[payload]]\nlink = "lower"\nmass_kg = 0.5\ncom_m = [0, 0, -0.2]\n'
-    (project / "seaid.toml").write_text("gravity = [0.0, 9.81, 0.0]\n" + text + load)
-    try:
-        found = done("check", "--json").out
-    finally:
-        (project / "seaid.toml").write_text(text)
-    options = ("--payload", "lower:0.5:0,0,-0.2", "--gravity", "0,9.81,0")
-    own = done("check", "arm.urdf", "run.csv", "--drives", "arm.toml", *options, "--json").out
-    assert json.loads(found)["result"] == json.loads(own)["result"]
 
 
 def test_projects_of_a_folder_end_with_the_worst_code(tmp_path: Path) -> None:
