@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.report.formats import probability, rounded, seconds, share, short
+from seaid.report.formats import (
+    number,
+    percent,
+    powers_of_ten,
+    probability,
+    rounded,
+    seconds,
+    share,
+    short,
+)
 
 
 @pytest.mark.parametrize(
@@ -51,21 +61,23 @@ def read(text: str) -> float:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
+    ("shown", "value", "text"),
     [
-        *((0.0123, "1.2 %"), (0.00073, "0.073 %"), (0.996, "100 %"), (3.28, "328 %"), (0.0, "0 %")),
-        *((2.1e-6, "0.0002 %"), (3e-7, "< 0.0001 %")),
+        *((share, 0.0123, "1.2 %"), (share, 0.00073, "0.073 %"), (share, 0.996, "100 %")),
+        *((share, 3.28, "328 %"), (share, 0.0, "0 %"), (share, 2.1e-6, "0.0002 %")),
+        *((share, 3e-7, "< 0.0001 %"), (share, math.nan, "–"), (share, 1e6, "> 10⁴ %")),
+        *((short, math.inf, "–"), (short, -0.00012345, "−0.000123")),
+        *((short, -1.2345e-7, "−1.23·10⁻⁷"), (probability, 0.0, "< 10⁻¹⁶")),
+        *((probability, 0.034, "0.034"), (seconds, 10.0, "10 s"), (seconds, 600.0, "10 min")),
+        *((percent, 0.0123, "1.2 %"), (percent, -0.004, "-0.4 %"), (percent, 1.5, "150 %")),
+        *((percent, math.nan, "-"), (number, 0.0, "0"), (number, 83008.4, "8.301e+04")),
+        *((number, 0.00456, "0.00456"), (number, math.inf, "-")),
+        *((powers_of_ten, "1.2e-05", "1.2·10⁻⁵"), (powers_of_ten, "-3e+10", "−3·10¹⁰")),
+        (powers_of_ten, "0.5", "0.5"),
     ],
 )
-def test_shares_have_two_digits(value: float, text: str) -> None:
-    assert share(value).replace("\N{NO-BREAK SPACE}", " ") == text
-
-
-def test_other_numbers() -> None:
-    assert share(math.nan) == short(math.inf) == "–"
-    assert share(1e6).startswith("> 10⁴")
-    assert short(-0.00012345) == "−0.000123"
-    assert short(-1.2345e-7) == "−1.23·10⁻⁷"
-    assert probability(0.0) == "< 10⁻¹⁶"
-    assert probability(0.034) == "0.034"
-    assert (seconds(10.0), seconds(600.0)) == ("10 s", "10 min")
+def test_numbers_have_as_many_digits_as_their_kind(
+    shown: Callable[[object], str], value: object, text: str
+) -> None:
+    """Two digits of shares, four of numbers in a terminal, and signs of a page or a terminal."""
+    assert shown(value).replace("\N{NO-BREAK SPACE}", " ") == text

@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
-from seaid.report.formats import powers_of_ten
 from seaid.report.html_charts import Axis, Layer, chart
 from seaid.report.html_robot import (
     Label,
@@ -56,14 +55,6 @@ def test_lines_are_interrupted_and_constants_and_nothing_are_drawn() -> None:
     assert [path.count(sign) for sign in "ML"] == [2, 2]
     nothing = Layer(np.zeros(0), np.zeros(0), "a")
     assert "NaN" not in str(chart([nothing], Axis("x"), Axis("y"), title="t")).upper()
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [("1.2e-05", "1.2·10⁻⁵"), ("-3e+10", "−3·10¹⁰"), ("0.5", "0.5"), ("-2", "−2")],
-)
-def test_powers_of_ten(text: str, shown: str) -> None:
-    assert powers_of_ten(text) == shown
 
 
 def test_posture_is_that_of_the_robot_in_the_middle_of_its_motion() -> None:
