@@ -29,16 +29,7 @@ from seaid.view.picture import (
     placements,
     rest_posture,
 )
-
-ROBOTS = [
-    "ur5_robot.urdf",
-    "panda.urdf",
-    "tiago_no_hand.urdf",
-    "a1.urdf",
-    "kinova.urdf",
-    "double_pendulum.urdf",
-]
-"""With mimic, prismatic, continuous and fixed joints among them, and no rounded angles."""
+from tests.representatives import quick_first
 
 Load = Callable[..., Robot]
 
@@ -72,65 +63,54 @@ def link_placements(picture: Picture, q: Array) -> dict[str, pin.SE3]:
     return {link: joints[joint] * place for link, (joint, place) in places.items()}
 
 
-def largest_difference(found: dict[str, pin.SE3], expected: dict[str, pin.SE3]) -> float:
-    assert set(found) == set(expected) - {"universe"}
-    return max(
-        float(np.max(np.abs(found[name].homogeneous - expected[name].homogeneous)))
-        for name in found
-    )
-
-
-@pytest.mark.slow  # 1.4 s
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    ("name", "joints", "within"),
+    quick_first(
+        [
+            ("panda.urdf", ("panda_joint6", "panda_finger_joint2", "panda_joint2"), 1e-9),
+            ("ur10_robot.urdf", None, 2e-5),  # its angles are rounded
+            ("ur5_robot.urdf", None, 1e-9),
+            ("tiago_no_hand.urdf", None, 1e-9),
+            ("a1.urdf", None, 1e-9),
+            ("kinova.urdf", None, 1e-9),
+            ("double_pendulum.urdf", None, 1e-9),
+        ],
+        2,
+    ),
+)
 def test_links_are_where_pinocchio_has_them(
-    name: str, example_path: Callable[[str], Path], load_quietly: Load
+    name: str,
+    joints: tuple[str, ...] | None,
+    within: float,
+    example_path: Callable[[str], Path],
+    load_quietly: Load,
 ) -> None:
+    """By its own reader, for mimic, prismatic, continuous, fixed and locked joints in any order.
+
+    Bodies of the robot are at the joints of its model, whose angles are rounded, to rounding.
+    """
     path = example_path(name)
-    robot = load_quietly(path)
+    robot = load_quietly(path, joints=joints) if joints else load_quietly(path)
     picture, q = picture_of(robot), posture(robot, 1)
+    found = link_placements(picture, q)
     expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
-    assert largest_difference(link_placements(picture, q), expected) < 1e-9
-
-
-def test_order_of_joints_and_locked_ones_count(
-    example_path: Callable[[str], Path], load_quietly: Load
-) -> None:
-    path = example_path("panda.urdf")
-    robot = load_quietly(path, joints=("panda_joint6", "panda_finger_joint2", "panda_joint2"))
-    q = posture(robot, 3)
-    expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
-    assert largest_difference(link_placements(picture_of(robot), q), expected) < 1e-9
-
-
-def test_bodies_are_at_the_joints_of_the_robots_model(
-    example_path: Callable[[str], Path], load_quietly: Load
-) -> None:
-    robot = load_quietly(example_path("ur10_robot.urdf"))  # its angles are rounded
-    q, data = posture(robot, 4), robot.model.createData()
+    assert set(found) == set(expected) - {"universe"}
+    for link, place in found.items():
+        np.testing.assert_allclose(place.homogeneous, expected[link].homogeneous, atol=within)
+    data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q[list(robot.model_order)])
-    placed = link_placements(picture_of(robot), q)
-    for name, body in zip(robot.joint_names, robot.body_names, strict=True):
-        expected = data.oMi[robot.model.getJointId(name)]
-        np.testing.assert_allclose(placed[body].homogeneous, expected.homogeneous, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["ur5_robot.urdf", "panda.urdf", "xarm7.urdf"])
-def test_meshes_of_packages_are_found(
-    name: str, example_path: Callable[[str], Path], load_quietly: Load
-) -> None:
-    picture = picture_of(load_quietly(example_path(name)))
-    assert picture.notes == ()
-    assert sum(len(mesh.faces) for mesh in picture.meshes.values()) > 10_000
-    assert len({color_of(part) for part in picture.objects("bodies")}) > 1
+    for joint, body in zip(robot.joint_names, robot.body_names, strict=True):
+        place = data.oMi[robot.model.getJointId(joint)]
+        np.testing.assert_allclose(found[body].homogeneous, place.homogeneous, atol=1e-12)
+    if name in ("panda.urdf", "ur5_robot.urdf"):  # their meshes are found in the package
+        assert picture.notes == ()
+        assert sum(len(mesh.faces) for mesh in picture.meshes.values()) > 10_000
+        assert len({color_of(part) for part in picture.objects("bodies")}) > 1
 
 
 def color_of(part: pin.GeometryObject) -> tuple[int, ...]:
     """Return the colour as viser takes it from the floats of an object, by truncation."""
     return tuple(int(255.0 * channel) for channel in part.meshColor[:3])
-
-
-def middle_of(part: pin.GeometryObject) -> Array:
-    return np.asarray(part.placement.translation)
 
 
 def visual(geometry: str, origin: str = "", material: str = "") -> str:
@@ -150,43 +130,32 @@ def shown(
     return picture_of(load_robot(path), **options)  # type: ignore[arg-type]
 
 
+BOX = '<box size="0.2 0.4 0.6"/>'
+
+
 @pytest.mark.parametrize(
     ("geometry", "half_size"),
     [
-        ('<box size="0.2 0.4 0.6"/>', (0.1, 0.2, 0.3)),
+        (BOX, (0.1, 0.2, 0.3)),
         ('<sphere radius="0.1"/>', (0.1, 0.1, 0.1)),
         ('<cylinder radius="0.1" length="0.6"/>', (0.1, 0.1, 0.3)),
     ],
 )
-def test_primitive_shapes_have_their_size(
+def test_shapes_have_their_size_place_and_colour(
     write_urdf: Callable[[str], Path], geometry: str, half_size: tuple[float, ...]
 ) -> None:
-    (shape,) = shown(write_urdf, visual(geometry)).objects("bodies")
-    assert (shape.parentJoint, color_of(shape)) == (1, GREY)
-    assert type(shape.geometry).__name__.lower() in geometry
-    shape.geometry.computeLocalAABB()
-    np.testing.assert_allclose(shape.geometry.aabb_local.max_, half_size)
-
-
-def test_origins_colours_and_fixed_links_count(write_urdf: Callable[[str], Path]) -> None:
-    red = '<material name="red"/>'
-    picture = shown(
-        write_urdf,
-        visual('<box size="0.2 0.2 0.2"/>', '<origin xyz="1 0 0" rpy="0 0 0"/>', red)
-        + visual(
-            '<sphere radius="0.1"/>',
-            material='<material name="own"><color rgba="0 0.5 1 1"/></material>',
-        ),
-        '<material name="red"><color rgba="1 0 0 1"/></material><link name="tip"/>'
-        '<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/>'
-        '<origin xyz="0 0 0.5"/></joint>',
-    )
-    box, sphere = picture.objects("bodies")
-    assert color_of(box) == (255, 0, 0)
-    assert color_of(sphere) == (0, 128, 255)
-    np.testing.assert_allclose(middle_of(box), [1.0, 0.0, 0.0], atol=1e-12)
-    placement = link_placements(picture, np.array([np.pi / 2]))["tip"]
-    np.testing.assert_allclose(placement.translation, [0.5, 0.0, 1.0], atol=1e-12)
+    """Grey if they have none; a colour may be that of a material at the top of the file."""
+    origin, red = '<origin xyz="1 0 0" rpy="0 0 0"/>', '<material name="red"/>'
+    own = '<material name="own"><color rgba="0 0.5 1 1"/></material>'
+    top = '<material name="red"><color rgba="1 0 0 1"/></material>'
+    inside = visual(geometry) + visual(geometry, origin, red) + visual(geometry, material=own)
+    shapes = shown(write_urdf, inside, top).objects("bodies")
+    assert [color_of(shape) for shape in shapes] == [GREY, (255, 0, 0), (0, 128, 255)]
+    np.testing.assert_allclose(shapes[1].placement.translation, [1.0, 0.0, 0.0], atol=1e-12)
+    for shape in shapes:
+        assert type(shape.geometry).__name__.lower() in geometry
+        shape.geometry.computeLocalAABB()
+        np.testing.assert_allclose(shape.geometry.aabb_local.max_, half_size)
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply"])
@@ -208,60 +177,61 @@ def test_meshes_are_scaled_and_searched_in_package_dirs(
     found = shown(write_urdf, mesh, package_dirs=packages)
     (part,) = found.objects("bodies")
     np.testing.assert_allclose(2.0 * part.geometry.halfSide, [0.1, 0.2, 0.03], rtol=1e-6)
-    np.testing.assert_allclose(middle_of(part), [0.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(part.placement.translation, [0.5, 0.0, 0.0], atol=1e-9)
     mesh = found.meshes[part.name]
     np.testing.assert_allclose(mesh.bounds, [-part.geometry.halfSide, part.geometry.halfSide])
     assert found.notes == found.bare_bodies == ()
 
 
-def test_mesh_that_cannot_be_read_makes_a_note(
-    write_urdf: Callable[[str], Path], tmp_path: Path
-) -> None:
-    (tmp_path / "bad.stl").write_text("no mesh at all")
-    both = visual('<mesh filename="bad.stl"/>') + visual('<box size="1 1 1"/>')
-    picture = shown(write_urdf, both)
-    assert len(picture.objects("bodies")) == 1
-    assert picture.notes == (
-        f"mesh '{tmp_path / 'bad.stl'}' has no triangles (link 'arm'): replace it by an STL, OBJ, "
-        "PLY, glTF or Collada file with triangles",
-    )
-    (tmp_path / "bad.dae").write_text("no mesh at all")
-    (note,) = shown(write_urdf, visual('<mesh filename="bad.dae"/>')).notes
-    assert f"mesh '{tmp_path / 'bad.dae'}' cannot be read" in note
-
-
 @pytest.mark.parametrize(
-    ("name", "remedy"),
+    ("name", "words"),
     [
-        ("file:///gone/a.stl", "put the file there, or correct the path in the URDF"),
+        ("bad.stl", "bad.stl' has no triangles (link 'arm'): replace it by an STL, OBJ, PLY, glTF"),
+        ("bad.dae", "bad.dae' cannot be read"),
+        (
+            "file:///gone/a.stl",
+            "mesh 'file:///gone/a.stl' is not found (link 'arm'): put the file there, or correct",
+        ),
         ("meshes/a.stl", "put it in the folder of the URDF, or name the folder of its path with"),
     ],
 )
-def test_note_on_a_missing_mesh_has_its_remedy(
-    write_urdf: Callable[[str], Path], name: str, remedy: str
+def test_a_mesh_that_is_none_makes_a_note_with_its_remedy(
+    write_urdf: Callable[[str], Path], tmp_path: Path, name: str, words: str
 ) -> None:
-    several = "".join(visual(f'<mesh filename="{name}{number}"/>') for number in (1, 2, 3))
-    (note,) = shown(write_urdf, several).notes
-    assert f"mesh '{name}1' is not found (link 'arm'), and 2 others likewise: {remedy}" in note
+    """The other shapes of the link are shown, and other meshes of this kind are counted."""
+    for bad in ("bad.stl", "bad.dae"):
+        (tmp_path / bad).write_text("no mesh at all")
+    mesh = visual(f'<mesh filename="{name}"/>')
+    picture = shown(write_urdf, mesh + visual(BOX))
+    assert len(picture.objects("bodies")) == 1
+    (note,) = picture.notes
+    assert words in note
+    if "/" in name:
+        several = mesh + "".join(visual(f'<mesh filename="{name}{x}"/>') for x in (1, 2))
+        (note,) = shown(write_urdf, several).notes
+        assert f"mesh '{name}' is not found (link 'arm'), and 2 others likewise: " in note
 
 
 def test_what_cannot_be_shown_is_refused(
     write_urdf: Callable[[str], Path], tulip_leg: Robot, tulip_urdf: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(RobotError, match="package_dirs: there is no folder"):
-        shown(write_urdf, visual('<box size="1 1 1"/>'), package_dirs="nowhere")
-    with pytest.raises(RobotError, match=r"joint positions must have shape \(5\)"):
-        placements(tulip_leg, np.zeros(4))
-    with pytest.raises(RobotError, match="joint positions must be finite"):
-        placements(tulip_leg, np.full(5, np.nan))
-    with pytest.raises(RobotError, match="has no URDF to show"):
-        picture_of(replace(tulip_leg, urdf=None))
-    with pytest.raises(RobotError, match="no URDF file at"):
-        picture_of(replace(tulip_leg, urdf=tmp_path / "gone.urdf"))
+    """Positions that are none, and robots whose file is not there or has changed."""
     changed = tmp_path / "changed.urdf"
     changed.write_text(tulip_urdf.read_text().replace('"knee_pitch"', '"knee"'))
-    with pytest.raises(RobotError, match=r"has no joint knee_pitch any more.*load it again"):
-        picture_of(replace(tulip_leg, urdf=changed))
+
+    def of_file(urdf: Path | None) -> Picture:
+        return picture_of(replace(tulip_leg, urdf=urdf))
+
+    for asked, words in (
+        (lambda: shown(write_urdf, "", package_dirs="nowhere"), "package_dirs: there is no folder"),
+        (lambda: placements(tulip_leg, np.zeros(4)), r"joint positions must have shape \(5\)"),
+        (lambda: placements(tulip_leg, np.full(5, np.nan)), "joint positions must be finite"),
+        (lambda: of_file(None), "has no URDF to show"),
+        (lambda: of_file(tmp_path / "gone.urdf"), "no URDF file at"),
+        (lambda: of_file(changed), r"has no joint knee_pitch any more.*load it again"),
+    ):
+        with pytest.raises(RobotError, match=words):
+            asked()
 
 
 def ends_of(line: pin.GeometryObject) -> list[Array]:
@@ -290,28 +260,22 @@ def test_lines_join_joints_rails_and_payloads(write_chain: Callable[..., Path]) 
     assert rounded(ends) == rounded([np.zeros(3), a, a, b, *rail, *payload])
 
 
-def test_leaf_has_a_line_to_its_centre_of_mass(write_chain: Callable[..., Path]) -> None:
-    robot = load_robot(write_chain({"a": "continuous"}))
-    picture = picture_of(robot)
-    (center,) = picture.nominal
-    lines = picture.objects("lines")
+def test_a_leaf_has_a_line_to_its_centre_of_mass_and_payloads_a_ball(
+    write_chain: Callable[..., Path],
+) -> None:
+    """Two payloads of a link are one ball of steel at their centre."""
+    payloads = [Payload("a_link", 1.0, (0.1, 0.0, 0.0)), Payload("a_link", 3.0, (0.2, 0.0, 0.0))]
+    path = write_chain({"a": "continuous"})
+    robot, bare = load_robot(path, payloads=payloads), load_robot(path)
+    (center,) = picture_of(bare).nominal
+    lines = picture_of(bare).objects("lines")
     assert [line.parentJoint for line in lines] == [0, 1]
     np.testing.assert_allclose(ends_of(lines[1]), [np.zeros(3), center.center], atol=1e-12)
     assert center.mass == pytest.approx(robot.parameters[0])
-
-
-def test_payloads_are_marked_where_they_are(tulip_urdf: Path) -> None:
-    payloads = [Payload("foot", 1.0, (0.1, 0.0, 0.0)), Payload("foot", 3.0, (0.2, 0.0, 0.0))]
-    robot = load_robot(tulip_urdf, payloads=payloads)
+    assert picture_of(robot.without_nominal()).nominal == ()
     (ball,) = picture_of(robot).objects("payloads")
-    assert ball.parentJoint == 5
     assert 4 / 3 * np.pi * ball.geometry.radius**3 * 7850.0 == pytest.approx(4.0)
-    np.testing.assert_allclose(middle_of(ball), [0.175, 0.0, 0.0])
-
-
-def test_unknown_bodies_have_no_ellipsoid(tulip_leg: Robot) -> None:
-    assert len(picture_of(tulip_leg).nominal) == 5
-    assert picture_of(tulip_leg.without_nominal()).nominal == ()
+    np.testing.assert_allclose(ball.placement.translation, [0.175, 0.0, 0.0])
 
 
 def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
@@ -328,15 +292,6 @@ def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
         assert f"the {which} bodies {several} are physically inconsistent, marked" in note
         assert f"'{names[0]}' has a negative principal moment of inertia" in note
         assert note.endswith(remedy)
-
-
-def test_up_is_against_gravity(tulip_urdf: Path) -> None:
-    for gravity, up in (
-        ((-9.81, 0.0, 0.0), (1.0, 0.0, 0.0)),
-        ((0.0, 3.0, -4.0), (0.0, -0.6, 0.8)),
-        ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    ):
-        np.testing.assert_allclose(picture_of(load_robot(tulip_urdf, gravity=gravity)).up, up)
 
 
 def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
@@ -359,8 +314,17 @@ def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
     assert 0.7 < picture.size < 1.2  # the leg is 0.7 m long
 
 
-def test_home_is_zero_within_the_limits(tulip_leg: Robot) -> None:
-    np.testing.assert_array_equal(rest_posture(tulip_leg), [0.0, 0.0, 0.0, 0.05, 0.0])
+@pytest.mark.parametrize(
+    ("gravity", "up"),
+    [((-9.81, 0, 0), (1, 0, 0)), ((0, 3, -4), (0, -0.6, 0.8)), ((0, 0, 0), (0, 0, 1))],
+)
+def test_up_is_against_gravity_and_home_within_the_limits(
+    tulip_urdf: Path, gravity: tuple[float, ...], up: tuple[float, ...]
+) -> None:
+    """Without gravity up is along z."""
+    robot = load_robot(tulip_urdf, gravity=gravity)
+    np.testing.assert_allclose(picture_of(robot).up, up)
+    np.testing.assert_array_equal(rest_posture(robot), [0.0, 0.0, 0.0, 0.05, 0.0])
 
 
 # Inertia ellipsoids: the ellipsoid of a body that is an ellipsoid, against sampled mass.
@@ -404,34 +368,23 @@ def test_ellipsoid_of_a_uniform_ellipsoid_is_itself(tulip_leg: Robot) -> None:
     assert np.linalg.det(found.rotation) == pytest.approx(1.0)
 
 
-def test_semi_axes_are_those_of_the_principal_moments(tulip_leg: Robot) -> None:
-    moments = np.array([0.02, 0.05, 0.06])
-    (found,) = bodies_of(tulip_leg, from_center_of_mass(2.0, np.zeros(3), np.diag(moments)))
-    squares = [5 / (2 * 2.0) * (np.sum(moments) - 2 * one) for one in moments]
-    np.testing.assert_allclose(found.semi_axes, np.sort(np.sqrt(squares)))
-
-
-def test_point_mass_has_no_extent(tulip_leg: Robot) -> None:
-    (found,) = bodies_of(tulip_leg, from_center_of_mass(2.0, np.ones(3), np.zeros((3, 3))))
-    assert found.problem is None
-    np.testing.assert_allclose(found.semi_axes, 0.0, atol=1e-7)
-
-
-def test_inconsistent_bodies_have_a_reason_in_place_of_an_ellipsoid(tulip_leg: Robot) -> None:
-    long = from_center_of_mass(2.0, np.array([0.0, 0.0, 0.3]), np.diag([0.01, 0.01, 0.03]))
-    light = from_center_of_mass(-1.0, np.array([0.0, 0.0, 0.3]), np.diag([0.01, 0.01, 0.01]))
-    found = bodies_of(tulip_leg, long, light)
-    assert found[0].problem is not None
-    assert "above the sum of the other two" in found[0].problem
-    np.testing.assert_allclose(found[0].center, [0.0, 0.0, 0.3])
-    assert found[1].problem == "a negative mass, -1 kg"
-    for one in found:
-        np.testing.assert_array_equal(one.semi_axes, 0.0)
-    np.testing.assert_array_equal(found[1].center, 0.0)
-
-
-def test_bodies_without_values_have_no_ellipsoid(tulip_leg: Robot) -> None:
-    values = np.array(tulip_leg.parameters)
-    values[:10], values[10:20] = 0.0, np.nan
-    names = [one.name for one in ellipsoids_of(tulip_leg.with_values(values, tulip_leg.drives))]
-    assert names == list(tulip_leg.body_names[2:])
+def test_bodies_that_are_no_ellipsoid_have_a_reason_or_none(tulip_leg: Robot) -> None:
+    """A point has no extent, an inconsistent body a problem, and one without values nothing."""
+    place = np.array([0.0, 0.0, 0.3])
+    point, long, light = (
+        from_center_of_mass(mass, place, np.diag(moments))
+        for mass, moments in (
+            (2.0, [0.0, 0.0, 0.0]),
+            (2.0, [0.01, 0.01, 0.03]),
+            (-1.0, [0.01, 0.01, 0.01]),
+        )
+    )
+    found = bodies_of(tulip_leg, point, long, light)
+    assert found[0].problem is None
+    assert "above the sum of the other two" in str(found[1].problem)
+    assert found[2].problem == "a negative mass, -1 kg"
+    for body, center in zip(found, (place, place, np.zeros(3)), strict=True):
+        np.testing.assert_allclose(body.semi_axes, 0.0, atol=1e-7)
+        np.testing.assert_allclose(body.center, center)
+    unknown = bodies_of(tulip_leg, np.zeros(10), np.full(10, np.nan))
+    assert [one.name for one in unknown] == list(tulip_leg.body_names[2:4])
