@@ -10,15 +10,12 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import seaid
 from scripts.benchmarks import speed_held
-from scripts.claims import MARK
-from seaid import load_trajectory
 from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
@@ -33,7 +30,6 @@ TULIP_FILES = (
     "tulip_leg_identified.urdf",
     "tulip_leg_identified.toml",
 )
-PLAN_FILES = ("excitation.json", "excitation.csv", "joint_trajectory.yaml", "excitation.png")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -59,10 +55,28 @@ def tulip(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 
 @pytest.mark.slow
-def test_main_job_writes_every_file_and_says_where(tulip: tuple[Path, str]) -> None:
+def test_main_job_reaches_the_figures_and_writes_every_file(tulip: tuple[Path, str]) -> None:
+    """The true values are found again, and the unseen motion is predicted."""
     output, text = tulip
     assert sorted(path.name for path in output.iterdir()) == sorted(TULIP_FILES)
     assert text.rstrip().endswith(f"Results: {output}/")
+    assert "? weak-spring: stiffness of ankle_pitch is poorly identified" in text
+    assert "21 base parameters are identifiable, from all five 29" in text
+    result = json.loads((output / "parameters.json").read_text())
+    assert len(result["load"]) == 29
+    truth = {
+        "hip_pitch": (83008, 0.01, 0.00456, 8e-5, 0.05),
+        "knee_pitch": (59966, 0.01, 0.00268, 8e-5, 0.10),
+        "ankle_pitch": (51394, 0.02, 0.01178, None, None),
+    }
+    for joint, (stiffness, within, coulomb, viscous, viscous_within) in truth.items():
+        found = {name: entry["value"] for name, entry in result["drives"][joint].items()}
+        assert found["stiffness"] == pytest.approx(stiffness, rel=within)
+        assert found["coulomb_friction"] == pytest.approx(coulomb, rel=0.05)
+        if viscous is not None:
+            assert found["viscous_friction"] == pytest.approx(viscous, rel=viscous_within)
+        assert result["validation"]["load"][joint]["relative_error"] < 0.05
+        assert result["validation"]["actuator"][joint]["relative_error"] < 0.10
 
 
 @pytest.mark.slow
@@ -80,112 +94,6 @@ def test_project_of_the_leg_gives_the_result_of_the_main_job(
     for joint, estimate in done.runs[""].identification.drives.items():
         values = {name: entry["value"] for name, entry in drives[joint].items()}
         assert dict(zip(estimate.names, estimate.values, strict=True)) == pytest.approx(values)
-
-
-@pytest.mark.slow
-def test_main_job_reaches_the_figures(tulip: tuple[Path, str]) -> None:
-    drives = json.loads((tulip[0] / "parameters.json").read_text())["drives"]
-    truth = {
-        "hip_pitch": (83008, 0.01, 0.00456, 8e-5, 0.05),
-        "knee_pitch": (59966, 0.01, 0.00268, 8e-5, 0.10),
-        "ankle_pitch": (51394, 0.02, 0.01178, None, None),
-    }
-    for joint, (stiffness, within, coulomb, viscous, viscous_within) in truth.items():
-        found = {name: entry["value"] for name, entry in drives[joint].items()}
-        assert found["stiffness"] == pytest.approx(stiffness, rel=within)
-        assert found["coulomb_friction"] == pytest.approx(coulomb, rel=0.05)
-        if viscous is not None:
-            assert found["viscous_friction"] == pytest.approx(viscous, rel=viscous_within)
-
-
-RESULTS = {"F_v": "viscous_friction", "F_C": "coulomb_friction", "k_": "stiffness"}
-JOINTS = {"3": "hip_pitch", "4": "knee_pitch", "5": "ankle_pitch"}
-
-
-@pytest.mark.slow
-def test_the_paper_says_what_the_main_job_finds(tulip: tuple[Path, str]) -> None:
-    found = json.loads((tulip[0] / "parameters.json").read_text())
-    text = MARK.sub(lambda mark: mark[2], (ROOT / "docs/paper.md").read_text(encoding="utf-8"))
-    lines = [line.strip("| ").split(" | ") for line in text.splitlines() if line[:1] == "|"]
-    drives = [cells for cells in lines if cells[0].startswith(tuple(RESULTS))]
-    assert len(drives) == 9
-    for name, paper, estimate, off, _ in drives:
-        value, _, error = estimate.partition(" ± ")
-        symbol = name.split()[0]
-        entry = found["drives"][JOINTS[symbol[-1]]][RESULTS[symbol[:-1]]]
-        relative = 100 * (entry["value"] / float(paper.split(",")[0]) - 1)
-        assert shows(value, entry["value"])
-        assert shows(error, entry["standard_error"])
-        assert shows(off.removesuffix(" %"), relative)
-    errors = [cells for cells in lines if cells[0].startswith(("hip", "knee", "ankle"))]
-    assert len(errors) == 5
-    kinds = ("relative_error", "counted_share", "relative_error_with_standstill")
-    for joint, *cells in errors:
-        for side, own, whole in zip(("actuator", "load"), cells[::2], cells[1::2], strict=True):
-            values = [found["validation"][side][joint][kind] for kind in kinds]
-            assert (own == "-") == (whole == "-") == (values[0] is None)
-            if own != "-":
-                error, _, share = own.partition(" % of ")
-                for said, value in zip((error, share, whole), values, strict=True):
-                    assert shows(said.removesuffix(" %"), 100 * value)
-
-
-def shows(text: str, value: float) -> bool:
-    """Return whether a number is shown as it is, but for one in the last digit."""
-    mantissa, _, exponent = text.partition("e")
-    unit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-    return abs(float(text) - value) <= unit
-
-
-@pytest.mark.slow
-def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
-    result = json.loads((tulip[0] / "parameters.json").read_text())
-    assert len(result["load"]) == 29
-    for joint in ("hip_pitch", "knee_pitch", "ankle_pitch"):
-        assert result["validation"]["load"][joint]["relative_error"] < 0.05
-        assert result["validation"]["actuator"][joint]["relative_error"] < 0.10
-
-
-@pytest.mark.slow
-def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
-    assert "? weak-spring: stiffness of ankle_pitch is poorly identified" in tulip[1]
-    assert "21 base parameters are identifiable, from all five 29" in tulip[1]
-
-
-@pytest.mark.slow  # 4.5 s
-def test_gallery_draws_what_the_page_shows(tmp_path: Path) -> None:
-    done = run("scripts/gallery.py", "excitation", "--output", str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    (path,) = done.stdout.split()
-    assert ElementTree.parse(path).getroot().tag.endswith("svg")
-    page = (ROOT / "docs/experiment_design.md").read_text(encoding="utf-8")
-    assert f"({Path(path).relative_to(tmp_path)})" in page
-    assert "no picture is named nothing" in run("scripts/gallery.py", "nothing").stderr
-
-
-@pytest.mark.slow  # 2.1 s
-def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:
-    done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    assert "skipped: no xl330_pendulum/raw/*.npz in " in done.stdout
-    assert "0 of 0 asked figures met" in done.stdout
-
-
-@pytest.mark.slow  # 2.2 s
-def test_broken_measured_log_is_a_line_of_the_table(tmp_path: Path) -> None:
-    (tmp_path / "ur10_exciting").mkdir()
-    (tmp_path / "ur10_exciting" / "broken.npz").write_text("t_stamp,pos\n0,1\n1,x\n")
-    done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
-    assert "| UR10 | refused | " in done.stdout
-    assert "0 of 1 asked figures met" in done.stdout
-
-
-def test_measured_logs_without_their_originals_are_left_as_they_are(tmp_path: Path) -> None:
-    done = run("scripts/ship_measured_logs.py", "--originals", str(tmp_path / "none"))
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("skipped: the originals are not here, no folder '")
 
 
 @pytest.mark.slow  # 0.7 s
@@ -211,50 +119,6 @@ def test_shipped_log_that_is_not_its_original_is_found(tmp_path: Path) -> None:
     done = run(*check)
     assert done.returncode == 1
     assert "ur10_exciting_trajectory.npz' does not hold what '" in done.stderr
-
-
-@pytest.mark.slow  # a script that searches for a motion
-def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
-    arguments = ("tests/data/mixed_arm.urdf", "tests/data/mixed_arm.toml", "--ends-in-motion")
-    budget = ("--duration", "4", "--starts", "1", "--iterations", "3", "--output", str(tmp_path))
-    done = run("scripts/design_excitation.py", *arguments, *budget)
-    assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLAN_FILES)
-    assert done.stdout.rstrip().endswith(f"Results: {tmp_path}/")
-    planned = load_trajectory(tmp_path / "excitation.json")
-    assert planned.rests_at_ends
-    assert 0 < planned.main_interval[0] < planned.main_interval[1] < planned.duration
-    lines = (tmp_path / "excitation.csv").read_text().splitlines()
-    assert len(lines) == int(planned.duration * 1000 + 1e-6) + 2
-    for joint in planned.joint_names:
-        assert f"\n  {joint} " in done.stdout
-
-
-@pytest.mark.slow  # 4.1 s
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("none.urdf",), "no URDF file at 'none.urdf'"),
-        (("models/tulip_leg.urdf", "--joints", "knee"), "did you mean 'knee_pitch'"),
-        (("models/tulip_leg.urdf", "--velocity", "-1"), "velocity limit must be more than zero"),
-        (("models/tulip_leg.urdf", "--rate", "0"), "--rate must be more than zero"),
-    ],
-)
-def test_bad_plan_is_one_line(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
-    done = run("scripts/design_excitation.py", *arguments, "--output", str(tmp_path))
-    assert done.returncode == 1
-    assert message in done.stderr
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-
-
-@pytest.mark.slow  # 2.4 s
-def test_unwritable_folder_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    done = run("scripts/identify_tulip_leg.py", "--output", str(tmp_path / "file" / "out"))
-    assert done.returncode != 0
-    assert "Traceback" not in done.stderr
-    assert "cannot write" in done.stderr
 
 
 SCRIPTS = ROOT / "scripts"
@@ -315,26 +179,29 @@ SHORT_FORMS = {
     ),
     "benchmarks/unseen_plants.py": ("--quick --seeds 1",),
     "coverage.py": ("--quick --experiments 1 --others 1 --jobs 1 --output OUT",),
+    "design_excitation.py": (
+        "ROOT/tests/data/mixed_arm.urdf ROOT/tests/data/mixed_arm.toml --ends-in-motion "
+        "--duration 4 --starts 1 --iterations 3 --output OUT",
+    ),
     "design_table.py": ("--quick --draws 1 --only rate",),
+    "fuzz.py": ("--target urdf --cases 2 --workers 1 --output OUT",),
+    "gallery.py": ("excitation --output OUT",),
     "gauntlet.py": ("--quick --only 'tilted by 20' --workers 1 --output OUT",),
     "identify_biped.py": ("--duration 2 --output OUT",),
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
     "mutants.py": ("--count 1 --only estimation/parameters --workers 1",),
+    "real_data.py": ("--data OUT/none --output OUT",),
+    "ship_measured_logs.py": ("--originals OUT/none",),
     "so101.py": ("--logs OUT/none",),
 }
-"""Arguments of the short forms of each script; OUT is the folder of the test."""
+"""Arguments of the short forms of each script; OUT is the folder of the test, ROOT the project."""
 RUN_ELSEWHERE = {
     "claims.py": "tests/test_claims.py",
     "cross_check.py": "tests/regressor/test_base.py",
-    "design_excitation.py": "tests/test_scripts.py",
-    "fuzz.py": "tests/test_scripts.py",
-    "gallery.py": "tests/test_scripts.py",
     "golden.py": "tests/test_golden.py",
     "identifiability.py": "tests/regressor/test_structural_identifiability.py",
     "identify_tulip_leg.py": "tests/test_scripts.py",
-    "real_data.py": "tests/test_scripts.py",
-    "ship_measured_logs.py": "tests/test_scripts.py",
     "architecture.py": "tests/test_documents.py",
     "warnings_page.py": "tests/test_documents.py",
 }
@@ -364,14 +231,6 @@ def test_speed_is_measured_again_while_the_answer_is_open(
     assert speed_held.ratios("identify", tree, tree) == measured
 
 
-@pytest.mark.slow  # 3 s: a process and its worker
-def test_fuzzer_runs_two_cases(tmp_path: Path) -> None:
-    cases = ("--target", "urdf", "--cases", "2", "--workers", "1", "--output", str(tmp_path))
-    done = run("scripts/fuzz.py", *cases)
-    assert done.returncode == 0, done.stderr
-    assert "2 cases in " in done.stdout
-
-
 @pytest.mark.slow  # every script
 @pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")
 @pytest.mark.parametrize(
@@ -380,7 +239,8 @@ def test_fuzzer_runs_two_cases(tmp_path: Path) -> None:
 def test_script_runs_in_its_short_form(
     file: str, arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = [word.replace("OUT", str(tmp_path)) for word in shlex.split(arguments)]
+    places = arguments.replace("OUT", str(tmp_path)).replace("ROOT", str(ROOT))
+    words = shlex.split(places)
     monkeypatch.setattr(sys, "argv", [file, *words])
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
