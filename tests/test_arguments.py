@@ -5,8 +5,6 @@ from __future__ import annotations
 import inspect
 import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -25,145 +23,93 @@ from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checke
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation.basis import _LEAST, BasisName
 from seaid.excitation.criteria import CRITERIA, CriterionName
-from seaid.identification import Identification, Validation
-from seaid.log import Log
-from seaid.robot import Robot
 from tests.experiments import arm, arm_found, arm_log, arm_result
 
-
-@dataclass(frozen=True)
-class Given:
-    """What a user has at hand."""
-
-    robot: Robot
-    log: Log
-    found: Identification
-    result: Validation
-    plan: seaid.Trajectory
-    path: Path
+FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
 
 
 @pytest.fixture(scope="module")
-def given(tmp_path_factory: pytest.TempPathFactory) -> Given:
-    basis = seaid.excitation.make_basis("bspline", 2.0, 9)
-    plan = seaid.Trajectory(arm().joint_names, basis, np.zeros((9, arm().n)))
-    path = tmp_path_factory.mktemp("wrong") / "leg.urdf"
-    return Given(arm(), arm_log(), arm_found(), arm_result(), plan, path)
+def given() -> dict[str, Any]:
+    """Return what a user has at hand."""
+    return {"robot": arm(), "log": arm_log(), "found": arm_found(), "result": arm_result()}
 
 
-FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
-Call = tuple[str, Any, str]
-
-CALLS: dict[str, Call] = {
-    "a path for the robot": (
+PAYLOAD = seaid.Payload("foot", 2.0)
+CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
+    (
         "identify",
-        lambda x: ([str(x.path), x.log], {}),
-        r"robot= must be a Robot, found the text '.*leg\.urdf'; make one with seaid\.load_robot\(",
+        ["a/leg.urdf", "log"],
+        {},
+        r"robot= must be a Robot, found the text 'a/leg\.urdf'",
     ),
-    "robot and log swapped": (
+    (
         "identify",
-        lambda x: ([x.log, x.robot], {}),
-        r"found a Log: robot and logs are swapped; write identify\(robot, logs\)",
+        ["log", "robot"],
+        {},
+        r"robot and logs are swapped; write identify\(robot, logs\)",
     ),
-    "no log": (
+    ("identify", ["robot", None], {}, r"found None; make one with seaid\.read_log\(path, robot\)"),
+    ("compare_terms", ["robot", ["log", 3]], {}, "or a list of these, found a list with 3"),
+    (
         "identify",
-        lambda x: ([x.robot, None], {}),
-        r"logs= must be a Log, .*found None; make one with seaid\.read_log\(path, robot\)",
-    ),
-    "a list with another thing": (
-        "compare_terms",
-        lambda x: ([x.robot, [x.log, 3]], {}),
-        r"logs= must be .* or a list of these, found a list with 3",
-    ),
-    "a number for torque_joints": (
-        "identify",
-        lambda x: ([x.robot, x.log], {"torque_joints": 3}),
+        ["robot", "log"],
+        {"torque_joints": 3},
         "torque_joints= must be a name or a list of names, found 3",
     ),
-    "an unknown method": (
+    (
         "identify",
-        lambda x: (["leg.urdf", None], {"method": "twostep"}),
-        "robot= must be",
-    ),
-    "a misspelled method": (
-        "identify",
-        lambda x: ([x.robot, "nowhere.csv"], {"method": "twostep"}),
+        ["robot", "no.csv"],
+        {"method": "twostep"},
         r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step",
     ),
-    "an estimator that conditions do not have": (
-        "identify_conditions",
-        lambda x: ([{}], {"estimator": "iv"}),
-        f"no estimator is named 'iv'; allowed: {', '.join(ESTIMATORS)}$",
-    ),
-    "no text for a choice": (
+    ("identify", ["robot", "log"], {"method": 2}, "must be 'auto', 'two-step' or 'simultaneous'"),
+    (
         "identify",
-        lambda x: ([x.robot, x.log], {"method": 2}),
-        "method= must be 'auto', 'two-step' or 'simultaneous', found 2",
+        ["robot", "log"],
+        {"estimater": "ols"},
+        "identify: no argument is named 'estimater'",
     ),
-    "a misspelled argument": (
-        "identify",
-        lambda x: ([x.robot, x.log], {"estimater": "ols"}),
-        "identify: no argument is named 'estimater'; did you mean 'estimator'",
-    ),
-    "too many arguments": (
-        "identify",
-        lambda x: ([x.robot, x.log, ["shoulder"]], {}),
-        r"identify\(robot, logs\) takes at most 2 arguments without a name, found 3: write .*=",
-    ),
-    "a misspelled option of identify": (
-        "cross_validate",
-        lambda x: ([x.robot, x.log], {"cutoff": 8.0}),
-        "identify: no argument is named 'cutoff'; did you mean 'cutoff_hz'",
-    ),
-    "a text for a number": (
-        "identify",
-        lambda x: ([x.robot, x.log], {"cutoff_hz": "8"}),
-        "cutoff_hz= must be a number, found the text '8'",
-    ),
-    "one payload": (
-        "load_robot",
-        lambda x: (["leg.urdf"], {"payloads": seaid.Payload("foot", 2.0)}),
-        r"payloads= must be a list of Payloads, found a Payload; put it into a list: payloads=\[",
-    ),
-    "a robot for its drives": (
-        "write_drives",
-        lambda x: ([x.robot, "drives.toml"], {}),
-        "drives= must be a mapping, found a Robot",
-    ),
-    "write_log swapped": (
-        "write_log",
-        lambda x: (["run.csv", x.log], {}),
-        r"log and path are swapped; write write_log\(log, path\)",
-    ),
-    "a log without its robot": (
-        "read_log",
-        lambda x: (["run.csv"], {}),
-        r"robot is missing: write read_log\(path, robot\); make it with seaid\.load_robot\(",
-    ),
-    "one sensor": (
+    ("identify", ["robot", "log", ["a"]], {}, "takes at most 2 arguments without a name, found 3"),
+    ("cross_validate", ["robot", "log"], {"cutoff": 8.0}, "did you mean 'cutoff_hz'"),
+    ("identify", ["robot", "log"], {"cutoff_hz": "8"}, "must be a number, found the text '8'"),
+    ("load_robot", ["leg.urdf"], {"payloads": PAYLOAD}, r"put it into a list: payloads=\["),
+    ("write_drives", ["robot", "drives.toml"], {}, "drives= must be a mapping, found a Robot"),
+    ("read_log", ["run.csv"], {}, r"robot is missing: write read_log\(path, robot\); make it with"),
+    (
         "identifiability",
-        lambda x: ([x.robot, "deflection"], {}),
-        r"sensors= must be a list of names or a mapping, .*put it into a list: sensors=\[",
+        ["robot", "deflection"],
+        {},
+        "sensors= must be a list of names or a mapping",
     ),
-    "conditions without robots": (
+    (
         "identify_conditions",
-        lambda x: ([{"cold": x.log, "warm": x.log}], {}),
-        r"condition 'cold' must be \(robot, logs\), found Log\(",
+        [{"cold": "log", "warm": "log"}],
+        {},
+        r"condition 'cold' must be \(robot, logs\), found 'log'",
     ),
-    "a report of a robot": (
+    (
         "write_report",
-        lambda x: ([x.robot, "report.html", x.result], {}),
-        r"identification= must be an Identification, found a Robot; make one with seaid",
+        ["robot", "a.html", "result"],
+        {},
+        "identification= must be an Identification",
     ),
-}
+]
+"""[(function, its arguments, in which names stand for what is at hand, words of the error)]."""
 
 
-@pytest.mark.parametrize("case", CALLS)
-def test_a_wrong_call_says_what_to_do(case: str, given: Given) -> None:
-    name, arguments, words = CALLS[case]
-    positional, named = arguments(given)
+@pytest.mark.parametrize(("name", "positional", "named", "words"), CALLS)
+def test_a_wrong_call_says_what_to_do(
+    name: str, positional: list[Any], named: dict[str, Any], words: str, given: dict[str, Any]
+) -> None:
+    """It names the argument, what was found, and the function that makes what is wanted."""
+
+    def at_hand(value: Any) -> Any:
+        if isinstance(value, list):
+            return [at_hand(one) for one in value]
+        return given.get(value, value) if isinstance(value, str) else value
+
     with pytest.raises(SeaidError, match=words):
-        getattr(seaid, name)(*positional, **named)
+        getattr(seaid, name)(*map(at_hand, positional), **named)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -183,38 +129,29 @@ def test_every_function_refuses_what_is_no_argument(name: str) -> None:
             function()
 
 
-def test_one_joint_may_stand_without_a_list(given: Given) -> None:
-    one, same = (
-        seaid.base_parameters(given.robot, torque_joints=joints)
-        for joints in ("shoulder", ["shoulder"])
-    )
-    assert one.columns == same.columns
-
-
-def test_numbers_of_numpy_and_tuples_are_arguments(given: Given) -> None:
-    cutoff_hz: Any = np.float32(8.0)
+def test_one_joint_may_stand_without_a_list_and_numbers_may_be_of_numpy() -> None:
+    """Tuples are lists."""
     seed: Any = np.int64(1)
-    assert seaid.reconstruct_motion(given.robot, given.log, cutoff_hz).cutoff_hz == 8.0
-    assert seaid.base_parameters(given.robot, torque_joints=("shoulder",), seed=seed).names
+    joints: Any = ("shoulder", ["shoulder"], ("shoulder",))
+    bases = [seaid.base_parameters(arm(), torque_joints=one, seed=seed) for one in joints]
+    assert bases[0].columns == bases[1].columns == bases[2].columns
+    cutoff_hz: Any = np.float32(8.0)
+    assert seaid.reconstruct_motion(arm(), arm_log(), cutoff_hz).cutoff_hz == 8.0
 
 
-@pytest.mark.parametrize("value", ["kne", "knee_pich"])
-def test_a_joint_that_is_not_there_is_a_key_error_with_the_nearest_name(
-    value: str, tulip_leg: Robot
-) -> None:
-    with pytest.raises(KeyError, match=f"no joint is named '{value}'.*knee_pitch") as problem:
-        tulip_leg.drives[value]
-    assert isinstance(problem.value, SeaidError)
-    assert str(pickle.loads(pickle.dumps(problem.value))) == str(problem.value)
-    assert value not in tulip_leg.drives
-    assert tulip_leg.drives.get(value) is None
-
-
-def test_entries_of_results_say_the_nearest_name(given: Given) -> None:
-    with pytest.raises(UnknownNameError, match=r"no joint .* did you mean 'shoulder'"):
-        given.found.drives["sholder"]
-    with pytest.raises(UnknownNameError, match="no parameter is named 'stifness'; did you mean"):
-        given.found.drives["shoulder"].value("stifness")
+def test_a_name_that_is_not_there_is_a_key_error_with_the_nearest_one() -> None:
+    """In a robot, in a result and in an estimate, and so it comes from another process."""
+    for look, words in (
+        (lambda: arm().drives["sholder"], "no joint is named 'sholder'.*shoulder"),
+        (lambda: arm_found().drives["sholder"], "no joint .* did you mean 'shoulder'"),
+        (lambda: arm_found().drives["shoulder"].value("stifness"), "no parameter .*'stiffness'"),
+    ):
+        with pytest.raises(KeyError, match=words) as problem:
+            look()
+        assert isinstance(problem.value, UnknownNameError)
+        assert str(pickle.loads(pickle.dumps(problem.value))) == str(problem.value)
+    assert "sholder" not in arm().drives
+    assert arm().drives.get("sholder") is None
 
 
 def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
