@@ -8,11 +8,14 @@ from pathlib import Path
 import pytest
 
 import seaid
-from seaid import errors
 from seaid.errors import (
+    ExcitationError,
+    IdentificationError,
     LogError,
+    RobotError,
     SeaidError,
     SeaidWarning,
+    SymbolicError,
     listed,
     reason_of,
     shortened,
@@ -22,32 +25,52 @@ from seaid.errors import (
 )
 from tests.sources import tree_of
 
-KINDS = ("RobotError", "LogError", "ExcitationError", "SymbolicError", "IdentificationError")
 
-
-@pytest.mark.parametrize("name", KINDS)
-def test_every_error_is_a_seaid_error(name: str) -> None:
-    assert issubclass(getattr(errors, name), SeaidError)
-
-
-def test_seaid_error_is_no_builtin_kind_that_code_might_swallow() -> None:
+def test_every_error_is_a_seaid_error_and_keeps_its_arguments() -> None:
+    """It is no kind of Python's own, which code might swallow, and comes from other processes."""
     assert SeaidError.__bases__ == (Exception,)
     assert SeaidWarning.__bases__ == (UserWarning,)
+    for kind in (RobotError, LogError, ExcitationError, SymbolicError, IdentificationError):
+        assert issubclass(kind, SeaidError)
+        error = pickle.loads(pickle.dumps(kind("move the joints with joints=", "joints=")))
+        assert (str(error), error.arguments) == ("move the joints with joints=", ("joints=",))
 
 
-def test_unknown_name_offers_the_nearest_and_lists_all() -> None:
-    text = unknown_name("joint", "kne_pitch", ["hip_pitch", "knee_pitch"])
-    assert text == (
-        "no joint is named 'kne_pitch'; did you mean 'knee_pitch'? allowed: hip_pitch, knee_pitch"
-    )
+NAMES = ["hip_pitch", "knee_pitch"]
+LONG, MANY = "x" * 100_000, [f"column_{k}" for k in range(100_000)]
 
 
-def test_unknown_name_offers_nothing_where_nothing_is_near() -> None:
-    assert unknown_name("key", "xyz", ["mass"]) == "no key is named 'xyz'; allowed: mass"
-
-
-def test_unknown_name_says_none_where_nothing_exists() -> None:
-    assert unknown_name("joint", "a", iter(())) == "no joint is named 'a'; allowed: none"
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            unknown_name("joint", "kne_pitch", NAMES),
+            "no joint is named 'kne_pitch'; did you mean 'knee_pitch'? allowed: hip_pitch, "
+            "knee_pitch",
+        ),
+        (unknown_name("key", "xyz", ["mass"]), "no key is named 'xyz'; allowed: mass"),
+        (unknown_name("joint", "a", iter(())), "no joint is named 'a'; allowed: none"),
+        (unknown_name("column", LONG, MANY)[-15:], "and 99,940 more"),
+        (listed(["a", "b"]), "a, b"),
+        (listed(range(100_000), 3), "0, 1, 2 and 99,997 more"),
+        (shortened(LONG, 10), "xxxxxxxx …"),
+        (shortened("a\x1b[31m\nb"), r"a\x1b[31m\nb"),
+        (shown("a\n" * 1_000, 10), "'a\\na\\na …"),
+        (shown([1, "a"]), "[1, 'a']"),
+        (shown(10**5_000), "a int too long to show"),
+        (visible("é\t肩"), "é\\t肩"),
+        (reason_of(ValueError("first\nsecond")), "first"),
+        (reason_of(ValueError()), "ValueError"),
+        (reason_of(FileNotFoundError(2, "No such file", "/x")), "No such file"),
+        (reason_of(MemoryError()), "it requests more memory than is available"),
+    ],
+)
+def test_what_a_message_shows_is_short_and_printable(text: str, expected: str) -> None:
+    """Names of users, lists, values and the words of libraries."""
+    assert text == expected
+    assert len(unknown_name("column", LONG, MANY)) < 1_600
+    assert unknown_name("joint", "kn\u202ee", NAMES).isprintable()
+    assert len(reason_of(ValueError(LONG))) <= 300
 
 
 def test_messages_are_bounded_and_without_control_characters() -> None:
@@ -56,27 +79,6 @@ def test_messages_are_bounded_and_without_control_characters() -> None:
     assert text.startswith("'a\\x1b[31m\\x00': xxx")
     assert text.endswith("and the end")
     assert str(LogError("two\nlines")) == "two\nlines"
-    assert visible("é\t肩") == "é\\t肩"
-
-
-def test_long_lists_and_names_are_shortened() -> None:
-    assert listed(["a", "b"]) == "a, b"
-    assert listed(range(100_000), 3) == "0, 1, 2 and 99,997 more"
-    assert shortened("x" * 1_000, 10) == "xxxxxxxx …"
-    assert shown("a\n" * 1_000, 10) == "'a\\na\\na …"
-    assert shown(10**5_000) == "a int too long to show"
-    names = [f"column_{k}" for k in range(100_000)]
-    text = unknown_name("column", "x" * 100_000, names)
-    assert len(text) < 1_000
-    assert text.endswith("and 99,940 more")
-
-
-def test_what_a_library_says_is_one_line() -> None:
-    assert reason_of(ValueError("first\nsecond")) == "first"
-    assert reason_of(ValueError()) == "ValueError"
-    assert reason_of(FileNotFoundError(2, "No such file", "/x")) == "No such file"
-    assert reason_of(MemoryError()) == "it requests more memory than is available"
-    assert len(reason_of(ValueError("x" * 10_000))) <= 300
 
 
 NAMED = re.compile(
@@ -103,9 +105,3 @@ def test_every_error_carries_the_arguments_that_it_names(path: Path) -> None:
         carried = "\n".join(map(texts, node.args[1:]))
         for argument in NAMED.findall(texts(node.args[0])):
             assert argument in carried, f"{path}:{node.lineno}: {argument}"
-
-
-def test_an_error_keeps_its_arguments_on_the_way_from_another_process() -> None:
-    error = pickle.loads(pickle.dumps(LogError("move the joints with joints=", "joints=")))
-    assert (str(error), error.arguments) == ("move the joints with joints=", ("joints=",))
-    assert SeaidError("no argument").arguments == ()
