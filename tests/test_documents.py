@@ -8,20 +8,23 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import seaid
+from docs import commands as reference
 from scripts import design_table
 from scripts.architecture import PICTURE, picture
 from scripts.warnings_page import page_with_sections
+from seaid.cli.commands import COMMANDS, command_of
 from seaid.drives.terms import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
+from seaid.export import content_of
 from seaid.log.description import description_for
 from seaid.log.readers.opening import READERS
 from tests import notebook
+from tests.experiments import arm_found
 from tests.pages import (
     ROOT,
     RUN_BY_CI,
@@ -66,13 +69,13 @@ ALL_BLOCKS = [
 ]
 
 
-def test_every_code_of_a_finding_is_explained() -> None:
+def test_what_is_generated_is_what_stands_in_the_pages() -> None:
+    """`python -m scripts.warnings_page` and `python -m scripts.architecture` write it."""
     text = (ROOT / "docs/warnings.md").read_text("utf-8")
-    assert text == page_with_sections(text)  # python -m scripts.warnings_page
-
-
-def test_the_picture_of_the_packages_is_that_of_their_imports() -> None:
-    assert PICTURE.read_text("utf-8") == picture()  # python -m scripts.architecture
+    assert text == page_with_sections(text)
+    assert PICTURE.read_text("utf-8") == picture()
+    for title, (field, benches) in design_table.TABLES.items():
+        assert list(design_rows(title)) == [f"{getattr(bench, field):g}" for bench in benches]
 
 
 def of_language(*languages: str) -> list[object]:
@@ -119,15 +122,12 @@ def test_code_of_a_page_runs_and_prints_what_the_page_says(
 
 
 def test_commands_of_the_readme_are_run_by_ci_as_they_stand() -> None:
+    """All blocks of a shell, in their order."""
     script = (ROOT / ".ci/run").read_text("utf-8")
     assert 'python3 .ci/readme_commands.py README.md >"$stranger/commands"\n' in script
     assert 'step bash -euxo pipefail "$stranger/commands"\n' in script
-    printed = subprocess.run(
-        [sys.executable, ROOT / ".ci/readme_commands.py", RUN_BY_CI],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
+    command = [sys.executable, ROOT / ".ci/readme_commands.py", RUN_BY_CI]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     shells = [block for block in blocks(RUN_BY_CI.read_text("utf-8")) if block.language in SHELLS]
     assert len(shells) >= 5
     assert printed == "".join(block.code for block in shells)
@@ -161,17 +161,15 @@ def test_toml_is_a_project_drives_or_a_log_description(block: Block, tmp_path: P
         assert description.joints
 
 
-@pytest.mark.slow  # begins with a log of the leg, as the pages
 @pytest.mark.parametrize("block", of_language("json"))
-def test_json_has_the_keys_of_parameters_json(block: Block, leg_files: dict[str, Path]) -> None:
-    leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
-    found = seaid.export.content_of(seaid.identify(leg, seaid.read_log(leg_files["run.csv"], leg)))
-    example = json.loads(block.code)
-    assert set(example) <= set(found)
-    assert set(example["load"][0]) == set(found["load"][0])
+def test_json_has_the_keys_of_parameters_json(block: Block) -> None:
+    """Of the file, of a base parameter and of a value of a drive."""
+    found, example = content_of(arm_found()), json.loads(block.code)
+    assert {*example} <= {*found}
+    assert {*example["load"][0]} == {*found["load"][0]}
     for drive in example["drives"].values():
         for value in drive.values():
-            assert set(value) == set(found["load"][0]) - {"expression"}
+            assert {*value} == {*found["load"][0]} - {"expression"}
 
 
 def anchors(page: Path) -> set[str]:
@@ -195,34 +193,26 @@ def test_links_and_pictures_are_there(name: str) -> None:
             assert anchor in anchors(there), f"{name}: {target}"
 
 
-def test_every_public_name_is_in_the_reference() -> None:
-    pages_ = (ROOT / "docs/reference").glob("*.md")
-    named = {name for page in pages_ for name in REFERENCE.findall(page.read_text("utf-8"))}
+def test_everything_public_is_in_the_reference() -> None:
+    """Names, commands with their options, formats of logs, and terms of drives."""
+    named = {
+        name
+        for page in (ROOT / "docs/reference").glob("*.md")
+        for name in REFERENCE.findall(page.read_text("utf-8"))
+    }
     modules = {path.name for path in Path(seaid.__file__).parent.iterdir() if path.is_dir()}
     inner = {"MAX_TERMS", "expression_of"}  # for other packages
     symbolic = {f"symbolic.{name}" for name in set(dir(seaid.symbolic)) - inner}
     assert set(seaid.__all__) - modules | symbolic | {"regressor.rigid_body_regressor"} <= named
-
-
-TERMS = [term for field in PARAMETERS_OF.values() for term in field if term != "torque"]
-NAMED = {"docs/logs.md": list(READERS), "docs/drives.md": TERMS}
-
-
-@pytest.mark.parametrize("page", NAMED)
-def test_tables_name_every_format_and_term(page: str) -> None:
-    text = PAGES[page].read_text("utf-8")
-    assert [name for name in NAMED[page] if f"`{name}`" not in text] == []
-
-
-def test_every_command_is_in_the_reference_with_its_options() -> None:
-    from docs import commands as reference
-    from seaid.cli.commands import COMMANDS, command_of
-
     text = reference.markdown()
     for name in COMMANDS:
         assert f"## seaid {name}\n" in text
         for option in (option for one in command_of(name).params for option in one.opts):
             assert option in text or not option.startswith("-")
+    terms = [term for field in PARAMETERS_OF.values() for term in field if term != "torque"]
+    for page, names in (("docs/logs.md", [*READERS]), ("docs/drives.md", terms)):
+        text = PAGES[page].read_text("utf-8")
+        assert [name for name in names if f"`{name}`" not in text] == []
 
 
 @pytest.mark.slow  # 4.4 s, as the code of the pages
@@ -247,15 +237,10 @@ def design_rows(title: str) -> dict[str, list[float]]:
     }
 
 
-@pytest.mark.parametrize("title", design_table.TABLES)
-def test_tables_of_the_design_are_those_of_the_script(title: str) -> None:
-    field, benches = design_table.TABLES[title]
-    assert list(design_rows(title)) == [f"{getattr(bench, field):g}" for bench in benches]
-
-
 @pytest.mark.slow  # plans a motion and identifies twelve logs
 @pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")  # a short search
 def test_a_row_of_the_design_tables_is_found_again() -> None:
+    """Errors as stated and as they are, within what twelve logs determine."""
     bench = design_table.TABLES["duration [s]"][1][0]
     steps, stated, true = design_table.errors_of(bench, 12)
     rms = np.sqrt(np.mean(true**2, axis=0))
@@ -269,40 +254,41 @@ def test_a_row_of_the_design_tables_is_found_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "printed"),
+    ("said", "printed", "is_same"),
     [
-        ("k = 51390 N/m", "k = 51390 N/m\n"),
-        ("k = 5.139e+04 +- 0.0012", "k = 5.14e+04  +- 0.0013"),
-        ("1 %", "1.1 %"),
-        ("─────\n 2", "───\n 2"),
-        ("4 rows", "4   rows\n\n"),
+        ("k = 51390 N/m", "k = 51390 N/m\n", True),
+        ("k = 5.139e+04 +- 0.0012", "k = 5.14e+04  +- 0.0013", True),
+        ("1 %", "1.1 %", True),
+        ("─────\n 2", "───\n 2", True),
+        ("4 rows", "4   rows\n\n", True),
+        ("one\n...\nfour 4.0\n", "one\ntwo\nthree\nfour 4.1\n", True),
+        ("...\nfour\n...", "one\nfour\nfive", True),
+        ("a gap of ... and 5.0", "a gap of 1e+15 and 5.1", True),
+        ("k = 51390 N/m", "K = 51390 N/m", False),
+        ("k = 51390 N/m", "k = 51391 N/m", False),
+        ("k = 5.139e+04 N/m", "k = 5.141e+04 N/m", False),
+        ("k = 5.139e+04 N/m", "k = 5.139e+05 N/m", False),
+        ("off by -0.012 %", "off by 0.012 %", False),
+        ("1.2 %", "1.4 %", False),
+        ("all 29 of them (14.0)", "all 29 of them (15.0)", False),
+        ("one\ntwo", "one\ntwo\nthree", False),
+        ("", "one", False),
+        ("nan%", "1.2%", False),
+        ("one\n...\nfive\n", "one\ntwo\n", False),
+        ("one\n...\nthree\n...\ntwo\n...", "one\ntwo\nthree\n", False),
+        ("one\n...\ntwo", "one\ntwo\nthree", False),
+        ("a gap of ... and 5", "a gap of 1e+15 and 6", False),
     ],
 )
-def test_same_words_and_figures_to_the_last_digit(said: str, printed: str) -> None:
-    assert same(said, printed)
-
-
-@pytest.mark.parametrize(
-    ("said", "printed"),
-    [
-        ("k = 51390 N/m", "K = 51390 N/m"),
-        ("k = 51390 N/m", "k = 51391 N/m"),
-        ("k = 5.139e+04 N/m", "k = 5.141e+04 N/m"),
-        ("k = 5.139e+04 N/m", "k = 5.139e+05 N/m"),
-        ("off by -0.012 %", "off by 0.012 %"),
-        ("1.2 %", "1.4 %"),
-        ("all 29 of them (14.0)", "all 29 of them (15.0)"),
-        ("29 base parameters", "30 base parameters"),
-        ("one\ntwo", "one\ntwo\nthree"),
-        ("", "one"),
-        ("nan%", "1.2%"),
-    ],
-)
-def test_other_words_and_figures_are_found(said: str, printed: str) -> None:
-    assert not same(said, printed)
+def test_words_are_the_same_and_figures_to_the_last_digit(
+    said: str, printed: str, is_same: bool
+) -> None:
+    """Dots stand for anything, and spaces for any spaces."""
+    assert same(said, printed) == is_same
 
 
 def test_a_tolerance_that_a_page_states_holds_for_its_figures() -> None:
+    """It stands right behind the block."""
     page = "```sh\nseaid\n```\n\n```text\n{0}\n```\n\n*Within 5 % on any processor: a search.*\n"
     (block, _) = blocks(page.format("condition number 20.5"))
     assert block.within == 5.0
@@ -311,27 +297,3 @@ def test_a_tolerance_that_a_page_states_holds_for_its_figures() -> None:
     assert not same(block.printed[2], "condition number 22", block.within)
     (block, _) = blocks(page.format("20.5").replace("*Within", "Within"))
     assert block.within is None
-
-
-def test_dots_stand_for_anything() -> None:
-    assert same("one\n...\nfour 4.0\n", "one\ntwo\nthree\nfour 4.1\n")
-    assert same("...\nfour\n...", "one\nfour\nfive")
-    assert same("a gap of ... and 5.0", "a gap of 1e+15 and 5.1")
-    assert not same("one\n...\nfive\n", "one\ntwo\n")
-    assert not same("one\n...\nthree\n...\ntwo\n...", "one\ntwo\nthree\n")
-    assert not same("one\n...\ntwo", "one\ntwo\nthree")
-    assert not same("a gap of ... and 5", "a gap of 1e+15 and six")
-    assert not same("a gap of ... and 5", "a gap of 1e+15 and 6")
-
-
-@pytest.mark.parametrize("name", ["actuator", "workflow"])
-def test_drawings_are_readable_on_a_small_page_in_light_and_dark(name: str) -> None:
-    text = (ROOT / f"docs/_static/{name}.svg").read_text(encoding="utf-8")
-    drawing = ElementTree.fromstring(text)
-    x, y, width, _ = map(float, drawing.attrib["viewBox"].split())
-    assert (x, y, width) == (0, 0, 390)
-    sizes = [float(one) for one in re.findall(r"font-size[:=]\s*\"?([\d.]+)", text)]
-    assert min(sizes) >= 10  # pixels at 390
-    assert "prefers-color-scheme: dark" in text
-    names = [one.tag.rpartition("}")[2] for one in drawing]
-    assert names[:2] == ["title", "desc"]
