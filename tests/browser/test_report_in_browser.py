@@ -7,28 +7,27 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Locator, Page
 
 from seaid.errors import Finding
 from seaid.report.html import write_comparison, write_report
+from tests.browser.conftest import PICTURES
 from tests.experiments import arm, arm_found, arm_result
 from tests.report_pages import HOSTILE, made_up
 
 pytestmark = pytest.mark.browser
 
-PICTURES = Path(__file__).parents[2] / "out" / "browser"
 LOAD_S, PAGE_BYTES, PHONE_PX = 1.0, 6_000_000, 390
 WIDTHS = (320, 390, 600, 768, 900, 1040, 1100, 1280, 1600)
 REMEDY = 'in the drives file:\n[shoulder]\ngear_ratio = 100.0\nspring = ["linear"]'
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 class Opened:
@@ -95,18 +94,6 @@ class Opened:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    found = [path for path in map(shutil.which, NAMES) if path]
-    if not found:
-        pytest.fail(f"none of {', '.join(NAMES)} is installed: `make test-browser` installs one")
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found[0], args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(scope="module")
 def arm_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "report.html"
     facts = {"seed": "1", "Command": "seaid report arm.urdf --from run.csv"}
@@ -127,18 +114,25 @@ def doubtful_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@contextmanager
+def visit(browser: Browser, path: Path, width: int = 1200, **options: Any) -> Iterator[Opened]:
+    """Open a page; what went wrong in it, or what it requested, fails the test."""
+    context = browser.new_context(viewport={"width": width, "height": 900}, **options)
+    page = Opened(context, path)
+    yield page
+    assert page.wrong == []
+    assert page.requests == [path.as_uri()]
+    context.close()
+
+
 @pytest.fixture
 def opened(browser: Browser, arm_page: Path) -> Iterator[Opened]:
-    """Return the arm's report on a desk; what went wrong in it fails the test."""
-    context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme="light")
-    one = Opened(context, arm_page)
-    one.find("document.querySelector('#viewer').scrollIntoView({ behavior: 'instant' })")
-    one.settle()  # the sections above get their true height
-    one.find("document.querySelector('#viewer').scrollIntoView({ behavior: 'instant' })")
-    yield one
-    assert one.wrong == []
-    assert one.requests == [arm_page.as_uri()]
-    context.close()
+    """Return the arm's report on a desk, at its traces."""
+    with visit(browser, arm_page, color_scheme="light") as page:
+        for _ in range(2):  # the sections above get their true height
+            page.find("document.querySelector('#viewer').scrollIntoView({ behavior: 'instant' })")
+            page.settle()
+        yield page
 
 
 def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path) -> None:
@@ -153,17 +147,6 @@ def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path
     assert opened.ink("residual", "residual") > 100
     assert opened.ink("spectrum", "residual") > 50
     opened.page.screenshot(path=PICTURES / "light.png", full_page=True)
-
-
-def test_no_mark_follows_a_gap_and_one_line_is_between_links_and_first_section(
-    opened: Opened,
-) -> None:
-    """A key keeps its distance from the next one, and so do the marks behind it."""
-    behind = """() => [...document.querySelectorAll("#actuators .whole")].map(
-        (key) => key.nextSibling.textContent[0])"""
-    assert set(opened.find(behind)) == {" "}
-    border = "getComputedStyle(document.querySelector('main > section')).borderTopWidth"
-    assert opened.find(border) == "0px"
 
 
 def test_click_on_a_name_in_the_legend_hides_its_trace_and_shows_it_again(opened: Opened) -> None:
@@ -222,33 +205,41 @@ def test_selectors_change_motion_joint_and_side(opened: Opened) -> None:
     assert opened.page.locator("#side").input_value() == "load"
 
 
-def test_map_reads_names_and_value_of_a_cell(opened: Opened) -> None:
-    box = opened.page.locator("#map").bounding_box()
-    assert box is not None
-    opened.page.locator("#map").scroll_into_view_if_needed()
-    opened.page.locator("#map").hover(position={"x": 255, "y": 25})
-    said = opened.page.locator("#correlation").inner_text()
-    assert said.startswith("coulomb friction of shoulder and viscous friction of shoulder: ")
-    expected = arm_found().drives["shoulder"].correlation[0, 1]
-    assert float(said.split(": ")[1].replace("−", "-")) == pytest.approx(expected, abs=0.006)
+def downloaded(opened: Opened, place: Locator, folder: Path) -> Path:
+    """Return the file that a click downloads."""
+    with opened.page.expect_download() as waiting:
+        place.click()
+    path = folder / waiting.value.suggested_filename
+    waiting.value.save_as(path)
+    return path
 
 
-def test_dark_is_dark_and_the_button_turns_it(browser: Browser, arm_page: Path) -> None:
-    context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme="dark")
-    opened = Opened(context, arm_page)
-    paper = "getComputedStyle(document.body).backgroundColor"
-    dark = opened.find(paper)
-    assert max(int(one) for one in dark[4:-1].split(",")) < 50
-    assert opened.ink("torque", "computed") > 100  # in the dark page's own colour
-    opened.page.screenshot(path=PICTURES / "dark.png", full_page=True)
-    opened.page.click("#theme")
-    assert opened.find(paper) == "rgb(255, 255, 255)"
-    opened.settle()
-    assert opened.ink("torque", "computed") > 100
-    opened.page.click("#theme")
-    assert opened.find(paper) == dark
-    assert opened.wrong == []
-    context.close()
+def test_tables_are_copied_as_csv_and_latex_and_parameters_as_json(
+    opened: Opened, tmp_path: Path
+) -> None:
+    """The CSV has the exact values; the page shows rounded ones."""
+    table = opened.page.locator(".table[data-name=drives]")
+    path = downloaded(opened, table.get_by_text("CSV"), tmp_path)
+    assert path.name == "mixed_arm_drives.csv"
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    expected = [
+        (joint, name.replace("_", " "), value, error)
+        for joint, one in arm_found().drives.items()
+        for name, value, error in zip(one.names, one.values, one.standard_errors, strict=True)
+    ]
+    read = [
+        (row["Joint"], row["Parameter"], float(row["Identified"]), float(row["Std. error"]))
+        for row in rows
+    ]
+    assert read == expected
+    text = downloaded(opened, table.get_by_text("LaTeX"), tmp_path).read_text(encoding="utf-8")
+    assert "\\begin{tabular}{llrrrrlrrl}" in text
+    assert text.count(r"\\") == len(rows) + 1
+    assert r"$\cdot 10^{-5}$" in text
+    assert text.isascii()
+    path = downloaded(opened, opened.page.locator("#parameters"), tmp_path)
+    assert json.loads(path.read_text())["joints"] == list(arm_found().robot.joint_names)
 
 
 def top(opened: Opened, selector: str) -> float:
@@ -259,93 +250,47 @@ def top(opened: Opened, selector: str) -> float:
     return found
 
 
+COLOUR = """([name, kind, variable]) => {
+  const one = getComputedStyle(document.querySelector(name))[kind];
+  const [r, g, b] = getComputedStyle(document.documentElement).getPropertyValue("--" + variable)
+    .match(/\\w\\w/g);
+  return [one, `rgb(${[r, g, b].map((part) => parseInt(part, 16)).join(", ")})`];
+}"""
+"""What finds the colour of an element, and the one that the page names."""
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_first_screen_has_verdict_robot_before_and_after_and_warnings(
     browser: Browser, doubtful_page: Path, scheme: Any
 ) -> None:
-    context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
-    opened = Opened(context, doubtful_page)
-    for selector in (".verdict .words", "svg.robot .joint", ".bars li", "#warnings h2"):
-        assert top(opened, selector) < 800
-    assert opened.page.locator(".verdict .words").inner_text() == "Do not use"
-    for name, variable in ((".verdict .words", "bad"), (".notice.doubtful", "care-paper")):
-        kind = "color" if name.startswith(".verdict") else "backgroundColor"
-        found = opened.find(
-            """([name, kind, variable]) => {
-              const one = getComputedStyle(document.querySelector(name))[kind];
-              const own = getComputedStyle(document.documentElement);
-              const [r, g, b] = own.getPropertyValue("--" + variable).match(/\\w\\w/g);
-              return [one, `rgb(${[r, g, b].map((part) => parseInt(part, 16)).join(", ")})`];
-            }""",
-            [name, kind, variable],
-        )
-        assert found[0] == found[1]
-    assert opened.page.locator("svg.robot .joint").count() == 4
-    assert opened.page.locator("svg.robot tspan.flag").count() == 2  # shoulder and wrist
-    before = opened.page.locator(".bars .before")
-    assert before.count() == 6
-    opened.page.screenshot(path=PICTURES / f"first_{scheme}.png")
-    assert opened.wrong == []
-    context.close()
-
-
-def test_remedy_is_copied_as_it_stands(browser: Browser, doubtful_page: Path) -> None:
-    context = browser.new_context(permissions=["clipboard-read", "clipboard-write"])
-    opened = Opened(context, doubtful_page)
-    opened.page.locator(".notice.wrong .copy").click()
-    opened.page.locator(".notice.wrong .copy", has_text="Copied").wait_for(timeout=5000)
-    copied = opened.find("navigator.clipboard.readText()")
-    assert copied == REMEDY.partition("\n")[2]
-    assert opened.wrong == []
-    context.close()
-
-
-def test_what_is_harmless_has_no_colour(opened: Opened) -> None:
-    """Rows of tables with a note look like those without, and notes have no background."""
-    colours = opened.find(
-        """() => [...document.querySelectorAll(".table tr, .table td, .notice.note")].map(
-          (one) => getComputedStyle(one).backgroundColor)"""
-    )
-    assert set(colours) == {"rgba(0, 0, 0, 0)"}
-    assert opened.page.get_by_text("may be zero").count() > 0
-
-
-def test_tables_are_copied_as_csv_and_latex_and_parameters_as_json(
-    opened: Opened, tmp_path: Path
-) -> None:
-    """The CSV has the exact values; the page shows rounded ones."""
-    table = opened.page.locator(".table[data-name=drives]")
-    with opened.page.expect_download() as waiting:
-        table.get_by_text("CSV").click()
-    waiting.value.save_as(tmp_path / "drives.csv")
-    assert waiting.value.suggested_filename == "mixed_arm_drives.csv"
-    with (tmp_path / "drives.csv").open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.DictReader(file))
-    found = arm_found()
-    expected = [
-        (joint, name.replace("_", " "), value, error)
-        for joint, one in found.drives.items()
-        for name, value, error in zip(one.names, one.values, one.standard_errors, strict=True)
-    ]
-    read = [
-        (row["Joint"], row["Parameter"], float(row["Identified"]), float(row["Std. error"]))
-        for row in rows
-    ]
-    assert read == expected
-    with opened.page.expect_download() as waiting:
-        table.get_by_text("LaTeX").click()
-    waiting.value.save_as(tmp_path / "drives.tex")
-    text = (tmp_path / "drives.tex").read_text(encoding="utf-8")
-    assert "\\begin{tabular}{llrrrrlrrl}" in text
-    assert text.count(r"\\") == len(rows) + 1
-    assert r"95 \% interval" in text
-    assert r"$\cdot 10^{-5}$" in text
-    assert text.isascii()
-    with opened.page.expect_download() as waiting:
-        opened.page.locator("#parameters").click()
-    waiting.value.save_as(tmp_path / "parameters.json")
-    content = json.loads((tmp_path / "parameters.json").read_text())
-    assert content["joints"] == list(found.robot.joint_names)
+    """In the colours of the scheme, which the button turns; a remedy is copied as it stands."""
+    permissions = ["clipboard-read", "clipboard-write"]
+    with visit(
+        browser, doubtful_page, 1280, color_scheme=scheme, permissions=permissions
+    ) as opened:
+        for selector in (".verdict .words", "svg.robot .joint", ".bars li", "#warnings h2"):
+            assert top(opened, selector) < 800
+        assert opened.page.locator(".verdict .words").inner_text() == "Do not use"
+        for name, kind, variable in (
+            (".verdict .words", "color", "bad"),
+            (".notice.doubtful", "backgroundColor", "care-paper"),
+        ):
+            found = opened.find(COLOUR, [name, kind, variable])
+            assert found[0] == found[1]
+        assert opened.page.locator("svg.robot .joint").count() == 4
+        assert opened.page.locator("svg.robot tspan.flag").count() == 2  # shoulder and wrist
+        assert opened.page.locator(".bars .before").count() == 6
+        opened.page.screenshot(path=PICTURES / f"first_{scheme}.png")
+        opened.page.locator(".notice.wrong .copy").click()
+        opened.page.locator(".notice.wrong .copy", has_text="Copied").wait_for(timeout=5000)
+        assert opened.find("navigator.clipboard.readText()") == REMEDY.partition("\n")[2]
+        for is_dark in (scheme == "dark", scheme == "light"):
+            paper = opened.find("getComputedStyle(document.body).backgroundColor")
+            assert (max(int(one) for one in paper[4:-1].split(",")) < 50) == is_dark
+            opened.page.locator("#torque").scroll_into_view_if_needed()
+            opened.settle()
+            assert opened.ink("torque", "computed") > 100  # in the page's own colour
+            opened.page.click("#theme")
 
 
 def cut(opened: Opened) -> list[str]:
@@ -366,66 +311,69 @@ def cut(opened: Opened) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["arm", "hostile"])
+@pytest.mark.parametrize("kind", ["arm", "hostile", "comparison"])
 def test_nothing_is_cut_at_any_width(
     browser: Browser, arm_page: Path, tmp_path: Path, kind: str
 ) -> None:
-    path = arm_page
+    """Neither on a phone, nor with names of any length, nor in a comparison."""
+    path = arm_page if kind == "arm" else tmp_path / "report.html"
     if kind == "hostile":
-        path = tmp_path / "report.html"
         found, result = made_up(tmp_path, (*HOSTILE, "long_" * 60), 1000)
         write_report(found, path, [result], facts={"x" * 200: "y" * 400})
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    opened = Opened(context, path)
-    opened.page.add_style_tag(content="main > section { content-visibility: visible !important; }")
-    for width in WIDTHS:
-        opened.page.set_viewport_size({"width": width, "height": 800})
-        opened.settle()
-        assert opened.find("document.documentElement.scrollWidth") <= width
-        assert cut(opened) == [], width
-    assert opened.wrong == []
-    context.close()
+    elif kind == "comparison":
+        other = replace(arm_found().load, values=1.2 * arm_found().load.values)
+        names = ("cold", "warm")
+        write_comparison(arm_found(), replace(arm_found(), load=other), path, names=names)
+    with visit(browser, path, 1280) as opened:
+        style = "main > section { content-visibility: visible !important; }"
+        opened.page.add_style_tag(content=style)
+        for width in WIDTHS:
+            opened.page.set_viewport_size({"width": width, "height": 800})
+            opened.settle()
+            assert opened.find("document.documentElement.scrollWidth") <= width
+            assert cut(opened) == [], width
+        if kind == "comparison":
+            assert "parameters differ" in opened.page.locator(".verdict .words").inner_text()
+            place = opened.page.locator("[data-copy=csv]")
+            assert downloaded(opened, place, tmp_path).name == "mixed_arm_comparison.csv"
 
 
-def test_phone_needs_no_sideways_scrolling(browser: Browser, arm_page: Path) -> None:
-    context = browser.new_context(
-        viewport={"width": PHONE_PX, "height": 844}, is_mobile=True, has_touch=True
-    )
-    opened = Opened(context, arm_page)
-    assert top(opened, ".verdict .words") < 300
-    assert top(opened, "svg.robot") < 600
-    assert opened.find("document.documentElement.scrollWidth") <= PHONE_PX
-    opened.page.locator("#torque").scroll_into_view_if_needed()
-    assert opened.find("document.querySelector('#torque canvas').clientWidth") <= PHONE_PX
-    opened.page.locator("#map").scroll_into_view_if_needed()
-    opened.page.locator("#map").tap(position={"x": 155, "y": 15})
-    assert "shoulder" in opened.page.locator("#correlation").inner_text()
-    opened.page.screenshot(path=PICTURES / "phone.png", full_page=True)
-    assert opened.wrong == []
-    context.close()
+def test_a_phone_shows_the_verdict_and_reads_the_map(browser: Browser, arm_page: Path) -> None:
+    """A tap on a cell names its parameters and their correlation."""
+    with visit(browser, arm_page, PHONE_PX, is_mobile=True, has_touch=True) as opened:
+        assert top(opened, ".verdict .words") < 300
+        assert top(opened, "svg.robot") < 600
+        opened.page.locator("#torque").scroll_into_view_if_needed()
+        assert opened.find("document.querySelector('#torque canvas').clientWidth") <= PHONE_PX
+        opened.page.locator("#map").scroll_into_view_if_needed()
+        opened.page.locator("#map").tap(position={"x": 155, "y": 15})
+        said = opened.page.locator("#correlation").inner_text()
+        assert said.startswith("coulomb friction of shoulder and viscous friction of shoulder: ")
+        expected = arm_found().drives["shoulder"].correlation[0, 1]
+        shown = float(said.split(": ")[1].replace("−", "-"))
+        assert shown == pytest.approx(expected, abs=0.006)
+        opened.page.screenshot(path=PICTURES / "phone.png", full_page=True)
 
 
 def test_paper_has_everything_open_black_on_white(browser: Browser, arm_page: Path) -> None:
-    context = browser.new_context(color_scheme="dark")
-    opened = Opened(context, arm_page)
-    assert not opened.page.locator(".static").is_visible()  # copies of traces are for paper only
-    opened.page.pdf(path=PICTURES / "report.pdf", format="A4")
-    assert (PICTURES / "report.pdf").read_bytes().startswith(b"%PDF")
-    opened.page.emulate_media(media="print")
-    opened.page.set_viewport_size({"width": 700, "height": 1000})  # that of A4 between margins
-    assert opened.find("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
-    assert opened.find("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
-    assert not opened.page.locator("#viewer").is_visible()
-    assert opened.page.locator(".static figure").count() == 6
-    assert opened.page.locator(".static svg").first.is_visible()
-    assert opened.page.locator("button:visible").count() == 0
-    opened.find("dispatchEvent(new Event('beforeprint'))")
-    assert opened.page.locator("details:not([open])").count() == 0
-    assert cut(opened) == []
-    opened.find("dispatchEvent(new Event('afterprint'))")
-    assert opened.page.locator("details[open]").count() == 0
-    assert opened.wrong == []
-    context.close()
+    """Copies of the traces are for paper only, and details are closed again after it."""
+    with visit(browser, arm_page, color_scheme="dark") as opened:
+        page = opened.page
+        assert not page.locator(".static").is_visible()
+        page.pdf(path=PICTURES / "report.pdf", format="A4")
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 700, "height": 1000})  # that of A4 between margins
+        for kind, colour in (("backgroundColor", "255, 255, 255"), ("color", "0, 0, 0")):
+            assert opened.find(f"getComputedStyle(document.body).{kind}") == f"rgb({colour})"
+        assert not page.locator("#viewer").is_visible()
+        assert page.locator(".static figure").count() == 6
+        assert page.locator(".static svg").first.is_visible()
+        assert page.locator("button:visible").count() == 0
+        opened.find("dispatchEvent(new Event('beforeprint'))")
+        assert page.locator("details:not([open])").count() == 0
+        assert cut(opened) == []
+        opened.find("dispatchEvent(new Event('afterprint'))")
+        assert page.locator("details[open]").count() == 0
 
 
 def test_without_javascript_all_but_the_traces_is_there(browser: Browser, arm_page: Path) -> None:
@@ -441,58 +389,31 @@ def test_without_javascript_all_but_the_traces_is_there(browser: Browser, arm_pa
     context.close()
 
 
-@pytest.mark.parametrize("width", [1280, PHONE_PX])
-def test_comparison_opens_without_error_or_request(
-    browser: Browser, tmp_path: Path, width: int
-) -> None:
-    path = tmp_path / "comparison.html"
-    values = 1.2 * arm_found().load.values
-    other = replace(arm_found(), load=replace(arm_found().load, values=values))
-    write_comparison(arm_found(), other, path, names=("cold", "warm"))
-    context = browser.new_context(viewport={"width": width, "height": 800})
-    opened = Opened(context, path)
-    assert "parameters differ" in opened.page.locator(".verdict .words").inner_text()
-    assert opened.page.locator("svg.robot .joint").count() == 4
-    assert opened.find("document.documentElement.scrollWidth") <= width
-    assert cut(opened) == []
-    assert opened.requests == [path.as_uri()]
-    with opened.page.expect_download() as waiting:
-        opened.page.locator("[data-copy=csv]").click()
-    assert waiting.value.suggested_filename == "mixed_arm_comparison.csv"
-    opened.page.screenshot(path=PICTURES / f"comparison_{width}.png", full_page=True)
-    assert opened.wrong == []
-    context.close()
-
-
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
+    """Nothing of them is run, and each can be chosen."""
     found, result = made_up(tmp_path, HOSTILE)
-    write_report(found, tmp_path / "report.html", [result], facts={"<b>who</b>": "</script>"})
-    context = browser.new_context()
-    opened = Opened(context, tmp_path / "report.html")
-    alerts: list[str] = []
-    opened.page.on("dialog", lambda dialog: alerts.append(dialog.message))
-    options = opened.page.locator("#joint option")
-    assert options.all_inner_texts() == list(HOSTILE)
-    for place, name in enumerate(HOSTILE):
-        opened.page.select_option("#joint", index=place)
-        assert opened.page.locator("#shown").inner_text().startswith(f"{name}, load side")
-        assert opened.page.get_by_text(name, exact=True).count() > 1
-    assert opened.page.locator("b").count() == 0
-    assert opened.page.locator("h1").inner_text() == "chain <i>"
-    assert alerts == opened.wrong == []
-    context.close()
+    path, alerts = tmp_path / "report.html", []
+    write_report(found, path, [result], facts={"<b>who</b>": "</script>"})
+    with visit(browser, path) as opened:
+        opened.page.on("dialog", lambda dialog: alerts.append(dialog.message))
+        assert opened.page.locator("#joint option").all_inner_texts() == list(HOSTILE)
+        for place, name in enumerate(HOSTILE):
+            opened.page.select_option("#joint", index=place)
+            assert opened.page.locator("#shown").inner_text().startswith(f"{name}, load side")
+            assert opened.page.get_by_text(name, exact=True).count() > 1
+        assert opened.page.locator("b").count() == 0
+        assert opened.page.locator("h1").inner_text() == "chain <i>"
+    assert alerts == []
 
 
 def test_three_hundred_joints_open_fast(browser: Browser, tmp_path: Path) -> None:
+    """In the time and the size of a page of four."""
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 20_000)
     path = tmp_path / "report.html"
     write_report(found, path, [result, result])
     assert path.stat().st_size < PAGE_BYTES
-    context = browser.new_context(viewport={"width": 1200, "height": 900})
-    opened = Opened(context, path)
-    assert opened.load_s < LOAD_S
-    opened.page.select_option("#joint", label="joint_299")
-    assert "joint_299, load side" in opened.page.locator("#shown").inner_text()
-    assert opened.ink("torque", "computed") > 100
-    assert opened.wrong == []
-    context.close()
+    with visit(browser, path) as opened:
+        assert opened.load_s < LOAD_S
+        opened.page.select_option("#joint", label="joint_299")
+        assert "joint_299, load side" in opened.page.locator("#shown").inner_text()
+        assert opened.ink("torque", "computed") > 100

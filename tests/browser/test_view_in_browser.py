@@ -5,21 +5,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from playwright.sync_api import (
-    Browser,
-    ConsoleMessage,
-    Locator,
-    Page,
-    Request,
-    sync_playwright,
-)
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request
 
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.legged import load_robot
@@ -29,19 +21,11 @@ from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot
 from seaid.view.playback import Shown
 from seaid.view.window import View, view_robot
+from tests.browser.conftest import PICTURES
 
 pytestmark = pytest.mark.browser
 
 ROOT = Path(__file__).parents[2]
-PICTURES = ROOT / "out" / "browser"
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-SOFTWARE = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
-"""Chromium draws WebGL without a graphics card."""
 PATIENCE_MS = 60_000.0
 
 
@@ -79,19 +63,6 @@ def view(leg: Robot) -> Iterator[View]:
 def wrong() -> list[str]:
     """Return what went wrong in the page, and what it asked for elsewhere."""
     return []
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    executable = next(filter(None, map(shutil.which, NAMES)), None)
-    if executable is None:
-        pytest.skip("no Chromium: make test-browser installs it")
-    PICTURES.mkdir(parents=True, exist_ok=True)
-
-    with sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=executable, args=SOFTWARE)
-        yield opened
-        opened.close()
 
 
 def opened_page(browser: Browser, view: View, wrong: list[str], width: int, height: int) -> Page:
