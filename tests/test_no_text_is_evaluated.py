@@ -82,24 +82,11 @@ def dotted(node: ast.expr) -> str:
 
 @cache
 def words_of_all() -> dict[str, set[str]]:
-    """The names of each module."""
-    return {place: {word for word, _ in words(tree)} for place, tree in sources().items()}
-
-
-def users(name: str) -> set[str]:
-    """Modules with a name, plain or as the last part of a.b."""
+    """Return the names of each module, and the last parts of a.b among them."""
     return {
-        place
-        for place, found in words_of_all().items()
-        if any(word == name or word.endswith(f".{name}") for word in found)
+        place: {part for word, _ in words(tree) for part in (word, word.split(".")[-1])}
+        for place, tree in sources().items()
     }
-
-
-def calls(name: str) -> Iterator[ast.Call]:
-    for tree in sources().values():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and dotted(node.func).split(".")[-1] == name:
-                yield node
 
 
 @pytest.mark.slow  # 0.5 s
@@ -109,8 +96,9 @@ def test_what_runs_text_does_not_occur(name: str) -> None:
     allowed = {"compile": {"re.compile"}, "pickle": {"copyreg.pickle"}}.get(name, set())
     uses = {
         f"{place}: {word}"
-        for place, found in words_of_all().items()
-        for word in found
+        for place, tree in sources().items()
+        if name.split(".")[-1] in words_of_all()[place]
+        for word, _ in words(tree)
         if (word == name or word.endswith(f".{name}")) and word not in allowed
     }
     assert uses == set()
@@ -127,27 +115,25 @@ def test_what_runs_text_does_not_occur(name: str) -> None:
     ],
 )
 def test_what_could_run_text_occurs_for_a_reason(name: str, places: set[str]) -> None:
-    assert users(name) == places
+    """The reason stands next to the places."""
+    assert {place for place, found in words_of_all().items() if name in found} == places
 
 
 @pytest.mark.slow  # 0.7 s
-def test_sympify_is_strict_and_numpy_loads_no_objects() -> None:
-    given = [{k.arg: k.value for k in call.keywords} for call in calls("sympify")]
-    assert given
-    assert all(ast.unparse(one["strict"]) == "True" for one in given)
-    everywhere = [k for tree in sources().values() for k in ast.walk(tree)]
-    pickles = [k for k in everywhere if isinstance(k, ast.keyword) and k.arg == "allow_pickle"]
-    assert pickles
-    assert all(ast.unparse(one.value) == "False" for one in pickles)
-
-
-def test_ast_is_used_to_parse_and_to_look_only() -> None:
-    tree = sources()["symbolic/expression_text.py"]
-    called = {ast.unparse(n.func) for n in ast.walk(tree) if isinstance(n, ast.Call)}
+def test_sympify_is_strict_numpy_loads_no_objects_and_ast_parses_only() -> None:
+    """By the arguments of every call; the search finds what it should."""
+    nodes = [node for tree in sources().values() for node in ast.walk(tree)]
+    calls = [node for node in nodes if isinstance(node, ast.Call)]
+    strict = [
+        {word.arg: ast.unparse(word.value) for word in call.keywords}["strict"]
+        for call in calls
+        if dotted(call.func).endswith("sympify")
+    ]
+    assert {*strict} == {"True"}
+    keywords = [node for node in nodes if isinstance(node, ast.keyword)]
+    pickles = {ast.unparse(one.value) for one in keywords if one.arg == "allow_pickle"}
+    assert pickles == {"False"}
+    called = {ast.unparse(call.func) for call in calls}
     assert {one for one in called if one.startswith("ast.")} == {"ast.parse"}
-
-
-def test_the_search_finds_what_it_should() -> None:
     tree = ast.parse("from sympy.parsing.sympy_parser import parse_expr as p\nx = sp.sympify('1')")
-    found = {word for word, _ in words(tree)}
-    assert {"parse_expr", "sp.sympify"} <= found
+    assert {"parse_expr", "sp.sympify"} <= {word for word, _ in words(tree)}

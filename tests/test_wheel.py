@@ -9,7 +9,6 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from dataclasses import dataclass
 from email import message_from_bytes
 from email.message import Message
 from importlib.metadata import distributions, version
@@ -35,18 +34,12 @@ def tracked(*folders: str) -> list[str]:
     return [name for name in said.stdout.splitlines() if (ROOT / name).is_file()]
 
 
-@dataclass(frozen=True)
-class Built:
-    """Names of the files in wheel and source distribution, and the wheel's metadata."""
-
-    wheel: frozenset[str]
-    source: frozenset[str]
-    metadata: Message
-
-
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """Build the project's tracked files elsewhere: the sdist, and the wheel from that alone."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[set[str], set[str], Message]:
+    """Return the files in wheel and source distribution, and the wheel's metadata.
+
+    Build the project's tracked files elsewhere: the sdist, and the wheel from that alone.
+    """
     place, out = tmp_path_factory.mktemp("project"), tmp_path_factory.mktemp("built")
     for name in tracked():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
@@ -56,86 +49,46 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     assert said.returncode == 0, said.stdout + said.stderr
     (wheel,), (source,) = out.glob("*.whl"), out.glob("*.tar.gz")
     with zipfile.ZipFile(wheel) as archive:
-        inside = frozenset(archive.namelist())
+        inside = {*archive.namelist()}
         (name,) = (name for name in inside if name.endswith(".dist-info/METADATA"))
         metadata = message_from_bytes(archive.read(name))
     with tarfile.open(source) as packed:
-        names = frozenset(one.name.partition("/")[2] for one in packed if one.isfile())
-    return Built(inside, names, metadata)
+        names = {one.name.partition("/")[2] for one in packed if one.isfile()}
+    return inside, names, metadata
 
 
-BUILDS = pytest.mark.slow  # the sdist and the wheel from that
-
-
-@BUILDS
-def test_wheel_has_every_file_of_the_package_and_nothing_else(built: Built) -> None:
-    package = {name for name in built.wheel if ".dist-info/" not in name}
+@pytest.mark.slow  # the sdist and the wheel from that
+def test_wheel_and_source_distribution_have_every_file_and_nothing_else(
+    built: tuple[set[str], set[str], Message],
+) -> None:
+    """Their metadata are what a package index shows."""
+    wheel, source, metadata = built
+    package = {name for name in wheel if ".dist-info/" not in name}
     assert package == set(tracked("seaid"))
     assert {"seaid/py.typed", "seaid/report/page/report.css"} <= package
-
-
-@BUILDS
-def test_source_distribution_is_the_whole_project(built: Built) -> None:
-    assert set(tracked()) - built.source <= {".gitignore"}
-
-
-@BUILDS
-def test_metadata_of_the_wheel_are_what_a_package_index_shows(built: Built) -> None:
-    metadata = built.metadata
+    assert {"LICENSE", "entry_points.txt"} <= {name.rpartition("/")[2] for name in wheel}
+    assert set(tracked()) - source <= {".gitignore"}
     assert metadata["Name"] == "seaid"
-    assert metadata["Version"] == seaid.__version__
     assert metadata["License-Expression"] == "BSD-3-Clause"
     assert metadata["Description-Content-Type"] == "text/markdown"
     assert str(metadata.get_payload()).startswith("# seaid")
     assert set(metadata.get_all("Provides-Extra", [])) == set(PROJECT["optional-dependencies"])
-    names = {name.rpartition("/")[2] for name in built.wheel}
-    assert {"LICENSE", "entry_points.txt"} <= names
+    assert metadata["Version"] == seaid.__version__
 
 
-def test_editable_installation_is_of_this_version() -> None:
-    assert version("seaid") == seaid.__version__
-
-
-def test_version_is_the_same_everywhere() -> None:
+def test_versions_and_the_citation_are_the_same_everywhere() -> None:
+    """In the installation, the citation and the change log; of Python, in the classifiers."""
     assert "version" in PROJECT["dynamic"]
-    assert CITATION["version"] == seaid.__version__
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    versions = re.findall(r"^## \[?([\d.]+)", changes, re.MULTILINE)
-    assert versions[0] == seaid.__version__
-
-
-def test_citation_names_the_software_and_the_paper_it_implements() -> None:
-    assert CITATION["cff-version"] == "1.2.0"
-    assert CITATION["type"] == "software"
-    assert {"message", "title", "authors", "license"} <= set(CITATION)
+    newest = re.findall(r"^## \[?([\d.]+)", changes, re.MULTILINE)[0]
+    assert version("seaid") == CITATION["version"] == newest == seaid.__version__
+    assert {"cff-version", "type", "message", "title", "authors", "license"} <= set(CITATION)
     (paper,) = CITATION["references"]
     assert paper["title"].lower() in (ROOT / "README.md").read_text(encoding="utf-8").lower()
-    assert {"type", "title", "authors"} <= set(paper)
-
-
-def test_python_versions_told_are_the_ones_allowed() -> None:
     told = {name.rpartition(" ")[2] for name in PROJECT["classifiers"] if "Python :: 3." in name}
     least = PROJECT["requires-python"].removeprefix(">=")
-    assert min(told, key=lambda version: int(version.partition(".")[2])) == least
+    assert min(told, key=lambda one: int(one.partition(".")[2])) == least
     assert not any(name.startswith("License ::") for name in PROJECT["classifiers"])
-
-
-def extras_named() -> dict[str, set[str]]:
-    """Return {extra: files that tell a user to install it}."""
-    found: dict[str, set[str]] = {}
-    for name in tracked("seaid", "docs", "scripts", "README.md"):
-        if name.endswith((".py", ".md", ".j2", ".js")):
-            text = (ROOT / name).read_text(encoding="utf-8")
-            for extras in re.findall(r"seaid\[([\w,\s-]+)\]", text):
-                for extra in extras.split(","):
-                    found.setdefault(extra.strip(), set()).add(name)
-    return found
-
-
-def test_every_extra_that_is_asked_for_exists() -> None:
-    named = extras_named()
-    assert {"parquet", "hdf5", "ros", "hebi"} <= set(named)
-    assert set(named) <= set(PROJECT["optional-dependencies"])
 
 
 def asked_by(requirement: str) -> set[str]:
@@ -149,20 +102,23 @@ def asked_by(requirement: str) -> set[str]:
     }
 
 
-def test_environment_of_the_project_has_all_extras_so_that_they_resolve_together() -> None:
+def test_every_extra_exists_and_is_part_of_a_pinned_environment() -> None:
+    """Those that texts ask for; the environment of the project has all, which resolve together."""
+    named: set[str] = set()
+    for name in tracked("seaid", "docs", "scripts", "README.md"):
+        if name.endswith((".py", ".md", ".j2", ".js")):
+            text = (ROOT / name).read_text(encoding="utf-8")
+            for extras in re.findall(r"seaid\[([\w,\s-]+)\]", text):
+                named |= {extra.strip() for extra in extras.split(",")}
+    assert {"parquet", "hdf5", "ros", "hebi"} <= named <= set(PROJECT["optional-dependencies"])
     # one is built from its sources, the others are large: make test-hebi, make test-simulators
-    installed = asked_by("seaid[dev]") | {"hebi-py", "drake", "newton", "newton-usd-schemas"}
+    large = {"hebi-py", "drake", "newton", "newton-usd-schemas"}
     for extra in PROJECT["optional-dependencies"]:
-        assert asked_by(f"seaid[{extra}]") <= installed, extra
-
-
-def test_everything_asked_for_is_pinned_for_repeatable_installations() -> None:
+        assert asked_by(f"seaid[{extra}]") <= asked_by("seaid[dev]") | large, extra
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = {line.partition("==")[0] for line in lines if "==" in line}
-    names = asked_by("seaid[dev]") | {
-        one for need in PROJECT["dependencies"] for one in asked_by(need)
-    }
-    assert names <= pinned
+    for need in ("seaid[dev]", *PROJECT["dependencies"]):
+        assert asked_by(need) <= pinned
 
 
 def test_an_editable_install_is_found_from_the_folder_above_the_checkout(tmp_path: Path) -> None:
