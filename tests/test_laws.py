@@ -41,39 +41,20 @@ def assert_same(found: Array, expected: Array, relative: float) -> None:
     assert np.max(np.abs(found - expected)) <= relative * np.max(np.abs(expected))
 
 
+@pytest.mark.rounding
 def test_regressor_times_parameters_is_rnea_on_every_robot(
     example_urdf: Path, load_quietly: Callable[..., Robot]
 ) -> None:
+    """So is that of base parameters, whose grouping is one of columns: it holds for any values."""
     robot = load_quietly(example_urdf)
-    q, v, a = few_states(robot, seed=3)
-    torques = rnea(robot, q, v, a)
+    states = few_states(robot, seed=3)
+    Y, torques = rigid_body_regressor(robot, *states), rnea(robot, *states)
     assert np.max(np.abs(torques)) > 1e-6
-    assert_same(rigid_body_regressor(robot, q, v, a) @ robot.parameters, torques, 1e-9)
-
-
-@pytest.mark.rounding
-def test_base_regressor_times_base_parameters_is_rnea_on_every_robot(
-    example_urdf: Path, load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_urdf)
+    assert_same(Y @ robot.parameters, torques, 1e-9)
     if robot.n > 60:
         pytest.skip("tiago_dual: 1010 columns take 10 s; test_base has it, marked slow")
     base = base_parameters(robot)
-    q, v, a = few_states(robot, seed=4)
-    Y = rigid_body_regressor(robot, q, v, a)
-    torques = base.reduce(Y) @ base.project(robot.parameters)
-    assert_same(torques, rnea(robot, q, v, a), 1e-9)
-
-
-@pytest.mark.rounding
-def test_grouping_holds_for_all_columns_not_only_the_robots_parameters(
-    example_urdf: Path, load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_urdf)
-    if robot.n > 60:
-        pytest.skip("tiago_dual: 1010 columns take 10 s; test_base has it, marked slow")
-    base = base_parameters(robot)
-    Y = rigid_body_regressor(robot, *few_states(robot, seed=5))
+    assert_same(base.reduce(Y) @ base.project(robot.parameters), torques, 1e-9)
     assert_same(base.reduce(Y) @ base.grouping, Y, 1e-9)
 
 
@@ -105,26 +86,15 @@ def test_payload_is_added_on_the_known_side(tulip_urdf: Path) -> None:
     assert_same(joint_torques(loaded, *states), torques, 1e-12)
 
 
-def test_regressor_does_not_need_or_use_inertial_values(tulip_leg: Robot) -> None:
-    states = few_states(tulip_leg, seed=7)
-    unknown = tulip_leg.without_nominal()
-    assert np.array_equal(
-        rigid_body_regressor(tulip_leg, *states), rigid_body_regressor(unknown, *states)
-    )
-    assert base_parameters(unknown).columns == base_parameters(tulip_leg).columns
-
-
-def test_rotor_inertia_is_not_in_the_regressor(tulip_leg: Robot) -> None:
-    states = few_states(tulip_leg, seed=8)
+def test_regressor_has_neither_values_of_bodies_nor_rotors_in_it(tulip_leg: Robot) -> None:
+    """And states of another shape are refused."""
+    q, v, a = few_states(tulip_leg, seed=7)
+    Y, unknown = rigid_body_regressor(tulip_leg, q, v, a), tulip_leg.without_nominal()
     geared = tulip_leg.with_values(tulip_leg.parameters, tulip_leg.drives)
     geared.model.armature = np.full(geared.n, 0.1)
-    assert np.array_equal(
-        rigid_body_regressor(tulip_leg, *states), rigid_body_regressor(geared, *states)
-    )
-
-
-def test_states_of_wrong_shape_are_refused(tulip_leg: Robot) -> None:
-    q, v, a = few_states(tulip_leg, seed=9)
+    for robot in (unknown, geared):
+        assert np.array_equal(Y, rigid_body_regressor(robot, q, v, a))
+    assert base_parameters(unknown).columns == base_parameters(tulip_leg).columns
     with pytest.raises(SeaidError, match=r"v must have shape \(any, 5\), found \(6, 4\)"):
         rigid_body_regressor(tulip_leg, q, v[:, :4], a)
     with pytest.raises(SeaidError, match="as many rows, found 6, 5, 6"):
