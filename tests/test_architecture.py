@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-from collections.abc import Iterable, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -21,7 +20,7 @@ from scripts.benchmarks.house import (
     standing,
     with_ceilings,
 )
-from tests.sources import import_statements, inner_statements, tree_of
+from tests.sources import import_statements, tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,34 +38,10 @@ def graph_of_imports() -> dict[str, set[str]]:
 SOURCES = {name_of(path): path.read_text() for path in sorted((ROOT / "seaid").rglob("*.py"))}
 
 
-def imported(nodes: Iterable[ast.AST], within: bool) -> Iterator[str]:
-    """Names that a module imports when it is run; those of its functions too if `within`."""
-    for node in nodes:
-        if isinstance(node, ast.ImportFrom):
-            yield str(node.module)
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            yield from imported(node.orelse, within)
-        elif within or not isinstance(node, ast.FunctionDef):
-            yield from imported(inner_statements(node), within)
-
-
 FLOORS = (
-    *("symbolic", "drives", "robot", "log", "regressor", "estimation", "checks"),
-    *(
-        "excitation",
-        "simulation",
-        "identification",
-        "frequency",
-        "legged",
-        "export",
-        "report",
-        "project",
-        "view",
-        "cli",
-    ),
+    *("symbolic", "drives", "robot", "log", "regressor", "estimation", "checks", "excitation"),
+    *("simulation", "identification", "frequency", "legged", "export", "report", "project"),
+    *("view", "cli"),
 )
 """The packages along the way of the data: each imports only from those before it."""
 
@@ -79,15 +54,6 @@ UPWARDS = {
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
     ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
-
-
-@cache
-def libraries() -> dict[str, set[str]]:
-    """What each module imports, by its first name."""
-    trees = {name: tree_of(text).body for name, text in SOURCES.items()}
-    return {
-        name: {one.split(".")[0] for one in imported(tree, True)} for name, tree in trees.items()
-    }
 
 
 def package_of(module: str) -> str:
@@ -224,28 +190,31 @@ def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
         assert hasattr(importlib.import_module(package), name), (package, name)
 
 
-@pytest.mark.parametrize(
-    ("library", "places"),
-    [
-        (
-            "sympy",
-            (
-                "seaid.symbolic",
-                "seaid.drives",
-                "seaid.regressor.exact",
-                "seaid.regressor.random_instants",
-                "seaid.regressor.sensor_equations",
-            ),
-        ),
-        ("matplotlib", ("seaid.report",)),
-        ("jinja2", ("seaid._files", "seaid.report")),
-        ("viser", ("seaid.view",)),
-        ("typer", ("seaid.cli",)),
-    ],
-)
-def test_a_library_stays_where_it_belongs(library: str, places: tuple[str, ...]) -> None:
-    users = {name for name, used in libraries().items() if library in used}
+PLACES = {
+    "sympy": (
+        *("symbolic", "drives", "regressor.exact", "regressor.random_instants"),
+        "regressor.sensor_equations",
+    ),
+    "matplotlib": ("report",),
+    "jinja2": ("_files", "report"),
+    "viser": ("view",),
+    "typer": ("cli",),
+}
+"""{library: where it is imported}."""
+
+
+@pytest.mark.parametrize("library", PLACES)
+def test_a_library_stays_where_it_belongs(library: str) -> None:
+    """In functions and for types too."""
+    users = set()
+    for name, text in SOURCES.items():
+        for node in import_statements(text):
+            names = [alias.name for alias in node.names]
+            modules = [str(node.module)] if isinstance(node, ast.ImportFrom) else names
+            if library in {module.split(".")[0] for module in modules}:
+                users.add(name)
     assert users
+    places = tuple(f"seaid.{place}" for place in PLACES[library])
     assert {name for name in users if not name.startswith(places)} == set()
 
 

@@ -21,9 +21,6 @@ from tests.plants import write_columns
 def files(arm: Path) -> None:
     """Write the files that the lines below name."""
     (arm / "log.toml").write_text('[joints.elbow]\njoint_position = "q"\n')
-    (arm / "empty.urdf").write_text("")
-    (arm / "empty.csv").write_text("")
-    (arm / "bad.toml").write_text("[elbow\n")
 
 
 MISTAKES = {
@@ -35,19 +32,13 @@ MISTAKES = {
     "identify arm.urdf run.csv arm.toml": "then the logs; give drives with --drives",
     "inspect arm.urdf --drives run.csv": "--drives: 'run.csv' is a log by its name: --drives takes",
     "inspect arm.urdf --drives log.toml": "'log.toml' describes a log: give it with --description",
-    "inspect arm.urdf --drives arm.urdf": "drives 'arm.urdf' is XML, as a URDF is",
     "check arm.urdf run.csv --description arm.toml": "--description: 'arm.toml' has drives: give",
     "check arm.urdf run.csv ./run.csv": "'run.csv' is given twice, which would count its samples",
-    "validate arm.urdf other.csv --from run.csv --from run.csv": "'run.csv' is given twice",
     "identify arm.urdf --condition a=run.csv --condition b=run.csv": "'run.csv' is given twice",
     "validate arm.urdf run.csv --from run.csv": "'run.csv' is used for the identification",
     "report arm.urdf --from run.csv --validate run.csv": "is used for the identification",
-    "simulate arm.urdf run.csv": "trajectory 'run.csv' is not JSON",
     "export arm.urdf --parameters run_plan.json -o {}/a.urdf": "no file of identified parameters",
-    "inspect empty.urdf": "URDF 'empty.urdf'",
-    "check arm.urdf empty.csv": "'empty.csv' is empty; a log starts with a line of column names",
     "check arm.urdf weights.csv": "custom columns need --description (seaid describe infers one)",
-    "inspect arm.urdf --drives bad.toml": "drives 'bad.toml' is not valid TOML",
     # names that are not there
     "inspect arm.urdf --joints Elbow": "--joints: 'small_arm': no joint is named 'Elbow'; did you",
     "check arm.urdf run.csv --torque-joints elbo": "--torque-joints: no joint is named 'elbo'; did",
@@ -56,7 +47,6 @@ MISTAKES = {
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
     "check arm.urdf run.csv --known-body uper": "--known-body: no body is named 'uper'; did you",
-    "inspect arm.urdf --sensors eye": "no sensor is named 'eye'",
     "identify arm.urdf --condition a=run.csv --condition b=other.csv --specific viscus": (
         "--specific: no parameter is named 'viscus'; did you mean 'viscous_friction'?"
     ),
@@ -65,44 +55,26 @@ MISTAKES = {
     ),
     "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
     "inspect no.urdf": "no URDF file at 'no.urdf'",
-    "inspect arm.urdf --drives no.toml": "cannot read drives 'no.toml'",
-    "identify arm.urdf no.csv -o {}/o": "no log file at 'no.csv'",
-    "identify arm.urdf . -o {}/o": "'.'",
-    "simulate arm.urdf no.json -o {}/o.csv": "cannot read trajectory 'no.json'",
-    "report --run runs/latest": "no saved run at 'runs/latest'",
     "view --run nowhere": "no saved run at 'nowhere'",
     "run": "cannot read the project 'seaid.toml'",
     "compare run_plan.json log.json": "is no file of identified parameters",
-    "check arm.urdf run.csv --known-body base": "no moving joint",
-    "identify arm.urdf run.csv --estimator best": "no estimator is named 'best'",
     # options before any file is read
     "identify no.urdf no.csv --method twostep": "--method: no method is named 'twostep'; did",
-    "validate no.urdf no.csv --from no.csv --estimator hube": "did you mean 'huber'?",
     "excite no.urdf --basis furier -o {}/o.json": "--basis: no basis is named 'furier'; did you",
-    "excite no.urdf --criterion condition -o {}/o.json": "did you mean 'condition_number'?",
     "identify arm.urdf no.csv -o run.csv/p.json": "cannot write 'run.csv/p.json': Not a directory",
-    "describe run_plan.json": "no column looks like the position of a joint",
     # values out of range
-    "inspect arm.urdf --payload lower:-1": "payload on 'lower' must have a mass of more than zero",
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
     "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
-    "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
     "check arm.urdf run.csv --delays --largest-s 1": "--largest-s must be above 0 and below a",
     "identify arm.urdf run.csv --encoder-offset-std -1 -o {}/a.json": "--encoder-offset-std must",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (
         '--estimator "iv" needs --method "two-step"'
     ),
-    "excite arm.urdf --duration 0 -o {}/p.json": "--duration must be more than zero seconds",
-    "excite arm.urdf --starts 0 -o {}/p.json": "--starts must be at least 1, found 0",
     "excite arm.urdf --seed -1 -o {}/p.json": "--seed must be a whole number, zero or more",
     "excite arm.urdf --velocity -1 -o {}/p.json": "give another by --velocity shoulder=...",
-    "excite arm.urdf --motor-speed elbow=-1 --drives arm.toml -o {}/p.json": (
-        "give another by --motor-speed elbow=..."
-    ),
     "excite arm.urdf --lower 1 --upper -1 -o {}/p.json": (
         "give others by --lower shoulder=..., --upper shoulder=..."
     ),
-    "simulate arm.urdf run_plan.json --rate-hz 0 -o {}/a.csv": "--rate-hz must be more than zero",
     # bases that float
     "inspect go2 --base float": "--base: no base is named 'float'",
     "inspect go2 --base floating --contact FL_fot": "did you mean 'FL_foot'",
@@ -146,9 +118,6 @@ USAGE = {
     "inspect arm.urdf --drive arm.toml": "No such option: --drive",
     # texts that are no value
     "inspect arm.urdf --payload lower": "is not link:mass:x,y,z, as foot:2.0:0.15,0,0",
-    "inspect arm.urdf --payload lower=1": "is not link:mass:x,y,z",
-    "inspect arm.urdf --payload lower:1:0,0": "is not link:mass:x,y,z",
-    "inspect arm.urdf --payload lower:1:0,0,0:5": "is not link:mass:x,y,z",
     "inspect arm.urdf --gravity 9.81": "'9.81' is not x,y,z, as 0,0,-9.81",
     "inspect go2 --base floating --contact FL_foot:0,1": "is not link:x,y,z:flat or",
     "identify arm.urdf run.csv --known-std 3%": "a list as torque=0.03,payload=0.01",
@@ -157,7 +126,6 @@ USAGE = {
     "excite arm.urdf --velocity fast": "is neither a number nor a list as knee=2,hip=1",
     "excite arm.urdf --rate-hz 0": "is not more than zero",
     "identify arm.urdf --condition run.csv": "'run.csv' is not NAME=VALUE, as warm=run.csv",
-    "identify arm.urdf --condition =run.csv": "is not NAME=VALUE",
     # endings of results
     "excite arm.urdf -o plan.csv": "must end in .json",
     "simulate arm.urdf run_plan.json -o a.mat": "'a.mat' must end in .csv or .npz",
@@ -166,10 +134,7 @@ USAGE = {
     "check arm.urdf run.csv --delays -o found.toml": "must end in .csv or .npz",
     # options that do not go together
     "identify arm.urdf run.csv --in-pieces --repair": "no --repair, no --description",
-    "identify arm.urdf run.csv --in-pieces --find-contacts": "no --find-contacts",
     "validate arm.urdf run.csv": "--from, --run: give one of the two",
-    "report arm.urdf": "--from, --run: give one of the two",
-    "export arm.urdf -o found.urdf": "--from, --run: give one of the two",
     "export arm.urdf --from run.csv --parameters p -o found.urdf": "give one of them",
     "export arm.urdf --run runs/latest --parameters p -o found.urdf": "give one of them",
     "view arm.urdf --run runs/latest --parameters p": "give one of the two",
