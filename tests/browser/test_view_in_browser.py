@@ -92,8 +92,8 @@ def opened_page(browser: Browser, view: View, wrong: list[str], width: int, heig
 
 
 @pytest.fixture(scope="module")
-def page(browser: Browser, view: View, wrong: list[str]) -> Page:
-    return opened_page(browser, view, wrong, 1280, 800)
+def page(drawing_browser: Browser, view: View, wrong: list[str]) -> Page:
+    return opened_page(drawing_browser, view, wrong, 1280, 800)
 
 
 def drawn(page: Page, name: str) -> bytes:
@@ -167,10 +167,10 @@ def test_plots_and_bodies_are_there(page: Page, view: View, wrong: list[str]) ->
 
 
 def test_small_page_has_its_controls_below_the_robot(
-    browser: Browser, view: View, wrong: list[str]
+    drawing_browser: Browser, view: View, wrong: list[str]
 ) -> None:
     """At 390 px nothing is wider than the page, the panel collapses, and the plots open."""
-    small = opened_page(browser, view, wrong, 390, 844)
+    small = opened_page(drawing_browser, view, wrong, 390, 844)
     play = small.get_by_role("button", name="Play")
     box = play.bounding_box()
     assert box is not None
