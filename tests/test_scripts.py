@@ -4,19 +4,16 @@ import json
 import os
 import runpy
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import seaid
 from scripts.benchmarks import speed_held
-from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
 TULIP_FILES = (
@@ -94,31 +91,6 @@ def test_project_of_the_leg_gives_the_result_of_the_main_job(
     for joint, estimate in done.runs[""].identification.drives.items():
         values = {name: entry["value"] for name, entry in drives[joint].items()}
         assert dict(zip(estimate.names, estimate.values, strict=True)) == pytest.approx(values)
-
-
-@pytest.mark.slow  # 0.7 s
-def test_shipped_log_that_is_not_its_original_is_found(tmp_path: Path) -> None:
-    (tmp_path / "hebi_x5_unloaded").mkdir()
-    for name in ("exampleLog.csv", "exampleLog.hebilog", "LICENSE.txt"):
-        shutil.copy(LOGS / "hebi_x5_unloaded" / name, tmp_path / "hebi_x5_unloaded")
-    (tmp_path / "ur10_exciting").mkdir()
-    shutil.copy(LOGS / "ur10_exciting" / "LICENSE.txt", tmp_path / "ur10_exciting")
-    bag = "ur10_exciting/ur10_exciting_trajectory.db3"
-    shutil.copy(LOGS / bag, tmp_path / bag)
-    with np.load(LOGS / "ur10_exciting" / "ur10_exciting_trajectory.npz") as table:
-        columns = np.column_stack(list(table.values()))
-        header = ",".join(table)
-    original = tmp_path / "ur10_exciting" / "ur10_exciting_trajectory.csv"
-    check = ("scripts/ship_measured_logs.py", "--check", "--originals", str(tmp_path))
-    np.savetxt(original, columns, fmt="%.17g", delimiter=",", header=header, comments="")
-    done = run(*check)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("6 files of ")
-    columns[7, 3] = np.nextafter(columns[7, 3], 1.0)
-    np.savetxt(original, columns, fmt="%.17g", delimiter=",", header=header, comments="")
-    done = run(*check)
-    assert done.returncode == 1
-    assert "ur10_exciting_trajectory.npz' does not hold what '" in done.stderr
 
 
 SCRIPTS = ROOT / "scripts"

@@ -85,23 +85,25 @@ def test_bash_is_offered_values_names_and_files(
     assert offered(line, tmp_path) == found
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_other_shells_are_offered_the_same(tmp_path: Path, shell: str) -> None:
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_installed_in_every_shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: str
+) -> None:
+    """And each of them is offered the same."""
     found = " ".join(offered(f"seaid inspect {LEG} --joints hip_", tmp_path, shell))
     assert all(joint in found for joint in ("hip_yaw", "hip_roll", "hip_pitch"))
     assert "knee" not in found
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    for option in ("--show-completion", "--install-completion"):
+        said = CliRunner().invoke(app, [option, shell], prog_name="seaid")
+        assert said.exit_code == 0, said.stderr
+    assert f"{shell} completion installed in" in said.stdout
+    written = [one.read_text() for one in tmp_path.rglob("*") if one.is_file()]
+    assert any("_SEAID_COMPLETE=complete_" + shell in text for text in written)
 
 
-def choices_of(function: Any) -> dict[str, tuple[str, ...]]:
-    """Return {parameter: its values} of those that have few."""
-    hints = get_type_hints(function)
-    literals = {name: [hint, *get_args(hint)] for name, hint in hints.items()}
-    return {
-        name: get_args(hint)
-        for name, parts in literals.items()
-        for hint in parts
-        if get_origin(hint) is Literal
-    }
+# What the command line and the library both have.
 
 
 LIBRARY: dict[str, Any] = {
@@ -117,64 +119,46 @@ LIBRARY: dict[str, Any] = {
 
 
 def test_choices_are_those_of_the_library() -> None:
+    """Of options in all commands, of sensors, and of formats of logs."""
     functions = [getattr(import_module(f"seaid.cli.{name}"), name) for name in COMMANDS]
     groups = {hint for one in functions for hint in get_type_hints(one).values()}
-    found = [choices_of(one) for one in (*functions, *filter(is_dataclass, groups))]
-    for choices in found:
-        for name in {*choices} & {*LIBRARY}:
-            assert {*choices[name]} == {*get_args(LIBRARY[name])}, name
-    assert {*LIBRARY} <= {name for choices in found for name in choices}
+    tried = set()
+    for function in (*functions, *filter(is_dataclass, groups)):
+        for name, hint in get_type_hints(function).items():
+            literals = [x for x in (hint, *get_args(hint)) if get_origin(x) is Literal]
+            if literals and name in LIBRARY:
+                assert {*get_args(literals[0])} == {*get_args(LIBRARY[name])}, name
+                tried.add(name)
+    assert tried == {*LIBRARY}
     assert {*SENSORS} == {*get_args(Sensor)}
     assert {*READERS} <= {*LOGS}
-
-
-def default_of(function: Any, name: str) -> Any:
-    return signature(function).parameters[name].default
 
 
 @pytest.mark.parametrize(
     ("command", "function", "names"),
     [
-        (IdentifyOptions, seaid.identify, ("method", "estimator", "encoder_offset_std")),
-        (RobotOptions, seaid.load_robot, ("gravity", "base", "independent_mimics")),
-        (excite.MotionOptions, seaid.design_excitation, ("basis",)),
-        (
-            excite.SearchOptions,
-            seaid.design_excitation,
-            ("criterion", "starts", "iterations", "seed"),
-        ),
-        (excite.MultisineOptions, seaid.excitation.Multisine, ("spectrum", "period_s", "posture")),
-        (excite.StanceOptions, seaid.excitation.Stance, ("friction", "sole_m", "least_load")),
-        (excite.LimitOptions, seaid.Limits, tuple(one.name for one in fields(seaid.Limits))),
-        (simulate.simulate, seaid.simulate, ("rate_hz", "seed")),
+        (IdentifyOptions, seaid.identify, "method estimator encoder_offset_std"),
+        (RobotOptions, seaid.load_robot, "gravity base independent_mimics"),
+        (excite.MotionOptions, seaid.design_excitation, "basis"),
+        (excite.SearchOptions, seaid.design_excitation, "criterion starts iterations seed"),
+        (excite.MultisineOptions, seaid.excitation.Multisine, "spectrum period_s posture"),
+        (excite.StanceOptions, seaid.excitation.Stance, "friction sole_m least_load"),
+        (excite.LimitOptions, seaid.Limits, " ".join(one.name for one in fields(seaid.Limits))),
+        (simulate.simulate, seaid.simulate, "rate_hz seed"),
     ],
 )
-def test_defaults_are_those_of_the_library(command: Any, function: Any, names: Any) -> None:
-    for name in names:
-        assert default_of(command, name) == default_of(function, name), name
-
-
-TO_WRITE = ("output", "figure", "joint_trajectory", "randomization", "folder")
+def test_defaults_are_those_of_the_library(command: Any, function: Any, names: str) -> None:
+    """By the signatures of both."""
+    of_command, of_library = signature(command).parameters, signature(function).parameters
+    for name in names.split():
+        assert of_command[name].default == of_library[name].default, name
 
 
 def test_every_file_of_a_command_is_completed() -> None:
     """A file to read is of a known kind; a file to write is named by hand."""
+    to_write = ("output", "figure", "joint_trajectory", "randomization", "folder")
     for name in COMMANDS:
         for one in command_of(name).params:
             kind = one.type_descriptor.annotation
-            if kind in (Path, list[Path]) and one.name not in TO_WRITE:
+            if kind in (Path, list[Path]) and one.name not in to_write:
                 assert one._custom_shell_complete is not None, (name, one.name)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_is_installed_and_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: str
-) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
-    for option in ("--show-completion", "--install-completion"):
-        said = CliRunner().invoke(app, [option, shell], prog_name="seaid")
-        assert said.exit_code == 0, said.stderr
-    assert f"{shell} completion installed in" in said.stdout
-    written = [one.read_text() for one in tmp_path.rglob("*") if one.is_file()]
-    assert any("_SEAID_COMPLETE=complete_" + shell in text for text in written)

@@ -191,17 +191,3 @@ def test_projects_of_a_folder_end_with_the_worst_code(tmp_path: Path) -> None:
     assert "it is for one project" in run_command("run", tmp_path, "--open").err
     alone = run_command("run", tmp_path / "a", "--executor", "dask:x").err
     assert "it is for a folder with several projects" in alone
-
-
-@pytest.mark.slow  # an identification in a process that imports seaid
-def test_warnings_of_one_of_several_projects_fail_the_command(
-    project: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(project, tmp_path / "arm", ignore=shutil.ignore_patterns("runs"))
-    file = tmp_path / "arm/seaid.toml"
-    assert run_command("run", tmp_path).code == 0
-    file.write_text(file.read_text().replace('use = "validate"', 'use = "identify"'))
-    ended = run_command("run", tmp_path, "--fail-on", "doubtful", "--json")
-    (row,) = json.loads(ended.out)["result"]["projects"]
-    is_doubtful = any(x["severity"] in ("wrong", "doubtful") for x in row["warnings"])
-    assert ended.code == (3 if is_doubtful else 0)

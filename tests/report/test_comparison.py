@@ -12,7 +12,6 @@ from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
-from seaid.log.log import Log
 from seaid.report.comparison import comparison_of
 from tests.experiments import arm, arm_found, arm_log, arm_motion
 
@@ -23,14 +22,10 @@ WARM = 0.3
 @cache
 def warm() -> Identification:
     """Return the arm identified from the same motion with a warm shoulder."""
-    log = arm_log(7)
-    return identify(arm().without_nominal(), _warm(log))
-
-
-def _warm(log: Log) -> Log:
-    friction = np.zeros(4)
+    log, friction = arm_log(7), np.zeros(4)
     friction[1] = WARM * arm().drives["shoulder"].values["viscous_friction"]
-    return replace(log, motor_torque=log.motor_torque - friction * arm_motion().motor_velocity)
+    torque = log.motor_torque - friction * arm_motion().motor_velocity
+    return identify(arm().without_nominal(), replace(log, motor_torque=torque))
 
 
 @pytest.mark.slow  # 0.7 s
@@ -112,20 +107,20 @@ def test_parameters_of_one_alone_are_named_and_none_in_common_is_refused() -> No
 
 
 def test_table_has_every_parameter_and_says_what_the_errors_assume() -> None:
+    """And how well either motion determines the parameters, where motions are kept."""
     result = comparison_of(arm_found(), warm(), names=("cold", "warm"))
-    text = result.summary()
-    (line,) = [x for x in text.splitlines() if "shoulder" in x and "viscous friction" in x]
-    assert line.endswith("N m s/rad")
-    assert " differs " in line
-    assert text.count(" differs ") == 1
-    assert "independent: they rest on different logs" in text
-    assert "drive of shoulder as a whole: chi-square" in text
-    assert "cold and warm" in text
-    assert "motion of cold: condition number of" in text
-    assert "columns of unit norm, drives included: " in text
     assert result.efficiency == pytest.approx(1.0, rel=0.01)  # the same motion
-    assert f"D-efficiency of cold over warm: {result.efficiency:.4g}" in text
+    text = result.summary()
+    (line,) = [x for x in text.splitlines() if " differs " in x]
+    assert "viscous friction" in line
+    assert line.endswith("N m s/rad")
+    for words in (
+        "independent: they rest on different logs",
+        "drive of shoulder as a whole: chi-square",
+        "motion of cold: condition number of",
+        f"D-efficiency of cold over warm: {result.efficiency:.4g}",
+    ):
+        assert words in text
     unkept = comparison_of(arm_found(), replace(warm(), motions=()))
     assert unkept.measures is None
     assert "D-efficiency" not in unkept.summary()
-    assert repr(result).startswith("Comparison(cold, warm: 1 of ")

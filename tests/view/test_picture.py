@@ -278,22 +278,6 @@ def test_a_leaf_has_a_line_to_its_centre_of_mass_and_payloads_a_ball(
     np.testing.assert_allclose(ball.placement.translation, [0.175, 0.0, 0.0])
 
 
-def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
-    values = np.array(tulip_leg.parameters)
-    values[[14, 24]] = -1.0
-    wrong = tulip_leg.with_values(values, tulip_leg.drives)
-    names = tulip_leg.body_names[1:3]
-    for picture, which, remedy in (
-        (picture_of(tulip_leg, identified=wrong), "identified", "feasible=True (--feasible)"),
-        (picture_of(wrong), "nominal", "correct the inertial parameters of the URDF"),
-    ):
-        (note,) = picture.notes
-        several = ", ".join(f"'{name}'" for name in names)
-        assert f"the {which} bodies {several} are physically inconsistent, marked" in note
-        assert f"'{names[0]}' has a negative principal moment of inertia" in note
-        assert note.endswith(remedy)
-
-
 def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
     picture = picture_of(tulip_leg)
     postures = np.array([posture(tulip_leg, seed) for seed in range(5)])
