@@ -6,55 +6,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request
 
-from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.legged import load_robot
-from seaid.log.reading import Log
 from seaid.robot.inertia import in_parent_frame
-from seaid.robot.pinocchio_model import Payload
-from seaid.robot.robot import Robot
 from seaid.view.playback import Shown
 from seaid.view.window import View, view_robot
+from tests import experiments
 from tests.browser.conftest import PICTURES
+from tests.experiments import TEST_MASS
+from tests.view.motions import log_of, plan_of
 
 pytestmark = pytest.mark.browser
 
-ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000.0
 
 
 @pytest.fixture(scope="module")
-def leg() -> Robot:
-    payloads = [Payload("foot", 2.0, (0.15, 0.0, 0.0))]
-    models = ROOT / "models"
-    return load_robot(models / "tulip_leg.urdf", models / "tulip_leg.toml", payloads=payloads)
-
-
-@pytest.fixture(scope="module")
-def view(leg: Robot) -> Iterator[View]:
+def view() -> Iterator[View]:
     """Return a view of a log and a plan whose names a browser could take for markup."""
-    t = np.linspace(0.0, 2.0, 201)[:, None]
-    joint = np.array([0.3, 0.2, 0.4, 0.5, 0.5]) * np.sin(np.pi * t) + [0.0, 0.0, -0.2, 0.6, 0.0]
-    deflection = np.array([0.0, 0.0, 0.05, -0.04, 0.02]) * np.cos(np.pi * t)
-    drives = [leg.drives[name] for name in leg.joint_names]
-    levers = [one.load_radius / one.motor_radius for one in drives]
-    motor = (joint + deflection) * np.multiply([one.ratio for one in drives], levers)
-    log = Log(t[:, 0], leg.joint_names, motor, joint, np.full(joint.shape, np.nan))
-    powers = np.zeros((4, leg.n))
-    powers[2:] = [[0.6] * leg.n, [-0.4] * leg.n]
-    plan = polynomial_trajectory(leg.joint_names, 1.0, powers)
+    leg = experiments.leg(TEST_MASS)
     bodies = leg.parameters.reshape(-1, 10)
     moved = pin.SE3(np.eye(3), np.array([0.02, 0.01, -0.03]))
     values = 1.1 * np.array([in_parent_frame(one, moved) for one in bodies])
     values[1, 4] = -1.0  # no body can be that
     identified = leg.with_values(values.ravel(), leg.drives)
-    motions: dict[str, Shown] = {"<i>run</i>": log, "plan {1}": plan}
+    motions: dict[str, Shown] = {"<i>run</i>": log_of(leg), "plan {1}": plan_of(leg)}
     with view_robot(leg, motions, identified=identified, port=0) as shown:
         yield shown
 

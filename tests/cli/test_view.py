@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,15 @@ from typer.testing import CliRunner, Result
 
 import seaid
 from seaid.cli.commands import app
-from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log.reading import Log, write_log
+from seaid.log.reading import write_log
 from seaid.project.saved import save_run
 from seaid.view.picture import ellipsoids_of
 from seaid.view.window import View, view_robot
-from tests.experiments import arm_found
+from tests.experiments import arm_found, leg
+from tests.view.motions import log_of, plan_of
 
 MODELS = Path(__file__).parents[2] / "models"
 LEG = (str(MODELS / "tulip_leg.urdf"), "--drives", str(MODELS / "tulip_leg.toml"))
-JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch")
 AT_ONCE = ("--port", "0", "--seconds", "0")
 
 
@@ -36,15 +36,11 @@ def run(*arguments: str | Path) -> Result:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a log, the same as another robot writes it, and a plan."""
     folder = tmp_path_factory.mktemp("motions")
-    time = np.linspace(0.0, 1.0, 101)
-    waves = 0.2 * np.sin(np.outer(time, np.arange(1.0, 6.0)))
-    log = Log(time, JOINTS, 100.0 * waves, waves, waves)
+    log = replace(log_of(leg()), motor_torque=log_of(leg()).joint_position)
     (folder / "again").mkdir()
     write_log(log, folder / "run.csv")
     write_log(log, folder / "again" / "run.csv")
-    powers = np.zeros((4, 5))
-    powers[2:] = [[0.6] * 5, [-0.4] * 5]
-    polynomial_trajectory(JOINTS, 1.0, powers).save(folder / "plan.json")
+    plan_of(leg()).save(folder / "plan.json")
     return folder
 
 

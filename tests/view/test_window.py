@@ -20,11 +20,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import SeaidError
-from seaid.excitation import Trajectory
-from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.legged import load_robot
-from seaid.log.reading import Log
-from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot
 from seaid.view.panel import bodies_table, deflection_colors
 from seaid.view.picture import (
@@ -37,32 +33,16 @@ from seaid.view.picture import (
 )
 from seaid.view.stage import GHOST, aim, sphere_around
 from seaid.view.window import View, view_robot
+from tests import experiments
+from tests.experiments import TEST_MASS
+from tests.view.motions import log_of, plan_of
 
 SETTLED_S = 5.0
 
 
 @pytest.fixture(scope="module")
 def leg() -> Robot:
-    models = Path(__file__).parents[2] / "models"
-    payloads = [Payload("foot", 2.0, (0.15, 0.0, 0.0))]
-    return load_robot(models / "tulip_leg.urdf", models / "tulip_leg.toml", payloads=payloads)
-
-
-def log_of(robot: Robot) -> Log:
-    """Return 2 s of waves, with deflections of 0.01 rad at the hip, 0.02 at the knee, ..."""
-    t = np.linspace(0.0, 2.0, 201)[:, None]
-    joint = 0.3 + 0.2 * np.sin((1.0 + np.arange(robot.n)) * t)
-    deflection = 0.01 * np.arange(-1, robot.n - 1) * np.cos(np.pi * t)
-    drives = [robot.drives[name] for name in robot.joint_names]
-    radii = [one.load_radius / one.motor_radius for one in drives]
-    motor = (joint + deflection) * [one.ratio for one in drives] * np.array(radii)
-    return Log(t[:, 0], robot.joint_names, motor, joint, np.full(joint.shape, np.nan))
-
-
-def plan_of(robot: Robot) -> Trajectory:
-    powers = np.zeros((4, robot.n))
-    powers[0], powers[2], powers[3] = 0.1, 0.6, -0.4
-    return polynomial_trajectory(robot.joint_names, 1.0, powers)
+    return experiments.leg(TEST_MASS)
 
 
 @pytest.fixture
