@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import Drive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify, validate
@@ -156,16 +156,7 @@ def perfect_log(robot: Robot, motion: Motion) -> Log:
 
 def true_value(robot: Robot, joint: str, name: str) -> float:
     """Return the true value of a drive's parameter by the name of its estimate."""
-    drive: StiffDrive | SeriesElasticDrive = robot.drives[joint]
-    values = {
-        "viscous_friction": drive.viscous_friction_Nms_per_rad,
-        "coulomb_friction": drive.coulomb_friction_Nm,
-        "motor_inertia": drive.motor_inertia_kg_m2,
-        "stiffness": getattr(drive, "stiffness", None),
-    }
-    value = values[name]
-    assert value is not None
-    return value
+    return float(robot.drives[joint].values[name])
 
 
 def with_named_friction(robot: Robot) -> Robot:

@@ -300,12 +300,10 @@ def test_files_of_a_command_are_those_of_the_library(arm: Path, tmp_path: Path) 
     done(*line, *noise, "--seed", "1", "-o", tmp_path / "off.csv")
     robot, plan = robot_of(arm), seaid.load_trajectory(arm / "short_plan.json")
     off = seaid.read_log(tmp_path / "off.csv", robot)
-    motors = seaid.Noise(motor_offset_rad=(0.3, 0.3), torque_std_Nm=0.001)
-    own = seaid.simulate(robot, plan, noise=motors, seed=1)
-    np.testing.assert_allclose(off.motor_position, own.motor_position)
-    np.testing.assert_allclose(off.motor_torque, own.motor_torque)
-    shift = off.joint_position - own.joint_position
-    np.testing.assert_allclose(shift, np.tile([0.0, 0.02], (len(shift), 1)), atol=1e-9)
+    errors = {"joint_offset_rad": (0.0, 0.02), "motor_offset_rad": (0.3, 0.3)}
+    own = seaid.simulate(robot, plan, noise=seaid.Noise(**errors, torque_std_Nm=0.001), seed=1)
+    for channel in ("motor_position", "motor_torque", "joint_position"):
+        np.testing.assert_allclose(getattr(off, channel), getattr(own, channel), atol=1e-9)
 
     search = ("--duration", "2", "--starts", "1", "--iterations", "3", "--seed", "1")
     limits = ("--motor-speed", "elbow=60", "--deflection", "elbow=0.02")
@@ -317,20 +315,12 @@ def test_files_of_a_command_are_those_of_the_library(arm: Path, tmp_path: Path) 
     read = seaid.load_trajectory(tmp_path / "plan.json")
     np.testing.assert_allclose(read.coefficients, planned.coefficients)
 
-    bare = seaid.load_robot(arm / "arm.urdf")
-    form = seaid.symbolic.rigid_body(bare)
-    for suffix, writer in ((".c", seaid.symbolic.export_c), (".py", seaid.symbolic.export_numpy)):
-        output, own_file = tmp_path / f"arm{suffix}", tmp_path / f"own{suffix}"
-        done("export", arm / "arm.urdf", "-o", output)
-        writer(form, own_file, bare.parameters)
-        assert output.read_text() == own_file.read_text()
     known = ("--payload", "lower:2:0.1,0,0", "--parameters", arm / "run.json")
     done("export", arm / "arm.urdf", *known, "-o", tmp_path / "loaded.py")
     states = np.random.default_rng(5).normal(size=(3, 4, 2))
     found = runpy.run_path(str(tmp_path / "loaded.py"))["inverse_dynamics"](*states)
-    loaded = seaid.load_robot(
-        arm / "arm.urdf", payloads=[seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))]
-    )
+    payload = seaid.Payload("lower", 2.0, (0.1, 0.0, 0.0))
+    loaded = seaid.load_robot(arm / "arm.urdf", payloads=[payload])
     loaded = seaid.export.read_parameters(arm / "run.json", loaded)
     np.testing.assert_allclose(found, seaid.regressor.joint_torques(loaded, *states), atol=1e-9)
 

@@ -107,24 +107,6 @@ def test_a_row_a_joint_with_limits_and_units(
     assert [panel.get_xlabel() for panel in axes[-1]] == ["time [s]"] * 3
 
 
-def test_many_joints_share_a_panel_a_kind_each_in_its_colour(
-    tmp_path: Path, drawn: list[matplotlib.figure.Figure]
-) -> None:
-    motion, limits = planned(12)
-    save_excitation_figure(motion, limits, tmp_path / "motion.png")
-    axes = drawn[0].axes
-    assert len(axes) == 3
-    q, v, a = motion.sample(axes[0].get_lines()[0].get_xdata())
-    shares = ((q - limits.middle) / limits.half_range, v / limits.velocity, a / limits.acceleration)
-    for panel, share in zip(axes, shares, strict=True):
-        *curves, high, low = panel.get_lines()
-        assert [curve.get_label() for curve in curves] == list(motion.joint_names)
-        assert len({tuple(curve.get_color()) for curve in curves}) == 12
-        for curve, values in zip(curves, share.T, strict=True):
-            assert np.array_equal(curve.get_ydata(), values)
-        assert [np.ravel(line.get_ydata())[0] for line in (high, low)] == [1.0, -1.0]
-
-
 def test_singular_values_with_their_condition_numbers(
     tmp_path: Path, drawn: list[matplotlib.figure.Figure]
 ) -> None:
