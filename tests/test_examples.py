@@ -28,7 +28,6 @@ from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
 from tests.plants import kept
 
 MODELS = Path(__file__).parents[1] / "models"
-SLOW_PACKAGES = ("simulation", "excitation", "export", "report")
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
 
 
@@ -44,18 +43,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.mark.slow  # 0.9 s
-@pytest.mark.parametrize(
-    "name",
-    # they simulate a whole plan, search for one, or identify with a report or an export
-    [
-        pytest.param(name, marks=pytest.mark.slow if name in SLOW_PACKAGES else ())
-        for name in (*PACKAGES, "export", "report")
-    ],
-)
+@pytest.mark.slow  # some simulate a whole plan, search for one, or identify with a report
+@pytest.mark.parametrize("name", [*PACKAGES, "export", "report"])
 def test_example_of_a_package_runs(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Every name that it makes has a value."""
     monkeypatch.chdir(folder)
     text = (Path(seaid.__file__).parent / name / "__init__.py").read_text().split('"""')[1]
     examples = doctest.DocTestParser().get_examples(text)

@@ -26,6 +26,9 @@ def test_contacts_are_those_of_their_text() -> None:
     assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
     assert [one for each in found for one in contacts_of(contact_text(each))] == found
     assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
+    far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
+    said = refused("excite", *GO2, *far, "-o", "plan.json")
+    assert "give a --posture with the weight over the feet" in said
 
 
 @pytest.mark.slow  # 1.2 s
@@ -117,9 +120,6 @@ def test_excite_writes_the_motion_of_legs_and_base(tmp_path: Path) -> None:
     posture = ",".join(f"{leg}_{x}" for leg in ("FL", "FR", "RL", "RR") for x in POSTURE)
     line = ("--stance", FEET, "--posture", posture, "--duration", "3", "--starts", "1")
     plan = tmp_path / "plan.json"
-    far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
-    said = refused("excite", *GO2, "-o", plan, *far)
-    assert "give a --posture with the weight over the feet" in said
     done("excite", *GO2, *line, "--iterations", "3", "--criterion", "d_optimality", "-o", plan)
     assert seaid.load_trajectory(plan).joint_names == STANDING.joint_names
     base = (tmp_path / "plan_base.csv").read_text().splitlines()
