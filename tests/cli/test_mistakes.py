@@ -56,6 +56,7 @@ MISTAKES = {
     "check arm.urdf run.csv --fail-on bad": "--fail-on: no severity is named 'bad'; allowed: wrong",
     "inspect no.urdf": "no URDF file at 'no.urdf'",
     "view --run nowhere": "no saved run at 'nowhere'",
+    "identify arm.urdf . -o {}/o": "'.'",
     "run": "cannot read the project 'seaid.toml'",
     "compare run_plan.json log.json": "is no file of identified parameters",
     # options before any file is read
@@ -65,6 +66,7 @@ MISTAKES = {
     # values out of range
     "check arm.urdf run.csv --cutoff-hz -3": "--cutoff-hz must be between 0 and half the sampling",
     "validate arm.urdf run.csv --cross": "record more, or raise --cutoff-hz",
+    "validate arm.urdf run.csv --cross --parts 1 --cutoff-hz 9": "--parts must be a whole number",
     "check arm.urdf run.csv --delays --largest-s 1": "--largest-s must be above 0 and below a",
     "identify arm.urdf run.csv --encoder-offset-std -1 -o {}/a.json": "--encoder-offset-std must",
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (

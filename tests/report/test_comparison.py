@@ -110,6 +110,7 @@ def test_table_has_every_parameter_and_says_what_the_errors_assume() -> None:
     """And how well either motion determines the parameters, where motions are kept."""
     result = comparison_of(arm_found(), warm(), names=("cold", "warm"))
     assert result.efficiency == pytest.approx(1.0, rel=0.01)  # the same motion
+    assert repr(result).startswith("Comparison(cold, warm: 1 of ")
     text = result.summary()
     (line,) = [x for x in text.splitlines() if " differs " in x]
     assert "viscous friction" in line

@@ -313,7 +313,9 @@ def test_a_window_begins_and_ends_without_a_trace(
         assert [one.name for one in shown.playbacks] == ["log 1", "plan 2"]
         port = shown.server.get_port()
         assert shown.url == f"http://127.0.0.1:{port}"
-        shown.play()
+        for act, label in ((shown.play, "Pause"), (shown.pause, "Play"), (shown.play, "Pause")):
+            act()
+            assert shown.panel.play.label == label
         with urllib.request.urlopen(shown.url, timeout=10) as page:
             assert b"<html" in page.read().lower()
     assert in_time(lambda: set(threading.enumerate()) <= before)
