@@ -25,7 +25,7 @@ from scripts.legged_plant import simulate as simulate_legged
 from seaid.log.motion import Motion
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
-from tests.plants import kept
+from tests.plants import kept, write_robot
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -60,30 +60,25 @@ def test_example_of_a_package_runs(
     assert all(value is not None for value in values.values())
 
 
-LEG = """<robot name="leg">
-<link name="base"><collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision></link>
-{links}
-</robot>"""
-LINK = """<link name="{0}"><inertial><origin xyz="0.02 0 -0.15"/><mass value="2"/>
+BOX = '<collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision>'
+BODY = """<inertial><origin xyz="0.02 0 -0.15"/><mass value="2"/>
 <inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><origin xyz="0 0 -0.15"/><geometry><sphere radius="0.03"/></geometry></collision></link>
-<joint name="{1}" type="revolute"><parent link="{2}"/><child link="{0}"/>
-<origin xyz="0 0 {3}"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" velocity="5" effort="100"/></joint>"""
-DRIVES = """[hip]
-type = "stiff"
-gear_ratio = 50.0
-motor_inertia_kg_m2 = 1e-5
-viscous_friction_Nms_per_rad = 1e-4
-coulomb_friction_Nm = 0.01
-[knee]
-type = "series_elastic"
-gear_ratio = 100.0
-motor_inertia_kg_m2 = 1e-5
-viscous_friction_Nms_per_rad = 1e-4
-coulomb_friction_Nm = 0.01
-stiffness_Nm_per_rad = 300.0
-"""
+<collision><origin xyz="0 0 -0.15"/><geometry><sphere radius="0.03"/></geometry></collision>"""
+LIMIT = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="5" effort="100"/>'
+LEG = {
+    "hip": f"revolute base thigh {LIMIT}",
+    "knee": f'revolute thigh shank <origin xyz="0 0 -0.4"/>{LIMIT}',
+}
+HIP = seaid.StiffDrive(
+    50.0, None, 1e-5, viscous_friction_Nms_per_rad=1e-4, coulomb_friction_Nm=0.01
+)
+KNEE = seaid.SeriesElasticDrive(
+    100.0,
+    1e-5,
+    stiffness_Nm_per_rad=300.0,
+    viscous_friction_Nms_per_rad=1e-4,
+    coulomb_friction_Nm=0.01,
+)
 PROJECT = """[[log]]
 file = "run.csv"
 [run]
@@ -113,9 +108,8 @@ def custom_columns(text: str) -> str:
 
 def load_leg(place: Path) -> seaid.Robot:
     """Write the files of the leg, and load it."""
-    links = [LINK.format("thigh", "hip", "base", 0), LINK.format("shank", "knee", "thigh", -0.4)]
-    (place / "leg.urdf").write_text(LEG.format(links="\n".join(links)))
-    (place / "leg.toml").write_text(DRIVES)
+    write_robot(place / "leg.urdf", LEG, {"base": BOX, "thigh": BODY, "shank": BODY})
+    seaid.write_drives({"hip": HIP, "knee": KNEE}, place / "leg.toml")
     return seaid.load_robot(place / "leg.urdf", place / "leg.toml")
 
 
