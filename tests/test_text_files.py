@@ -22,6 +22,8 @@ def test_what_can_be_read_is_plain_data(tmp_path: Path) -> None:
     assert read_toml(path, "drives", RobotError) == expected
     path.write_text('{"a": [null, 1e3, "x"]}')
     assert read_json(path, "notes", LogError) == {"a": [None, 1000.0, "x"]}
+    path.write_text("[" * 32 + "]" * 32)
+    assert len(read_json(path, "notes", LogError)) == 1
 
 
 ODD = st.text(st.characters(codec="utf-8"), max_size=20)
@@ -62,7 +64,7 @@ FINITE, LEVELS = "must be a finite number", "tables or lists have too many level
         (TOML, b"a = " + b"9" * 5000, "is not valid TOML: Exceeds the limit"),
         (TOML, b"a = 0x" + b"f" * 5000, f"a {FINITE}"),
         (TOML, b"a = 1979-05-27\n", "a must be a number, a text, a list or a table, found '1979"),
-        (TOML, b"a = " + b"[" * 40 + b"]" * 40, "is more than 32 levels deep"),
+        (TOML, b"a = " + b"[" * 32 + b"]" * 32, "is more than 32 levels deep"),
         (TOML, b"a = " + b"[" * 100_000, LEVELS),
         (TOML, b"a = " + b"{a=" * 100_000, LEVELS),
         (TOML, b"a" + b".a" * 300 + b" = 1\n", "not valid TOML: more than 200 dots (at line 1)"),
@@ -76,8 +78,8 @@ FINITE, LEVELS = "must be a finite number", "tables or lists have too many level
         (JSON, b'{"a": [1e999]}', f"a[0] {FINITE}"),
         (JSON, b"[1" + b"0" * 400 + b"]", f"[0] {FINITE}"),
         (JSON, b"9" * 5000, "is not JSON: Exceeds the limit"),
-        (JSON, b'{"a": 1, "a": 2}', "duplicate key 'a' in one object"),
-        (JSON, b"[" * 40 + b"]" * 40, "is more than 32 levels deep"),
+        (JSON, b'{"b": 0, "a": 1, "a": 2}', "duplicate key 'a' in one object"),
+        (JSON, b"[" * 33 + b"]" * 33, "is more than 32 levels deep"),
         (JSON, b"[" * 100_000, LEVELS),
         (JSON, b'["\\ud800"]', "[0] is not Unicode: an unpaired surrogate"),
         (JSON, b'{"\\ud800": 1}', "is not Unicode: an unpaired surrogate"),
