@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -141,11 +141,12 @@ def test_one_joint_may_stand_without_a_list_and_numbers_may_be_of_numpy() -> Non
 
 def test_a_name_that_is_not_there_is_a_key_error_with_the_nearest_one() -> None:
     """In a robot, in a result and in an estimate, and so it comes from another process."""
-    for look, words in (
+    calls: tuple[tuple[Callable[[], object], str], ...] = (
         (lambda: arm().drives["sholder"], "no joint is named 'sholder'.*shoulder"),
         (lambda: arm_found().drives["sholder"], "no joint .* did you mean 'shoulder'"),
         (lambda: arm_found().drives["shoulder"].value("stifness"), "no parameter .*'stiffness'"),
-    ):
+    )
+    for look, words in calls:
         with pytest.raises(KeyError, match=words) as problem:
             look()
         assert isinstance(problem.value, UnknownNameError)

@@ -29,6 +29,9 @@ def test_result_is_a_read_only_copy_in_float64() -> None:
         array[0, 0] = 5.0
 
 
+NO_VECTORS: tuple[Any, ...] = ("abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {})
+
+
 @pytest.mark.parametrize(
     ("refuse", "words"),
     [
@@ -38,10 +41,7 @@ def test_result_is_a_read_only_copy_in_float64() -> None:
             (partial(frozen, "q", np.zeros((4, 5)), shape), r"q must have shape .*, found \(4, 5\)")
             for shape in ((3,), (2, 3), (None,), (None, 2, None), ())
         ),
-        *(
-            (partial(frozen, "com", value, (3,)), "^com must ")
-            for value in ("abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {})
-        ),
+        *((partial(frozen, "com", value, (3,)), "^com must ") for value in NO_VECTORS),
         *(
             (partial(seed_of, seed), "seed must be a whole number, zero or more, found")
             for seed in (-1, 1.5, "1", None, True)

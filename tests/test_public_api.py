@@ -50,8 +50,10 @@ def test_all_lists_what_is_there_sorted_and_dir_the_same() -> None:
     assert {"separate", "reduce", "base_parameters", "complete_model"} <= set(dir(seaid.symbolic))
 
 
-HEAVY = ("numpy", "scipy", "pinocchio", "sympy", "flint", "matplotlib", "yourdfpy", "trimesh")
-HEAVY += ("lxml", "rich", "typer", "jinja2", "viser", "mujoco", "pyarrow", "h5py")
+HEAVY: tuple[str, ...] = (
+    *("numpy", "scipy", "pinocchio", "sympy", "flint", "matplotlib", "yourdfpy", "trimesh"),
+    *("lxml", "rich", "typer", "jinja2", "viser", "mujoco", "pyarrow", "h5py"),
+)
 
 
 @pytest.mark.parametrize("heavy", [HEAVY, ("sympy", "matplotlib")])

@@ -222,14 +222,15 @@ def test_what_cannot_be_shown_is_refused(
     def of_file(urdf: Path | None) -> Picture:
         return picture_of(replace(tulip_leg, urdf=urdf))
 
-    for asked, words in (
+    calls: tuple[tuple[Callable[[], object], str], ...] = (
         (lambda: shown(write_urdf, "", package_dirs="nowhere"), "package_dirs: there is no folder"),
         (lambda: placements(tulip_leg, np.zeros(4)), r"joint positions must have shape \(5\)"),
         (lambda: placements(tulip_leg, np.full(5, np.nan)), "joint positions must be finite"),
         (lambda: of_file(None), "has no URDF to show"),
         (lambda: of_file(tmp_path / "gone.urdf"), "no URDF file at"),
         (lambda: of_file(changed), r"has no joint knee_pitch any more.*load it again"),
-    ):
+    )
+    for asked, words in calls:
         with pytest.raises(RobotError, match=words):
             asked()
 

@@ -90,7 +90,8 @@ def test_log_is_played_as_it_is(robot: Robot) -> None:
     turned = Log(
         log.time,
         tuple(robot.joint_names[index] for index in order),
-        *(getattr(log, f"{name}")[:, order] for name in ("motor_position", "joint_position")),
+        log.motor_position[:, order],
+        log.joint_position[:, order],
         log.motor_torque[:, order],
     )
     for recorded in (log, turned):
@@ -346,8 +347,8 @@ def test_traces_are_short_about_their_means_and_without_torques_in_holes() -> No
     assert traces.time[[0, -1]] == pytest.approx([0.0, np.ptp(recorded.time)])
     error = traces.deflection["nominal"] - traces.deflection["measured"]
     for values in (traces.deflection["measured"], error[:, 1:3]):
-        kept = values[np.all(np.isfinite(values), axis=1)]
-        np.testing.assert_allclose(np.mean(kept, axis=0), 0.0, atol=1e-12)
+        known = values[np.all(np.isfinite(values), axis=1)]
+        np.testing.assert_allclose(np.mean(known, axis=0), 0.0, atol=1e-12)
     kept = (recorded.time < 2.5) | (recorded.time > 3.5)
     sensors = ("motor_position", "joint_position", "motor_torque")
     changes: dict[str, Any] = {name: getattr(recorded, name)[kept] for name in sensors}

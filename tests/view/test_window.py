@@ -175,12 +175,13 @@ def test_without_motions_joints_have_sliders_and_no_plots(
         name, part = node_of(shown, 5)
         expected = placements(leg, np.array([0.0, 0.0, 0.0, 1.2, 0.0]))[5] * part.placement
         np.testing.assert_allclose(pose(shown, name), expected.homogeneous, atol=1e-9)
-        for asked, words in (
+        calls: tuple[tuple[Callable[[], object], str], ...] = (
             (lambda: shown.seek(1.0), "no motion to seek in"),
             (shown.play, "no motion to play"),
             (lambda: shown.compare("x"), "no other motion to compare with"),
             (lambda: shown.show("x"), "no motion is named 'x'; allowed: none"),
-        ):
+        )
+        for asked, words in calls:
             with pytest.raises(SeaidError, match=words):
                 asked()
         shown.pause()
