@@ -126,7 +126,7 @@ def test_commands_of_the_readme_are_run_by_ci_as_they_stand() -> None:
     script = (ROOT / ".ci/run").read_text("utf-8")
     assert 'python3 .ci/readme_commands.py README.md >"$stranger/commands"\n' in script
     assert 'step bash -euxo pipefail "$stranger/commands"\n' in script
-    command = [sys.executable, ROOT / ".ci/readme_commands.py", RUN_BY_CI]
+    command = [sys.executable, str(ROOT / ".ci/readme_commands.py"), str(RUN_BY_CI)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     shells = [block for block in blocks(RUN_BY_CI.read_text("utf-8")) if block.language in SHELLS]
     assert len(shells) >= 5

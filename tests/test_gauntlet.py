@@ -57,8 +57,7 @@ TERMS = {"a": {"gear_ratio": 2.0, "friction": ["viscous", "offset"]}}
 def test_remedy_is_applied_as_it_is_printed(remedy: str, changed: Mapping[str, Any]) -> None:
     """A remedy is a file's text, an option, or advice that changes nothing."""
     log: Columns = {"time_s": np.arange(3.0)}
-    given = {"urdf": "", "drives": DRIVE, "payloads": ("foot:2:0.1,0,0",)}
-    setup = Setup(**given, logs=(log, log), descriptions=({}, {}))
+    setup = Setup("", DRIVE, ("foot:2:0.1,0,0",), (log, log), ({}, {}))
     expected = replace(setup, **changed)
     assert gauntlet.same(gauntlet.with_remedy(setup, setup, remedy), expected)
 

@@ -93,6 +93,7 @@ def test_a_value_and_its_interval_make_its_note() -> None:
     assert notes == ["", "poorly determined", "may be zero"]
     assert Measured(1.0, math.inf).note == "unidentifiable"
     assert math.isnan(Measured(0.0, 0.1).relative)
+    assert Measured(-2.0, 0.5).relative == 0.25
 
 
 def test_the_change_of_a_negative_parameter_has_the_sign_of_its_significance() -> None:
