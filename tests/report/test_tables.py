@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from seaid.report import formats, tables
 from seaid.report.comparison import comparison_of
 from seaid.report.formats import Cell, Column, Measured, Table, figures, shares, table_of, words
 from seaid.report.html_traces import Run
-from tests.experiments import arm, arm_found, arm_result
+from tests.experiments import arm, arm_found, arm_result, leg
 from tests.report.test_comparison import made, of_loads
 from tests.report.test_formats import read
 
@@ -81,6 +82,13 @@ def test_columns_of_one_place_and_columns_without_a_value_are_left_out() -> None
     assert both.texts[1] == [["knee", "-", "-", ""], ["knee", "1", "+2.0 s.e.", ""]]
     assert [column.head for column in both.on_page] == ["joint", "nominal", "interval", "note"]
     assert both.cells[1][2] == Cell("1.00 … 3.00")
+
+
+def test_the_residual_of_torques_and_forces_together_has_no_unit() -> None:
+    """Joints that slide have forces; those of the leg all turn."""
+    for robot, unit in ((arm(), ""), (leg(), "N m")):
+        heads, (row,) = tables.condition_table(replace(arm_found(), robot=robot)).texts
+        assert row[heads.index("unit")] == unit
 
 
 def test_a_page_has_no_capital_in_a_name_of_the_user() -> None:
