@@ -14,16 +14,17 @@ from scipy.interpolate import CubicSpline
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.legged import load_robot
+from seaid.log import describe_log
 from seaid.log.description import LogDescription, changed_source, description_for
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair import Repairs
 from seaid.log.usable_parts import holes
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
-from tests.plants import write_robot
+from tests.plants import write_columns, write_robot
 
 TIME = np.arange(200) / 100
 ROTARY = {"type": "series_elastic", "gear_ratio": 100}
@@ -71,68 +72,48 @@ def error_of(path: Path, robot: Robot, description: Any) -> str:
 
 
 @pytest.mark.parametrize(
-    ("quantity", "source", "factor"),
+    ("quantity", "source", "factor", "zero"),
     [
-        ("joint_position", {"column": "b", "unit": "deg"}, np.pi / 180),
-        ("joint_position", {"column": "b", "unit": "turn", "sign": -1}, -2 * np.pi),
-        ("motor_position", {"column": "b", "unit": "counts", "counts_per_turn": 4}, np.pi / 2),
-        ("motor_position", {"column": "b", "side": "joint"}, 200.0),
-        ("motor_position", {"column": "b", "side": "joint", "unit": "deg"}, 200 * np.pi / 180),
-        ("joint_position", {"column": "b", "side": "motor"}, 1 / 200),
-        ("motor_torque", {"column": "b", "side": "joint"}, 1 / 200),
-        ("joint_torque", {"column": "b", "side": "motor", "unit": "mNm"}, 0.2),
-        ("motor_torque", {"column": "b", "unit": "A", "torque_constant_Nm_per_A": 0.03}, 0.03),
-        ("motor_torque", {"column": "b", "unit": "mA", "torque_constant_Nm_per_A": 3.0}, 0.003),
-        ("motor_torque", {"column": "b", "scale": -0.5, "sign": -1}, 0.5),
-        ("motor_current", {"column": "b", "unit": "mA"}, 1e-3),
-        ("motor_voltage", {"column": "b", "times": 24.0}, 24.0),
+        ("joint_position", {"unit": "deg"}, np.pi / 180, 0.0),
+        ("joint_position", {"unit": "turn", "sign": -1}, -2 * np.pi, 0.0),
+        ("motor_position", {"unit": "counts", "counts_per_turn": 4}, np.pi / 2, 0.0),
+        ("motor_position", {"side": "joint"}, 200.0, 0.0),
+        ("motor_position", {"side": "joint", "unit": "deg"}, 200 * np.pi / 180, 0.0),
+        ("joint_position", {"side": "motor"}, 1 / 200, 0.0),
+        ("motor_torque", {"side": "joint"}, 1 / 200, 0.0),
+        ("joint_torque", {"side": "motor", "unit": "mNm"}, 0.2, 0.0),
+        ("motor_torque", {"unit": "A", "torque_constant_Nm_per_A": 0.03}, 0.03, 0.0),
+        ("motor_torque", {"unit": "mA", "torque_constant_Nm_per_A": 3.0}, 0.003, 0.0),
+        ("motor_torque", {"scale": -0.5, "sign": -1}, 0.5, 0.0),
+        ("motor_current", {"unit": "mA"}, 1e-3, 0.0),
+        ("motor_voltage", {"times": 24.0}, 24.0, 0.0),
+        ("motor_temperature", {"unit": "degC", "scale": 2.0, "offset": 1.0}, 2.0, 1.0),
+        ("motor_temperature", {"unit": "K", "scale": 2.0}, 2.0, -546.3),
+        ("motor_temperature", {"unit": "degF"}, 5 / 9, -160 / 9),
+        ("slide", {"unit": "mm", "offset": 0.5}, 1e-3, 0.5),
+        ("slide", {"unit": "counts", "counts_per_m": 1e4}, 1e-4, 0.0),
+        ("slide joint_torque", {"unit": "kN"}, 1e3, 0.0),
+        ("slide motor_position", {"side": "joint", "unit": "mm"}, 5.0, 0.0),
     ],
 )
 def test_value_is_the_column_in_si_units_at_its_side(
-    tmp_path: Path, quantity: str, source: Table, factor: float
+    tmp_path: Path, quantity: str, source: Table, factor: float, zero: float
 ) -> None:
-    robot = robot_of(tmp_path, PULLEYS)  # the motor turns 100 * 0.04 / 0.02 times as far
-    arm: Table = {quantity: source}
-    if quantity == "joint_torque":
-        arm["motor_torque"] = "c"
-    log = read_log(log_file(tmp_path), robot, description=described(**arm))
-    np.testing.assert_allclose(log.sensors()[quantity][:, 0], factor * wave(0.7), rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("unit", "factor", "zero"), [("degC", 1.0, 0.0), ("K", 1.0, -273.15), ("degF", 5 / 9, -160 / 9)]
-)
-def test_a_temperature_is_in_degrees_celsius(
-    tmp_path: Path, unit: str, factor: float, zero: float
-) -> None:
-    source = {"column": "b", "unit": unit, "scale": 2.0, "offset": 1.0}
-    description = described(motor_temperature=source)
-    log = read_log(log_file(tmp_path), robot_of(tmp_path, PULLEYS), description=description)
-    expected = 2.0 * (factor * wave(0.7) + zero) + 1.0
-    np.testing.assert_allclose(log.sensors()["motor_temperature"][:, 0], expected, rtol=1e-12)
-
-
-def test_prismatic_joint_is_in_metres_and_newtons(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, DRUM, kind="prismatic")
-    description = described(
-        joint_position={"column": "b", "unit": "mm", "offset": 0.5},
-        joint_torque={"column": "a", "unit": "kN"},
-        motor_position={"column": "c", "side": "joint", "unit": "mm"},
-        motor_torque=None,
-    )
+    """The motor turns 100 * 0.04 / 0.02 times as far as the joint, or 5000 rad per metre."""
+    is_sliding, quantity = quantity.startswith("slide"), quantity.removeprefix("slide").strip()
+    kind, quantity = "prismatic" if is_sliding else "continuous", quantity or "joint_position"
+    robot = robot_of(tmp_path, DRUM if is_sliding else PULLEYS, kind=kind)
+    description = described(**{quantity: {"column": "b", **source}})
     log = read_log(log_file(tmp_path), robot, description=description)
-    np.testing.assert_allclose(log.joint_position[:, 0], 0.001 * wave(0.7) + 0.5, rtol=1e-12)
-    np.testing.assert_allclose(log.sensors()["joint_torque"][:, 0], 1e3 * wave(0.5), rtol=1e-12)
-    np.testing.assert_allclose(log.motor_position[:, 0], 5000 * 1e-3 * wave(0.9), rtol=1e-12)
-    counts = described(joint_position={"column": "b", "unit": "counts", "counts_per_m": 1e4})
-    log = read_log(log_file(tmp_path), robot, description=counts)
-    np.testing.assert_allclose(log.joint_position[:, 0], 1e-4 * wave(0.7), rtol=1e-12)
+    expected = factor * wave(0.7) + zero
+    np.testing.assert_allclose(log.sensors()[quantity][:, 0], expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("drive", "kind"), [(ROTARY, "continuous"), (PULLEYS, "continuous"), (DRUM, "prismatic")]
 )
 def test_deflection_and_one_side_give_the_other(tmp_path: Path, drive: Table, kind: str) -> None:
+    """The spring's deflection is the difference of both sides, as a motion of the joint."""
     robot = robot_of(tmp_path, drive, kind=kind)
     motor, load = wave(0.5, 50.0), wave(0.7)
     behind_gear = drive.get("motor_pulley_radius_m", 1.0) / 100
@@ -148,6 +129,7 @@ def test_deflection_and_one_side_give_the_other(tmp_path: Path, drive: Table, ki
 
 
 def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> None:
+    """The mean of the errors before and after a new goal, times the gain, within the supply."""
     robot = robot_of(tmp_path, {"type": "stiff", "gear_ratio": 1.0})
     on = np.where(TIME < 1.5, 1.0, 0.0)
     path = log_file(tmp_path, kp=np.full(200, 5.0), on=on)
@@ -167,7 +149,7 @@ def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> 
 # Partial descriptions of files with seaid's own names
 
 
-def own_file(folder: Path, robot: Robot, log: Log) -> Path:
+def own_file(folder: Path, log: Log) -> Path:
     """Write a log with seaid's own names."""
     write_log(log, folder / "own.npz")
     return folder / "own.npz"
@@ -181,24 +163,10 @@ def same(log: Log, other: Log) -> bool:
     )
 
 
-@pytest.mark.slow  # 1.6 s
-@pytest.mark.parametrize("sensors", [LEG_SENSORS, Noise()])
-def test_a_clean_log_is_not_changed_by_a_description_of_nothing(
-    tmp_path: Path, sensors: Noise
-) -> None:
-    plain = measure(leg(), leg_motion(), sensors, seed=1)
-    path = own_file(tmp_path, leg(), plain)
-    for description in (
-        {},
-        {"time": "time_s"},
-        {"joints": {"knee_pitch": {"motor_torque": "knee_pitch.motor_torque_Nm"}}},
-    ):
-        assert same(read_log(path, leg(), description=description), plain)
-
-
 def test_what_is_not_described_is_read_from_the_own_columns(tmp_path: Path) -> None:
+    """A description beside a file with seaid's columns replaces those that it names, no other."""
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    path = own_file(tmp_path, leg(), plain)
+    path = own_file(tmp_path, plain)
     (tmp_path / "own.toml").write_text(
         """
 [joints.hip_pitch]
@@ -220,21 +188,13 @@ motor_torque = { column = "hip_pitch.motor_torque_Nm", scale = 1.2, unit = "mNm"
         np.testing.assert_allclose(log.sensors()[name], values, rtol=1e-12)
 
 
-def test_time_of_an_own_file_gets_another_unit(tmp_path: Path) -> None:
-    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    path = own_file(tmp_path, leg(), replace(plain, time=1e3 * plain.time))
-    path.with_suffix(".toml").write_text('time = { column = "time_s", unit = "ms" }')
-    log = read_log(path, leg())
-    np.testing.assert_allclose(log.time, plain.time, atol=1e-12)
-    np.testing.assert_array_equal(log.motor_position, plain.motor_position)
-
-
 def test_described_delay_is_corrected_and_other_channels_stay(tmp_path: Path) -> None:
+    """A delay that was planted is taken out of its channel, and the end that it lacks is left."""
     plain = perfect_log(leg(), leg_motion())
     knee, delay_s = leg().index("knee_pitch"), 0.0123
     late = plain.motor_torque.copy()
     late[:, knee] = CubicSpline(plain.time, late[:, knee])(plain.time - delay_s)
-    path = own_file(tmp_path, leg(), replace(plain, motor_torque=late))
+    path = own_file(tmp_path, replace(plain, motor_torque=late))
     source = {"column": "knee_pitch.motor_torque_Nm", "delay_s": delay_s}
     log = read_log(path, leg(), description={"joints": {"knee_pitch": {"motor_torque": source}}})
     kept = plain.time <= plain.time[-1] - delay_s
@@ -246,17 +206,13 @@ def test_described_delay_is_corrected_and_other_channels_stay(tmp_path: Path) ->
 
 
 def test_excluded_intervals_are_holes(tmp_path: Path) -> None:
+    """Samples in an interval are left out, and the others stay to the last bit."""
     plain = perfect_log(leg(), leg_motion())
-    path = own_file(tmp_path, leg(), plain)
+    path = own_file(tmp_path, plain)
     log = read_log(path, leg(), description={"exclude_s": [[1.5, 2.0], [5.5, 99]]})
-    kept = (plain.time < 1.5) | ((plain.time >= 2.0) & (plain.time < 5.5))
-    assert same(log, replace(plain, **{name: x[kept] for name, x in rows_of(plain).items()}))
-    assert [one.kind for one in log.report] == ["excluded intervals"]
-    assert [one.length_s for one in holes(log.time)] == pytest.approx([0.5], abs=0.01)
-
-
-def rows_of(log: Log) -> dict[str, Any]:
-    return {"time": log.time, **log.sensors()}
+    assert same(log, plain.at((plain.time < 1.5) | ((plain.time >= 2.0) & (plain.time < 5.5))))
+    assert [repair.kind for repair in log.report] == ["excluded intervals"]
+    assert [hole.length_s for hole in holes(log.time)] == pytest.approx([0.5], abs=0.01)
 
 
 @pytest.mark.parametrize("drive", [ROTARY, PULLEYS])
@@ -287,6 +243,7 @@ def test_deflection_next_to_both_positions_is_a_channel_of_its_own(
 
 
 def test_joints_have_clocks_of_their_own_and_encoders_wrap(tmp_path: Path) -> None:
+    """An encoder of one turn with a late clock gives the motion at the times of the others."""
     robot = robot_of(tmp_path, ROTARY)
     late, motor = TIME + 0.0042, wave(0.5, 30.0)
     turned = np.mod(motor * 4096 / (2 * np.pi), 4096)
@@ -332,44 +289,33 @@ def test_the_period_that_is_added_to_a_source_is_in_the_unit_of_its_column(
 
 
 def test_a_number_that_multiplies_a_column_multiplies_its_period(tmp_path: Path) -> None:
-    source = {"column": "turned", "times": 0.5, "wraps": 4 * np.pi}
-    motor = wave(0.5, 30.0)
+    """A period is in the unit of the column, before the number multiplies it."""
+    source, motor = {"column": "turned", "times": 0.5, "wraps": 4 * np.pi}, wave(0.5, 30.0)
     path = log_file(tmp_path, turned=np.mod(2 * motor, 4 * np.pi))
-    robot = robot_of(tmp_path, ROTARY)
-    log = read_log(path, robot, description=described(motor_position=source))
+    description = described(motor_position=source)
+    log = read_log(path, robot_of(tmp_path, ROTARY), description=description)
     assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
 
 
-def test_even_rate_stands_for_a_time(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    description = described() | {"time": {"rate_hz": 250.0}}
-    log = read_log(log_file(tmp_path), robot, description=description)
-    np.testing.assert_allclose(log.time, np.arange(200) / 250, rtol=1e-12)
-
-
 def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
+    """A sample that is no number is refused with the remedy, which repairs it."""
     robot = robot_of(tmp_path, ROTARY)
-    values = np.stack([wave(0.5), wave(0.7), wave(0.9)])[:, :, None]
-    write_log(Log(TIME, ("arm",), *values), tmp_path / "log.npz")
-    with np.load(tmp_path / "log.npz") as archive:
-        data = dict(archive)
-    data["arm.joint_position_rad"][50] = np.nan
-    np.savez(tmp_path / "bad.npz", **data)
+    columns = {"time_s": TIME, "arm.motor_position_rad": wave(0.5), "arm.motor_torque_Nm": wave(1)}
+    spoiled = wave(0.7)
+    spoiled[50] = np.nan
+    path = write_columns(tmp_path / "log.npz", columns | {"arm.joint_position_rad": spoiled})
     with pytest.raises(LogError, match=r"or repair single samples with repair=seaid\.Repairs\(\)"):
-        read_log(tmp_path / "bad.npz", robot)
-    log = read_log(tmp_path / "bad.npz", robot, repair=Repairs())
-    assert log.joint_position[50, 0] == pytest.approx(values[1, 50, 0], abs=1e-3)
+        read_log(path, robot)
+    log = read_log(path, robot, repair=Repairs())
+    assert log.joint_position[50, 0] == pytest.approx(wave(0.7)[50], abs=1e-3)
     assert [repair.kind for repair in log.report] == ["values that are no number"]
-    data["time_s"][50] = 0.1
-    np.savez(tmp_path / "bad.npz", **data)
-    with pytest.raises(LogError, match=r"or repair them with repair=seaid\.Repairs"):
-        read_log(tmp_path / "bad.npz", robot)
 
 
 # Where descriptions come from
 
 
 def test_toml_beside_the_log_is_taken_and_others_are_left_alone(tmp_path: Path) -> None:
+    """A file of that name which is no description is not taken for one, unless it is nearly one."""
     robot = robot_of(tmp_path, ROTARY)
     path = log_file(tmp_path)
     description = description_for(path, described(motor_torque={"column": "c", "unit": "mNm"}))
@@ -406,6 +352,7 @@ sources = st.fixed_dictionaries(
 def test_description_survives_its_toml(
     tmp_path_factory: pytest.TempPathFactory, joints: dict[str, Table], time: str
 ) -> None:
+    """Any description: written -> read -> the same."""
     content = {
         "time": time,
         "joints": {joint: {"joint_position": source} for joint, source in joints.items()},
@@ -431,101 +378,95 @@ def of(column: str, **more: Any) -> Table:
 SERVO = {"goal": "a", "position": "b", "gain": 1, "supply": 1}
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"motor_torque": "cc"}, "[joints.arm] motor_torque: no column is named 'cc'; did you me"),
-        ({"motor_torqe": "c"}, "no key is named 'motor_torqe'; did you mean 'motor_torque'?"),
-        ({"joint_velocity": "c"}, "; velocities are differentiated from positions"),
-        ({"motor_torque": {"colum": "c"}}, "no key is named 'colum'; did you mean 'column'?"),
-        ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
-        ({"motor_torque": 3.5}, "motor_torque must be a table, found 3.5"),
-        ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
-        ({"motor_torque": {"column": 3.5}}, "'column' must be the name of a column, found 3.5"),
-        ({"motor_torque": of("c", unit="deg")}, "no unit of this quantity is named 'deg'; allowed"),
-        ({"motor_torque": of("c", unit="N")}, "no unit of this quantity is named 'N'; did you"),
-        ({"joint_position": of("b", unit="m")}, "no unit of this quantity is named 'm'"),
-        ({"motor_position": of("a", wraps=1, times="b")}, "wraps is a constant period: times must"),
-        (
-            {"motor_position": of("a", wraps=10**400)},
-            "'wraps' must be a number above zero (1e-30 to 1e+30)",
-        ),
-        ({"motor_position": of("a", wraps=-1)}, "above zero (1e-30 to 1e+30), found -1"),
-        ({"motor_torque": of("c", unit="A")}, "unit 'A' or 'mA' and torque_constant"),
-        ({"motor_torque": of("c", sign=2)}, "sign must be 1 or -1, found 2"),
-        ({"motor_torque": of("c", scale=0)}, "that is not zero, found 0"),
-        (
-            {"motor_torque": of("c", scale="x")},
-            "'scale' must be a finite number (at most 1e+30 in size)",
-        ),
-        ({"motor_torque": of("c", scale=None)}, "that is not zero, found None"),
-        (
-            {"motor_torque": of("c", times=True)},
-            "the name of a column or a finite number (at most 1e+30 in size), found True",
-        ),
-        ({"motor_torque": of("c", side="link")}, "'side': no value is named 'link'; allowed: mot"),
-        ({"motor_current": of("c", side="joint")}, "only positions and torques have a"),
-        ({"motor_position": of("a", unit="counts")}, "counts_per_turn (or counts_per_m)"),
-        ({"motor_position": of("a", time={"unit": "s"})}, "a time needs either column or rate"),
-        ({"motor_position": of("a", time=of("t", unit="h"))}, "unit of time"),
-        (
-            {"motor_position": of("a", time={"rate_hz": -1})},
-            "'rate_hz' must be a number above zero",
-        ),
-        ({"motor_position": of("a", time="tt")}, "no column is named 'tt'"),
-        ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
-        ({"motor_torque": {"servo": {"goal": "a"}}}, "[servo]: key 'position' is missing"),
-        ({"motor_torque": {"servo": SERVO}}, "servo gives a motor_voltage only"),
-        ({"motor_voltage": {"servo": {"goals": "a"}}}, "no key is named 'goals'; did you mean"),
-        ({"time": "x"}, "no column is named 'x'"),
-    ],
+MISTAKES: tuple[tuple[Table, str], ...] = (
+    ({"motor_torque": "cc"}, "[joints.arm] motor_torque: no column is named 'cc'; did you me"),
+    ({"motor_torqe": "c"}, "no key is named 'motor_torqe'; did you mean 'motor_torque'?"),
+    ({"joint_velocity": "c"}, "; velocities are differentiated from positions"),
+    ({"motor_torque": {"colum": "c"}}, "no key is named 'colum'; did you mean 'column'?"),
+    ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
+    ({"motor_torque": 3.5}, "motor_torque must be a table, found 3.5"),
+    ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
+    ({"motor_torque": {"column": 3.5}}, "'column' must be the name of a column, found 3.5"),
+    ({"motor_torque": of("c", unit="deg")}, "no unit of this quantity is named 'deg'; allowed"),
+    ({"motor_torque": of("c", unit="N")}, "no unit of this quantity is named 'N'; did you"),
+    ({"joint_position": of("b", unit="m")}, "no unit of this quantity is named 'm'"),
+    ({"motor_position": of("a", wraps=1, times="b")}, "wraps is a constant period: times must"),
+    (
+        {"motor_position": of("a", wraps=10**400)},
+        "'wraps' must be a number above zero (1e-30 to 1e+30)",
+    ),
+    ({"motor_position": of("a", wraps=-1)}, "above zero (1e-30 to 1e+30), found -1"),
+    ({"motor_torque": of("c", unit="A")}, "unit 'A' or 'mA' and torque_constant"),
+    ({"motor_torque": of("c", sign=2)}, "sign must be 1 or -1, found 2"),
+    ({"motor_torque": of("c", scale=0)}, "that is not zero, found 0"),
+    (
+        {"motor_torque": of("c", scale="x")},
+        "'scale' must be a finite number (at most 1e+30 in size)",
+    ),
+    ({"motor_torque": of("c", scale=None)}, "that is not zero, found None"),
+    (
+        {"motor_torque": of("c", times=True)},
+        "the name of a column or a finite number (at most 1e+30 in size), found True",
+    ),
+    ({"motor_torque": of("c", side="link")}, "'side': no value is named 'link'; allowed: mot"),
+    ({"motor_current": of("c", side="joint")}, "only positions and torques have a"),
+    ({"motor_position": of("a", unit="counts")}, "counts_per_turn (or counts_per_m)"),
+    ({"motor_position": of("a", time={"unit": "s"})}, "a time needs either column or rate"),
+    ({"motor_position": of("a", time=of("t", unit="h"))}, "unit of time"),
+    (
+        {"motor_position": of("a", time={"rate_hz": -1})},
+        "'rate_hz' must be a number above zero",
+    ),
+    ({"motor_position": of("a", time="tt")}, "no column is named 'tt'"),
+    ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
+    ({"motor_torque": {"servo": {"goal": "a"}}}, "[servo]: key 'position' is missing"),
+    ({"motor_torque": {"servo": SERVO}}, "servo gives a motor_voltage only"),
+    ({"motor_voltage": {"servo": {"goals": "a"}}}, "no key is named 'goals'; did you mean"),
+    ({"time": "x"}, "no column is named 'x'"),
+    ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
+    ({"joints": {}}, "no column with a name of seaid's for a joint of this robot, and the de"),
+    ({"joints": 3}, "description= [joints] must be a table, found 3"),
+    (
+        {"exclude_s": [1, 2]},
+        "start before end, found 1",
+    ),
+    (
+        {"exclude_s": [[2, 1]]},
+        "start before end, found [2",
+    ),
+    (
+        {"exclude_s": [[0, "x"]]},
+        "start before end, found [0",
+    ),
+    ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
+    ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
+    ({"joints": {"arn": {"joint_position": "a"}}}, "named 'arn'; did you mean 'arm'"),
+    ({"time": None}, 'no time is given; name its column, time = "...", or a constant rate, ti'),
+    ({"where": 3}, "'where' must be the name of a column, found 3"),
+    ({"where": "off"}, "the column of 'where' is zero at all samples"),
+    ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
+    ({"time": "short"}, "must have shape (7)"),
+    ({"repair": {"most_mising": 1}}, "[repair]: no key is named 'most_mising'; did you mean"),
+    ({"repair": {"most_missing": 2}}, "'most_missing' must be a share from 0 to 1, found 2"),
+    ({"motor_position": "dead"}, "is 0 all the time while the other side of the joint"),
 )
-def test_mistake_in_a_joint_is_named(tmp_path: Path, change: Table, words: str) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    assert words in error_of(log_file(tmp_path), robot, described(**change))
+"""Keys of the description, or else of its joint, with what is said of them."""
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
-        ({"joints": {}}, "no column with a name of seaid's for a joint of this robot, and the de"),
-        ({"joints": 3}, "description= [joints] must be a table, found 3"),
-        (
-            {"exclude_s": [1, 2]},
-            "must be an interval [start, end] in seconds, start before end, found 1",
-        ),
-        (
-            {"exclude_s": [[2, 1]]},
-            "must be an interval [start, end] in seconds, start before end, found [2",
-        ),
-        (
-            {"exclude_s": [[0, "x"]]},
-            "must be an interval [start, end] in seconds, start before end, found [0",
-        ),
-        ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
-        ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
-        ({"joints": {"arn": {"joint_position": "a"}}}, "named 'arn'; did you mean 'arm'"),
-        ({"time": None}, 'no time is given; name its column, time = "...", or a constant rate, ti'),
-        ({"where": 3}, "'where' must be the name of a column, found 3"),
-        ({"where": "off"}, "the column of 'where' is zero at all samples"),
-        ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
-        ({"time": "short"}, "must have shape (7)"),
-        ({"repair": {"most_mising": 1}}, "[repair]: no key is named 'most_mising'; did you mean"),
-        ({"repair": {"most_missing": 2}}, "'most_missing' must be a share from 0 to 1, found 2"),
-    ],
-)
-def test_mistake_in_the_description_is_named(tmp_path: Path, change: Table, words: str) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    path = log_file(tmp_path, off=np.zeros(200), short=np.ones(7))
-    assert words in error_of(path, robot, described() | change)
+@pytest.mark.parametrize(("change", "words"), MISTAKES)
+def test_mistake_in_a_description_is_named(tmp_path: Path, change: Table, words: str) -> None:
+    """A description that cannot be meant is refused with its key and what is allowed."""
+    robot, other = robot_of(tmp_path, ROTARY), {"off": np.zeros(200), "short": np.ones(7)}
+    path = log_file(tmp_path, dead=np.zeros(200), **other)
+    is_whole = next(iter(change)) in ("joints", "exclude_s", "time", "where", "repair", "tim")
+    description = described() | change if is_whole else described(**change)
+    assert words in error_of(path, robot, description)
 
 
 def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> None:
-    robot, path = robot_of(tmp_path, ROTARY), log_file(tmp_path, dead=np.zeros(200))
+    """Files, objects of Python and drives that do not fit a description are named."""
+    robot, path = robot_of(tmp_path, ROTARY), log_file(tmp_path)
     assert "cannot read the description" in error_of(path, robot, tmp_path / "no.toml")
-    text = error_of(path, robot, described(motor_position="dead"))
-    assert "'arm.motor_position_rad' is 0 all the time while the other side of the joint" in text
     given = description_for(Path("x"), described())
     assert given is not None
     speed = {"speed": given.joints["arm"]["motor_torque"]}
@@ -549,41 +490,65 @@ UR10 = tuple(
 )
 
 
+MODULE = (
+    *("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage"),
+    "motor_temperature",
+)
+SPRING = ("joint_position", "deflection", *MODULE[2:4], MODULE[-1])
+SIMPLE = ("joint_position", "motor_torque")
+PENDULUM = ("Joint1", "Joint2")
+SERVO_OF_XL330 = ("joint_position", "position_command", "motor_temperature")
+
+
 @pytest.mark.parametrize(
-    ("log", "description", "drive", "joints", "rate_hz"),
+    ("log", "description", "drive", "joints", "rate_hz", "quantities"),
     [
-        ("hebi_arms/capstone_repeat_waypoints.npz", "hebi_csv_5", HEBI, HEBI_JOINTS, 100),
-        ("hebi_arms/grav_comp_bad.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 92),
-        ("hebi_arms/ps4_repeat_waypoints.npz", "hebi_csv_3_deflection", HEBI, HEBI_JOINTS[:3], 94),
-        ("hebi_arms/ps5_robot_data.npz", "hebi_csv_3", HEBI, HEBI_JOINTS[:3], 97),
-        ("hebi_arms/sample.npz", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100),
-        ("hebi_arms/virtual_spring.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94),
-        ("hebi_x5_unloaded/exampleLog.csv", "hebi_csv_1", HEBI, HEBI_JOINTS[:1], 100),
+        ("hebi_arms/capstone_rep*", "hebi_csv_5", HEBI, HEBI_JOINTS, 100, MODULE),
+        ("hebi_arms/grav_comp_bad*", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 92, MODULE),
+        ("hebi_arms/ps4_*", "hebi_csv_3_deflection", HEBI, HEBI_JOINTS[:3], 94, MODULE),
+        ("hebi_arms/ps5_*", "hebi_csv_3", HEBI, HEBI_JOINTS[:3], 97, MODULE),
+        ("hebi_arms/sample*", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100, SPRING),
+        ("hebi_arms/virtual_*", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94, MODULE),
+        ("hebi_x5_unloaded/*.csv", "hebi_csv_1", HEBI, HEBI_JOINTS[:1], 100, MODULE),
         pytest.param(
-            *("hebi_x5_unloaded/exampleLog.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
+            *("hebi_x5_unloaded/*.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
+            (*MODULE[:4], MODULE[-1]),
             marks=pytest.mark.hebi,
         ),
-        ("ur10_exciting/ur10_exciting_trajectory.npz", "ur10_csv", STIFF, UR10, 125),
-        ("double_pendulum_a0/strong_torque", "double_pendulum_strong", STIFF, 2, 500),
-        ("double_pendulum_a0/weak_torque", "double_pendulum_weak", STIFF, 2, 500),
-        ("xl330_pendulum/raw", "xl330", STIFF, ("pendulum",), 187),
+        ("ur10_exciting/*.npz", "ur10_csv", STIFF, UR10, 125, SIMPLE),
+        ("double_pendulum_a0/st*/*", "double_pendulum_strong", STIFF, PENDULUM, 500, SIMPLE),
+        ("double_pendulum_a0/we*/*", "double_pendulum_weak", STIFF, PENDULUM, 500, SIMPLE),
+        ("xl330_pendulum/raw/*", "xl330", STIFF, ("pendulum",), 187, SERVO_OF_XL330),
     ],
 )
-def test_every_measured_set_is_read_with_its_description(
-    tmp_path: Path, log: str, description: str, drive: Table, joints: Any, rate_hz: float
+def test_every_measured_set_is_read_with_its_description_and_described_without(
+    tmp_path: Path,
+    log: str,
+    description: str,
+    drive: Table,
+    joints: tuple[str, ...],
+    rate_hz: float,
+    quantities: tuple[str, ...],
 ) -> None:
-    path = LOGS / log
-    path = sorted(path.iterdir())[0] if path.is_dir() else path
-    joints = ("Joint1", "Joint2") if joints == 2 else joints
-    robot = robot_of(tmp_path, drive, joints)
-    found = read_log(path, robot, description=LOGS / f"{description}.toml")
-    steps = np.diff(found.time)
-    assert 1 / np.median(steps) == pytest.approx(rate_hz, rel=0.01)
-    assert set(found.columns()) >= {f"{joint}.joint_position_rad" for joint in joints}
+    """The rate and the joints are those of the set; without a description it is found, in doubt."""
+    path = min(LOGS.glob(log))
+    measured = read_log(
+        path, robot_of(tmp_path, drive, joints), description=LOGS / f"{description}.toml"
+    )
+    assert 1 / np.median(np.diff(measured.time)) == pytest.approx(rate_hz, rel=0.01)
+    assert set(measured.columns()) >= {f"{joint}.joint_position_rad" for joint in joints}
+    inferred = describe_log(path)
+    assert [tuple(of) for of in inferred.description.joints.values()] == [quantities] * len(joints)
+    assert inferred.unsure
+    signs = {
+        of["deflection"].sign for of in inferred.description.joints.values() if "deflection" in of
+    }
+    assert signs <= {-1}  # as the makers of the arm have it
 
 
 @pytest.mark.slow  # 0.7 s
 def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
+    """Two files of one motion give the same log."""
     robot = robot_of(tmp_path, STIFF, UR10)
     folder = LOGS / "ur10_exciting"
     logs = [
@@ -596,6 +561,7 @@ def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
 
 @pytest.mark.hebi
 def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
+    """HEBI's own file and the table that was made of it give the same log."""
     robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:1])
     folder = LOGS / "hebi_x5_unloaded"
     table = read_log(folder / "exampleLog.csv", robot, description=LOGS / "hebi_csv_1.toml")
