@@ -13,9 +13,8 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import describe_log, read_log
 from seaid.log.readers.opening import open_table
-from seaid.log.reading import write_log
 from seaid.robot.robot import Robot
-from tests.log.readers.files import error_of, one_log
+from tests.log.readers.files import error_of, loaded, one_log, save, write
 
 TIME: Array = np.linspace(0.0, 1.99, 200)
 ROWS: Array = np.column_stack([TIME, np.sin(3 * TIME), np.cos(2 * TIME)])
@@ -68,18 +67,12 @@ def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
 def test_what_is_no_table_is_named_with_its_place(
     tmp_path: Path, content: bytes, words: str
 ) -> None:
+    """Whatever is no table of numbers is refused with its line and column."""
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     text = error_of(path, "1" if content[:1] == b"1" else "a[1]" if b"[1, " in content else "a")
     assert text.startswith(f"'{path}'")
     assert words in text
-
-
-def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
-    path, words = tmp_path / "log.csv", ("NA", "n/a", "#N/A", "null", "None", "nan", "")
-    path.write_text("a,b\n1,2\n" + "".join(f"{word},3\n" for word in words))
-    values = open_table(path).load(["a"])["a"]
-    assert np.array_equal(np.isnan(values), [False, *[True] * len(words)])
 
 
 @pytest.mark.parametrize(
@@ -116,6 +109,7 @@ def test_words_for_a_missing_number_are_none(tmp_path: Path) -> None:
 def test_a_table_of_text_is_read_in_its_own_format(
     tmp_path: Path, content: str, names: list[str], suffix: str
 ) -> None:
+    """The delimiter, the decimal mark and the header are found; in pieces it is the same."""
     path = tmp_path / f"log{suffix}"
     path.write_text(content)
     table = open_table(path)
@@ -130,21 +124,52 @@ def test_a_table_of_text_is_read_in_its_own_format(
         )
 
 
+BLANK = [None] * 7
+CELLS: tuple[tuple[str, dict[str, list[float | None]]], ...] = (
+    ("a,b\n1,2\nNA,3\nn/a,3\n#N/A,3\nnull,3\nNone,3\nnan,3\n,3\n", {"a": [1.0, *BLANK]}),
+    ("on,off\nTrue,false\nFALSE,true\n", {"on": [1.0, 0.0], "off": [0.0, 1.0]}),
+    ("1.5\n2.5\n", {"1": [1.5, 2.5]}),
+    ("\ufeffa,b\n1,2\n3,4\n\n\n", {"a": [1.0, 3.0], "b": [2.0, 4.0]}),
+    ("t,q\n0,1,7\n0.1,2,8\n", {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [7.0, 8.0]}),
+    ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": [0.0, 0.1], "q": [1.0, 2.0], "unnamed": [1.0, 2.0]}),
+    ("t,q\n[s],[rad]\n0,1,7\n", {"t [s]": [0.0], "q [rad]": [1.0], "unnamed": [7.0]}),
+    (
+        't,positions,"raw [V]"\n0.5,"[0.25, -1e-3, 3]",[7 8]\n1.0,"[0.5, nan, 4]",[9 10]\n',
+        {
+            "t": [0.5, 1.0],
+            "positions[0]": [0.25, 0.5],
+            "positions[1]": [-1e-3, None],
+            "positions[2]": [3.0, 4.0],
+            "raw [V][0]": [7.0, 9.0],
+            "raw [V][1]": [8.0, 10.0],
+        },
+    ),
+)
+
+
+@pytest.mark.parametrize(("content", "columns"), CELLS)
+def test_cells_of_any_kind_are_numbers(
+    tmp_path: Path, content: str, columns: dict[str, list[float | None]]
+) -> None:
+    """Missing numbers, truths, lists, and cells more than names, as R writes them, are read."""
+    path = save(tmp_path / "log.csv", content)
+    assert loaded(path, columns) == columns
+    assert {*open_table(path).names} >= columns.keys()
+    assert csv.field_size_limit() == 131_072  # as it was: it is everybody's
+
+
 def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> None:
+    """What stands below the names is a line of units only where it may be one."""
     path = tmp_path / "log.csv"
     for line in ("true,False", "NaN,", ",", "12:00:01,x", '"[1, 2]",x', "left"):
         path.write_text(f"a,b\n{line}\n1,2\n")
         assert not any("[true]" in name or "[x]" in name for name in open_table(path).names)
 
 
-def test_one_number_a_line_is_one_column(tmp_path: Path) -> None:
-    (tmp_path / "q.txt").write_text("\n".join(map(str, ROWS[:, 1])))
-    np.testing.assert_allclose(open_table(tmp_path / "q.txt").load(["1"])["1"], ROWS[:, 1])
-
-
 def test_columns_of_a_file_without_header_are_described_by_their_numbers(
     arm: Robot, tmp_path: Path
 ) -> None:
+    """A description and the file beside it number the columns from one."""
     path = tmp_path / "log.csv"
     path.write_text(text_of(";", ","))
     description = {
@@ -164,54 +189,12 @@ def test_columns_of_a_file_without_header_are_described_by_their_numbers(
         describe_log(path)
 
 
-def test_lists_in_cells_are_a_column_per_number(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    path.write_text(
-        'kind,t,positions,ok,"raw [V]"\nSTATE,0.5,"[0.25, -1e-3, 3]",true,[7 8]\n'
-        'STATE,1.0,"[0.5, nan, 4]",false,[9 10]\n'
-    )
-    table = open_table(path)
-    assert table.names == [
-        *("t", "positions[0]", "positions[1]", "positions[2]", "ok", "raw [V][0]", "raw [V][1]")
-    ]
-    found = table.load(["positions[2]", "t", "raw [V][1]", "ok", "positions[1]"])
-    assert found["positions[2]"].tolist() == [3, 4]
-    assert found["raw [V][1]"].tolist() == [8, 10]
-    assert found["ok"].tolist() == [1, 0]
-    assert found["positions[1]"][0] == -1e-3
-    assert np.isnan(found["positions[1]"][1])
-
-
-@pytest.mark.parametrize(
-    ("rows", "columns"),
-    [
-        ("t,q\n0,1,7\n0.1,2,8\n", {"t": 0.1, "q": 2, "unnamed": 8}),
-        ('t,q\n"1",0,1\n"2",0.1,2\n', {"t": 0.1, "q": 2, "unnamed": 2}),  # written by R
-        ("t,q\n[s],[rad]\n0,1,7\n0.1,2,8\n", {"t [s]": 0.1, "q [rad]": 2, "unnamed": 8}),
-    ],
-)
-def test_a_cell_more_than_names_is_an_unnamed_column(
-    rows: str, columns: dict[str, float], tmp_path: Path
-) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(rows)
-    table = open_table(path)
-    loaded = table.load(list(table.names))
-    assert {name: values[-1] for name, values in loaded.items()} == columns
-
-
-def test_truth_values_are_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("on,off\nTrue,false\nFALSE,true\n")
-    table = open_table(path)
-    assert table.load(["on"])["on"].tolist() == [1.0, 0.0]
-
-
 def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
-    arm: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The remedy is named."""
     path = tmp_path / "log.csv"
-    write_log(one_log(), path)
+    write(one_log(), path)
     with path.open("r+b") as file:
         file.truncate(2 * 10**9)  # sparse: takes no room on the disk
     monkeypatch.setattr(limits, "free_memory", lambda: 7.9e9)
@@ -220,19 +203,10 @@ def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
     assert "read it in pieces with seaid.open_long_log" in text
 
 
-def test_a_mark_of_utf8_blank_lines_at_the_end_and_a_field_are_no_harm(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"\xef\xbb\xbfa,b\n1,2\n3,4\n\n\n")
-    assert open_table(path).load(["a"])["a"].tolist() == [1.0, 3.0]
-    blocks = open_table(path).blocks
-    assert blocks is not None
-    assert [one["b"].tolist() for one in blocks(["b"], 2)] == [[2.0, 4.0]]
-    assert csv.field_size_limit() == 131_072  # as it was: it is everybody's
-
-
 def test_a_long_file_is_read_in_parts_like_a_short_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The parts of a file are joined without a seam, as small as they may be."""
     path = tmp_path / "log.csv"
     path.write_text("a,b\n" + "".join(f"{k},{k if k % 7 else 'nan'}\n" for k in range(500)))
     whole = open_table(path).load(["b", "a"])
