@@ -41,11 +41,27 @@ def failing(kind: str) -> Answer:
     raise ValueError("first line\nsecond line " + "x" * 10_000)
 
 
-def test_facts_and_arrays_come_back() -> None:
-    facts, arrays = run_in_child(twice, {"values": [1.0, 2.0]}, seconds=20)
-    assert facts == {"count": 2}
-    assert arrays["file"].tolist() == [2.0, 4.0]
-    assert arrays["a/b[0]"].tolist() == [False, True]
+def test_facts_and_arrays_come_back_to_each_thread() -> None:
+    """Each child answers the call that started it, with arrays of any name and type."""
+    with ThreadPoolExecutor(2) as pool:
+        calls = [{"values": [1.0 * k, 2.0]} for k in (1, 2)]
+        answers = [pool.submit(run_in_child, twice, call, seconds=20) for call in calls]
+    for k, answer in zip((1, 2), answers, strict=True):
+        facts, arrays = answer.result()
+        assert facts == {"count": 2}
+        assert arrays["file"].tolist() == [2.0 * k, 4.0]
+        assert arrays["a/b[0]"].tolist() == [k > 1, True]
+
+
+def test_own_errors_and_a_lack_of_room_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error of a reader passes as it is; a child without a folder is none of the file."""
+    with pytest.raises(LogError, match=r"^column 'a' is empty$"):
+        run_in_child(failing, {"kind": "own"}, seconds=20)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(ChildError, match="a child process cannot be run: No such file"):
+        run_in_child(twice, {"values": [1.0]}, seconds=20)
 
 
 @pytest.mark.slow  # 5.0 s
@@ -64,6 +80,7 @@ def test_facts_and_arrays_come_back() -> None:
 def test_what_goes_wrong_is_said(
     kind: str, seconds: float, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A child that crashes, hangs or ends is named with what it did, and leaves no file."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(ChildError, match=f"^{words}") as caught:
         run_in_child(failing, {"kind": kind}, seconds=seconds)
@@ -71,22 +88,9 @@ def test_what_goes_wrong_is_said(
     assert os.listdir(tmp_path) == []
 
 
-def test_own_errors_pass_as_they_are() -> None:
-    with pytest.raises(LogError, match=r"^column 'a' is empty$"):
-        run_in_child(failing, {"kind": "own"}, seconds=20)
-
-
-@pytest.mark.slow  # 0.5 s
-def test_threads_have_children_too() -> None:
-    with ThreadPoolExecutor(2) as pool:
-        answers = [
-            pool.submit(run_in_child, twice, {"values": [1.0 * k]}, seconds=20) for k in (3, 4)
-        ]
-        assert [one.result()[1]["file"][0] for one in answers] == [6.0, 8.0]
-
-
 @pytest.mark.slow  # 0.6 s
 def test_a_script_needs_no_guard(tmp_path: Path) -> None:
+    """The script of the user is not run again by the child."""
     script = tmp_path / "script.py"
     script.write_text(
         "import sys; print('once')\n"
@@ -105,9 +109,3 @@ def test_a_script_needs_no_guard(tmp_path: Path) -> None:
         timeout=60,
     )
     assert done.stdout == "once\n[4.]\n"
-
-
-def test_no_room_for_the_answer_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
-    with pytest.raises(ChildError, match="a child process cannot be run: No such file"):
-        run_in_child(twice, {"values": [1.0]}, seconds=20)

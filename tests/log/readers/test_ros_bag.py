@@ -1,5 +1,6 @@
 """ROS bags written here and read back: topics, fields, joints by name, stamps, several senders."""
 
+import re
 import shutil
 from collections.abc import Sequence
 from functools import cache
@@ -13,15 +14,11 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-import seaid.log.readers.ros_bag as ros_bag
 from seaid.errors import LogError
-from seaid.log.readers.child_process import Answer
 from seaid.log.readers.opening import open_table
 from seaid.log.reading import read_log
 from seaid.robot.robot import Robot
-from tests.log.readers.files import error_of
 from tests.one_joint import one_joint
-from tests.representatives import quick_first
 
 START_NS = 1_700_000_000_123_456_789
 COUNT = 80
@@ -96,6 +93,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
 
 @pytest.mark.slow  # six bags, each read in a process of its own
 def test_every_kind_of_bag_gives_the_same_columns(bags: Sequence[Path]) -> None:
+    """SQLite, MCAP and ROS 1, folders and files: values by joint and sender, stamps and clocks."""
     for path in bags:
         table = open_table(path)
         joints, motors = f"{JOINTS}/header.stamp", f"{MOTOR}/header.stamp"
@@ -118,6 +116,7 @@ def test_every_kind_of_bag_gives_the_same_columns(bags: Sequence[Path]) -> None:
 
 
 def test_without_stamps_the_time_of_the_bag_counts(tmp_path: Path) -> None:
+    """A header of zeros is no clock."""
     table = open_table(write_bag(tmp_path / "bag", stamped=False))
     assert table.clocks[f"{JOINTS}/position[a]"] == f"{JOINTS}/bag_time"
 
@@ -141,6 +140,7 @@ def described(position: str) -> dict[str, Any]:
 
 @pytest.mark.slow  # 0.8 s
 def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Robot) -> None:
+    """The stamps of each topic are those of its quantities."""
     path = write_bag(tmp_path / "bag")
     log = read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
     assert len(log.time) == COUNT
@@ -149,48 +149,29 @@ def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Rob
     np.testing.assert_allclose(log.motor_position[:, 0], -np.deg2rad(100.0) * steps, atol=1e-6)
 
 
-@pytest.mark.slow  # 0.8 s
+@pytest.mark.slow  # 0.8 s, a process each
 @pytest.mark.parametrize(
     ("position", "words"),
-    quick_first(  # a process each
-        [
-            ("/joint_stat/position[a]", "no topic is named '/joint_stat/position[a]'; did you"),
-            (f"{JOINTS}/position[c]", "did you mean '/joint_states/position[b]'? allowed: /joint_"),
-            ("/other/x", "no topic is named '/other/x'; allowed: /drives, /joint_states"),
-            ("position[a]", "allowed: /drives, /joint_states"),
-        ],
-        2,
-    ),
+    [
+        ("/joint_stat/position[a]", "topic is named '/joint_stat/position[a]'; did you"),
+        (f"{JOINTS}/position[c]", "did you mean '/joint_states/position[b]'? allowed: /joint_"),
+        ("position[a]", "allowed: /drives, /joint_states"),
+    ],
 )
 def test_bag_without_the_topic_or_field_says_what_is_there(
     bags: Sequence[Path], arm: Robot, position: str, words: str
 ) -> None:
-    path = bags[0]
-    with pytest.raises(LogError) as caught:
-        read_log(path, arm, description=described(position))
-    text = str(caught.value)
-    assert text.startswith(f"'{path}': [joints.arm] joint_position: no ")
-    assert words in text
-
-
-@pytest.mark.slow  # 1.0 s
-@pytest.mark.parametrize("ending", quick_first([".bag", ".mcap", ".db3"]))  # three processes each
-def test_bag_that_is_cut_off_is_named(
-    bags: Sequence[Path], tmp_path: Path, arm: Robot, ending: str
-) -> None:
-    found = next(path for path in bags if path.suffix == ending)
-    content = found.read_bytes()
-    path = tmp_path / f"cut{ending}"
-    for share in (0.1, 0.5, 0.9):
-        path.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(LogError, match=f"'{path}' is not a ROS bag, or a damaged one"):
-            read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
+    """A topic or a field of a similar name is named, else those that there are."""
+    path = f"'{bags[0]}': [joints.arm] joint_position: no "
+    with pytest.raises(LogError, match=re.escape(path) + ".*" + re.escape(words)):
+        read_log(bags[0], arm, description=described(position))
 
 
 @pytest.mark.slow  # 0.7 s
 def test_folder_without_a_bag_and_bag_without_messages_are_named(
     tmp_path: Path, arm: Robot
 ) -> None:
+    """There is nothing to read in either."""
     (tmp_path / "empty").mkdir()
     with pytest.raises(LogError, match="is a folder without a ROS bag"):
         read_log(tmp_path / "empty", arm)
@@ -202,6 +183,7 @@ def test_folder_without_a_bag_and_bag_without_messages_are_named(
 
 @pytest.mark.slow  # 0.7 s
 def test_interfaces_of_ros2_control_have_their_names(tmp_path: Path) -> None:
+    """A list of names beside a list of values names these."""
     types = get_typestore(Stores.ROS2_JAZZY)
     value, state = "control_msgs/msg/InterfaceValue", "control_msgs/msg/DynamicJointState"
     types.register(get_types_from_msg("string[] interface_names\nfloat64[] values", value))
@@ -225,22 +207,3 @@ def test_interfaces_of_ros2_control_have_their_names(tmp_path: Path) -> None:
             writer.write(topic, time, types.serialize_cdr(message, state))
     name = "/dynamic_joint_states/interface_values[knee].values[motor_position]"
     np.testing.assert_array_equal(open_table(tmp_path / "bag").load([name])[name], [10, 11, 12])
-
-
-# X
-
-
-def greedy(path: str) -> Answer:
-    return None, {"a": np.ones(10**12)}
-
-
-@pytest.mark.slow  # 0.9 s
-def test_a_bag_that_asks_for_all_memory_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("rosbags")
-    monkeypatch.setattr(ros_bag, "bag_columns", greedy)
-    path = tmp_path / "log.mcap"
-    path.write_bytes(b"compressed")
-    text = "is not a ROS bag, or a damaged one: it requests more memory than is available"
-    assert error_of(path) == f"'{path}' {text}"
