@@ -1,147 +1,233 @@
-"""read_log: formal mistakes have the file, the place, what was found, and the remedy."""
+"""read_log: columns become a log, or the mistake and its remedy are named."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from seaid._arrays import Array
-from seaid.errors import LogError
-from seaid.log import open_long_log, read_log, write_log
+from seaid.errors import LogError, SeaidWarning
+from seaid.log import open_long_log, read_log
+from seaid.log.channels import column_names
+from seaid.log.readers.opening import _plain_numbers
 from seaid.robot import Robot
-from tests.log.readers.files import one_log
-from tests.one_joint import chain
+from tests.one_joint import one_joint
+from tests.plants import write_columns
 
-TIME: Array = np.linspace(0.0, 2.99, 300)
+TIME: Array = np.arange(300) / 100
+MOTOR, JOINT = "arm.motor_position_rad", "arm.joint_position_rad"
+TORQUE, SPRING = "arm.motor_torque_Nm", "arm.joint_torque_Nm"
+COLUMNS = {"time_s": TIME, MOTOR: np.sin(TIME), JOINT: np.cos(TIME), TORQUE: np.sin(3 * TIME)}
 Columns = dict[str, Array]
 
 
-def columns() -> Columns:
-    found = {"time_s": TIME}
-    for joint in ("hip", "knee"):
-        found[f"{joint}.joint_position_rad"] = np.sin(2 * TIME)
-        found[f"{joint}.motor_torque_Nm"] = np.cos(3 * TIME)
-    return found
+def written(folder: Path, **change: Array | None) -> Path:
+    """Write the columns with some more or other ones, and without those that are None."""
+    columns = {name: x for name, x in (COLUMNS | change).items() if x is not None}
+    return write_columns(folder / "log.csv", columns)
 
 
-def written(data: Columns, delimiter: str = ",", header: bool = True) -> str:
-    rows = np.column_stack(list(data.values()))
-    lines = [delimiter.join(f"{one:.9f}" for one in row) for row in rows]
-    return "\n".join([delimiter.join(data), *lines] if header else lines) + "\n"
+def with_sample(values: Array, place: int, value: float) -> Array:
+    return np.where(np.arange(len(values)) == place, value, values)
 
 
-def renamed(old: str, new: str) -> str:
-    return written({name.replace(old, new): values for name, values in columns().items()})
+def column(name: str, place: int, value: float) -> dict[str, Array]:
+    return {name: with_sample(COLUMNS[name], place, value)}
 
 
-def timed(time: Array) -> str:
-    return written({**columns(), "time_s": time})
-
-
-REMEDY_OF_STAMPS = "give their rate in the description of the log: time = { rate_hz = ... }"
-
-MISTAKES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "no time": (
-        renamed("time_s", "stamp"),
+NEEDS = "one position and one torque, current, voltage, position command or velocity command"
+RATE = "give their rate in the description of the log: time = { rate_hz = ... }"
+REPAIR = "repair=seaid.Repairs()"
+ONE = "'time_s' must be a column name or (name, unit or factor), found "
+MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
+    (
+        {"time_s": None, "stamp": TIME},
         ("no column is named 'time_s'", "stamp", 'in the description of the log as time = "..."'),
     ),
-    "a missing column": (
-        renamed("knee.motor_torque_Nm", "knee.effort"),
-        ("joint 'knee' needs one position and one torque", "found joint_position", "knee.motor_to"),
-    ),
-    "a joint with a capital letter": (
-        renamed("hip", "Hip"),
+    (
+        {TORQUE: None},
         (
-            "joint 'hip'",
-            "'Hip.joint_position_rad' in the file is similar to 'hip.joint_position_rad'",
-            'in the description of the log: [joints.hip] joint_position = "Hip.joint_position_rad"',
+            f"joint 'arm' needs {NEEDS}, found motor_position, joint_",
+            f"its columns are {', '.join(column_names('arm', is_prismatic=False))}",
         ),
     ),
-    "no header": (
-        written(columns(), header=False),
+    (
+        {MOTOR: None, JOINT: None, "Arm.joint_position_rad": TIME},
         (
-            "no column is named 'time_s'; allowed: 1, 2, 3",
-            "the first line is numbers: no header? Name the columns by their numbers",
-            "(time = 1, joint_position = 2, ...)",
+            "'Arm.joint_position_rad' in the file is similar to 'arm.joint_position_rad'",
+            'in the description of the log: [joints.arm] joint_position = "Arm.joint_position_rad"',
         ),
     ),
-    "words": ("some words\nand more\n", ("no column is named 'time_s'; allowed: some words",)),
-    "no column of the robot": (
-        "time_s,x\n0,1\n",
-        ("no column of this robot; expected names as 'hip.motor_position_rad' (custom columns",),
+    (
+        {MOTOR: None, JOINT: None, TORQUE: None, "x": TIME},
+        ("no column of this robot; expected names as 'arm.motor_position_rad' (custom columns",),
     ),
-    "times that repeat": (
-        timed(np.sort(np.append(TIME[1:], TIME[7]))),
-        ("time_s repeats at sample 7", "1 such places", "repair them with repair=seaid.Repairs()"),
+    (
+        {"time_s": np.sort(np.append(TIME[1:], TIME[7]))},
+        ("time_s repeats at sample 7 (0.07 s, then 0.07 s", "1 such places", REPAIR),
     ),
-    "times that go back": (
-        timed(np.where(np.arange(300) == 100, TIME[90], TIME)),
-        ("goes backwards at sample 100 (0.99 s, then 0.9 s", "repair=seaid.Repairs()"),
+    (
+        {"time_s": with_sample(TIME, 100, 0.9)},
+        ("goes backwards at sample 100 (0.99 s, then 0.9 s", REPAIR),
     ),
-    "epoch stamps as float32": (
-        timed((1.7e9 + TIME).astype(np.float32).astype(np.float64)),
-        ("time_s repeats at sample 1 (1.7e+09 s", "299 such places", REMEDY_OF_STAMPS),
+    (
+        {"time_s": (1.7e9 + TIME).astype(np.float32).astype(np.float64)},
+        ("time_s repeats at sample 1 (1.7e+09 s", "299 such places", RATE),
     ),
-    "epoch stamps of ten digits": (
-        timed(np.floor(1.7e9 + TIME)),
-        ("time_s repeats at sample 1", "seconds since 1970 need 13", REMEDY_OF_STAMPS),
+    (
+        {"time_s": np.floor(1.7e9 + TIME)},
+        ("time_s repeats at sample 1", "seconds since 1970 need 13", RATE),
     ),
-}
+    (column("time_s", 5, np.nan), ("time_s has a value that is not finite in sample 5",)),
+    (
+        column(JOINT, 5, np.nan),
+        (
+            f"'{JOINT}' has 1 values that are not finite, the first in sample 5 (t = 0.05 s)",
+            "leave the whole column NaN if there is no such sensor",
+        ),
+    ),
+    (column(JOINT, 5, np.inf), (f"column '{JOINT}' has 1 values that are not finite",)),
+    (column(TORQUE, 7, 2e12), (f"'{TORQUE}' has 2e+12 in sample 7",)),
+    *(
+        ({"columns": columns}, (words,))
+        for columns, words in (
+            ({"arm.joint_position": "x"}, "log is named 'arm.joint_position'; did you mean"),
+            ({"time_s": "tme_s"}, "named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
+            ({"time_s": ("time_s", "msec")}, "no unit of this quantity is named 'msec'; did"),
+            ({"time_s": ("time_s", "deg")}, "is named 'deg'; allowed: s, ms, us, ns"),
+            ({TORQUE: (TORQUE, "rad")}, "is named 'rad'; allowed: Nm, mNm, uNm"),
+            ({MOTOR: (MOTOR, 0.0)}, "the factor must be finite and not zero, found 0.0"),
+            ({MOTOR: (MOTOR, np.nan)}, "the factor must be finite and not zero, found nan"),
+            ({"time_s": ("x", "rad", 1)}, f"{ONE}("),
+            ({"time_s": 5}, f"{ONE}5"),
+            ({"time_s": ("t", None)}, ONE),
+            ({"time_s": (5, 1.0)}, ONE),
+            (["time_s"], "columns= must be a mapping"),
+        )
+    ),
+    ({"repair": True}, ("repair= must be a Repairs, found True; make one with",)),
+    ({"description": 5}, ("description= must be a LogDescription, a mapping, a path or a Desc",)),
+)
+"""Other columns, or options, and what is said of them."""
 
 
-@pytest.fixture
-def legs(tmp_path: Path) -> Robot:
-    return chain(tmp_path, "hip", "knee")
-
-
-def error_of(read: Callable[[], object]) -> LogError:
+@pytest.mark.parametrize(("change", "words"), MISTAKES)
+def test_a_formal_mistake_is_named_with_its_remedy(
+    arm: Robot, tmp_path: Path, change: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    """A message has the file, the place, what was found, and the remedy."""
+    options = {
+        name: x for name, x in change.items() if name in ("columns", "repair", "description")
+    }
+    path = written(tmp_path, **({} if options else change))
     with pytest.raises(LogError) as caught:
-        read()
-    return caught.value
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_formal_mistake_is_named_with_its_remedy(name: str, legs: Robot, tmp_path: Path) -> None:
-    content, words = MISTAKES[name]
-    path = tmp_path / "run.csv"
-    path.write_text(content)
-    problem = error_of(lambda: read_log(path, legs))
-    assert str(problem).startswith(f"'{path}'")
+        read_log(path, arm, **options)
+    assert str(caught.value).startswith(f"'{path}'") or options
     for word in words:
-        assert word in str(problem)
-    if "repair=" in str(problem):  # the command line names its option in this place
-        assert "repair=seaid.Repairs()" in problem.arguments
+        assert word in str(caught.value)
+    if REPAIR in str(caught.value):  # the command line names its option in this place
+        assert REPAIR in caught.value.arguments
 
 
-def test_a_joint_of_a_description_with_a_capital_letter(legs: Robot, tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    path.write_text(written(columns()))
-    described = {"joints": {"KNEE": {"joint_position": "hip.joint_position_rad"}}}
-    problem = error_of(lambda: read_log(path, legs, description=described))
-    assert "no joint is named 'KNEE'; did you mean 'knee'? allowed: hip, knee" in str(problem)
+def test_a_file_without_header_is_named(arm: Robot, tmp_path: Path) -> None:
+    """Numbers in the first line have their columns as names."""
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack([*COLUMNS.values()]), delimiter=",")
+    words = r"named 'time_s'; allowed: 1, 2, 3.*no header\? Name the columns by their numbers"
+    with pytest.raises(LogError, match=words):
+        read_log(path, arm)
+
+
+def test_fifty_samples_are_enough(arm: Robot, tmp_path: Path) -> None:
+    """One less is counted and refused."""
+    columns = {name: values[:50] for name, values in COLUMNS.items()}
+    assert len(read_log(columns, arm).time) == 50
+    with pytest.raises(LogError, match="a log needs 50 samples or more, found 49"):
+        read_log({name: values[:49] for name, values in columns.items()}, arm)
 
 
 @pytest.mark.parametrize("path", [None, 5, b"log.csv", [5]])
 def test_a_path_is_a_text_or_a_path(arm: Robot, path: Any) -> None:
+    """What is no path is refused before a file is looked for."""
     for read in (read_log, open_long_log):
         with pytest.raises(LogError, match="path= must be a path"):
             read(path, arm)
 
 
+def test_foreign_columns_come_in_by_name_unit_and_factor(arm: Robot, tmp_path: Path) -> None:
+    """Units are converted and factors applied; columns not asked for may hold anything."""
+    rows = zip(*COLUMNS.values(), strict=True)
+    cells = "".join(f"{','.join(map(repr, map(float, row)))},running,\n" for row in rows)
+    (tmp_path / "log.csv").write_text("t,angle,pos,current,state,state\n" + cells)
+    columns: dict[str, Any] = {
+        "time_s": ("t", "ms"),
+        MOTOR: ("angle", "turn"),
+        JOINT: ("pos", "deg"),
+        TORQUE: ("current", -0.0302),
+    }
+    log = read_log(tmp_path / "log.csv", arm, columns=columns)
+    np.testing.assert_allclose(log.time, 1e-3 * TIME, rtol=1e-15)
+    np.testing.assert_allclose(log.motor_position[:, 0], 2 * np.pi * COLUMNS[MOTOR], rtol=1e-15)
+    np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(COLUMNS[JOINT]), rtol=1e-15)
+    np.testing.assert_allclose(log.motor_torque[:, 0], -0.0302 * COLUMNS[TORQUE], rtol=1e-15)
+
+
+def test_joints_need_the_sensors_of_their_drive(arm: Robot, tmp_path: Path) -> None:
+    """A stiff joint needs one encoder; an elastic one that of its motor, with its torque."""
+    elastic = one_joint(tmp_path, drive={"type": "series_elastic", "gear_ratio": 100})
+    assert np.all(np.isnan(read_log(written(tmp_path, **{MOTOR: None}), arm).motor_position))
+    alone = written(tmp_path, **{JOINT: None})
+    assert all(np.all(np.isnan(read_log(alone, one).joint_position)) for one in (arm, elastic))
+    words = (
+        "joint 'arm' needs both positions and one torque, or at least motor position and motor "
+        "torque, found joint_position, motor_torque"
+    )
+    for missing in (None, np.full_like(TIME, np.nan)):
+        with pytest.raises(LogError, match=words):
+            read_log(written(tmp_path, **{MOTOR: missing}), elastic)
+
+
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("name", "words"),
     [
-        ({"repair": True}, "repair= must be a Repairs, found True; make one with"),
-        ({"description": 5}, "description= must be a LogDescription, a mapping, a path or a Desc"),
+        ("amr.joint_torque_Nm", "no joint 'amr': the nearest name is 'arm.joint_torque_Nm'"),
+        ("leg.joint_torque_Nm", "'leg.joint_torque_Nm' is not read, as the robot has no joint"),
+        ("arm.joint_toque_Nm", "not read: the nearest name is 'arm.joint_torque_Nm'"),
+        (SPRING, f"'{SPRING}' is NaN throughout"),
     ],
 )
-def test_arguments_of_another_kind_are_named(
-    arm: Robot, tmp_path: Path, options: dict[str, Any], words: str
+def test_a_column_that_is_none_of_a_joint_is_said(
+    name: str, words: str, arm: Robot, tmp_path: Path
 ) -> None:
-    write_log(one_log(), tmp_path / "log.csv")
-    with pytest.raises(LogError, match=words):
-        read_log(tmp_path / "log.csv", arm, **options)
+    """A name that is nearly right, and a sensor without a number, get a warning."""
+    path = written(tmp_path, **{name: np.nan * TIME if name == SPRING else TIME})
+    with pytest.warns(SeaidWarning, match=words):
+        assert np.all(np.isnan(read_log(path, arm).sensors()["joint_torque"]))
+
+
+def test_columns_in_memory_are_read_as_a_file(arm: Robot, tmp_path: Path) -> None:
+    """Mappings and tables of pandas, with stamps and arrays, give the log of the file."""
+    expected, frame = read_log(written(tmp_path), arm), pd.DataFrame(COLUMNS)
+    for held in (COLUMNS, frame, frame.set_index("time_s")):
+        log = read_log(held, arm)
+        np.testing.assert_allclose(log.time, expected.time, rtol=1e-11)
+        np.testing.assert_allclose(log.motor_torque, expected.motor_torque, rtol=1e-11)
+    stamps = frame.assign(time_s=pd.to_datetime(1.7e9 + TIME, unit="s"))
+    assert read_log(stamps, arm).time == pytest.approx(1.7e9 + TIME)
+    unknown = pd.Series(pd.to_datetime([1.7e9, None, 1.7e9 + 1], unit="s"))
+    np.testing.assert_array_equal(_plain_numbers(unknown), [1.7e9, np.nan, 1.7e9 + 1])
+    custom = {"t": TIME, "q": COLUMNS[MOTOR][:, None], "tau": COLUMNS[TORQUE]}
+    names = {"time_s": "t", MOTOR: "q[0]", TORQUE: "tau"}
+    log = read_log(custom, arm, columns=names)
+    assert log.motor_position[:, 0] == pytest.approx(COLUMNS[MOTOR])
+    for wrong, words in (
+        ({"q": TIME}, r"columns in memory.*'time_s'"),
+        (COLUMNS | {MOTOR: ["a"] * 300}, "must be a vector of numbers"),
+        (COLUMNS | {MOTOR: np.zeros(7)}, "columns have different lengths: 'time_s' 300, "),
+    ):
+        with pytest.raises(LogError, match=words):
+            read_log(wrong, arm)
