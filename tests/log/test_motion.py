@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from seaid.errors import LogError
 from seaid.log.motion import reconstruct_motion, reconstruct_motions
 from seaid.log.reading import Log
 from seaid.log.repair import Repair
+from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, arm_motion, leg, leg_log, perfect_log
 
 
@@ -19,10 +21,12 @@ def log() -> Log:
     return perfect_log(arm(), arm_motion())
 
 
-def without(signal: str, joint: str) -> Log:
-    values = getattr(log(), signal).copy()
-    values[:, arm().index(joint)] = np.nan
-    return replace(log(), **{signal: values})
+def without(joint: str, *sides: str) -> Log:
+    """Return the log without the positions of a joint on some sides."""
+    positions = {f"{side}_position": getattr(log(), f"{side}_position").copy() for side in sides}
+    for values in positions.values():
+        values[:, arm().index(joint)] = np.nan
+    return replace(log(), **positions)
 
 
 def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
@@ -36,37 +40,49 @@ def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
     )
 
 
-@pytest.mark.slow  # 1.5 s
-@pytest.mark.parametrize(
-    ("signal", "allowed"),
-    [
-        ("joint_position", 1e-4),
-        ("motor_position", 1e-4),
-        ("joint_velocity", 2e-3),
-        ("motor_velocity", 2e-3),
-        ("joint_acceleration", 0.05),  # the motor's jumps where friction turns: no encoder sees it
-    ],
-)
-def test_derivatives_are_those_of_the_true_motion(signal: str, allowed: float) -> None:
-    inside = slice(200, -200)
-    found, true = (
-        getattr(motion, signal)[inside]
-        for motion in (reconstruct_motion(arm(), log(), 20.0), arm_motion())
-    )
-    error = np.linalg.norm(found - true, axis=0) / np.linalg.norm(true, axis=0)
-    assert np.max(error) < allowed
+def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
+    """Return a log without the samples inside (start_s, end_s)."""
+    kept = np.ones(len(source.time), dtype=bool)
+    for start, end in holes:
+        kept &= (source.time <= start) | (source.time >= end)
+    return source.at(kept)
 
 
-def test_torques_stay_as_measured() -> None:
+def without_samples(share: float) -> Log:
+    """Return the log without a random share of its samples."""
+    kept = np.random.default_rng(0).random(len(log().time)) >= share
+    kept[[0, -1]] = True
+    return log().at(kept)
+
+
+def test_derivatives_are_those_of_the_true_motion() -> None:
+    """Only jumps of a motor where its friction turns are beyond what encoders see."""
+    motion, inside = reconstruct_motion(arm(), log(), 20.0), slice(200, -200)
+    bounds = {"position": 1e-4, "velocity": 2e-3, "acceleration": 0.05}
+    for side in ("joint", "motor"):
+        for state, allowed in bounds.items():
+            if (side, state) != ("motor", "acceleration"):
+                values, true = (
+                    getattr(one, f"{side}_{state}")[inside] for one in (motion, arm_motion())
+                )
+                error = np.linalg.norm(values - true, axis=0) / np.linalg.norm(true, axis=0)
+                assert np.max(error) < allowed
+
+
+def test_torques_stay_as_measured_and_the_cutoff_is_proposed() -> None:
+    """No torque is filtered; the cutoff is that of the motion, as the processing says."""
     noisy = arm_log(0)
     motion = reconstruct_motion(arm(), noisy)
     assert np.array_equal(motion.motor_torque, noisy.motor_torque)
     assert np.all(np.isnan(motion.joint_torque))
+    assert 4.0 <= motion.cutoff_hz <= 6.0
     assert motion.transient_s == pytest.approx(1 / motion.cutoff_hz)
     assert motion.rate_hz == pytest.approx(1000.0)
+    assert "four times the bandwidth of the velocity" in str(motion.processing)
 
 
 def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
+    """Columns of joints that the robot does not have are not used."""
     expected = reconstruct_motion(arm(), log(), 8.0)
     names = ("wrist", "shoulder", "rail", "telescope", "other")
     foreign = picked(log(), [3, 1, 0, 2, 2], names)
@@ -78,49 +94,42 @@ def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
 
 @pytest.mark.parametrize("side", ["motor", "joint"])
 def test_stiff_joint_needs_one_encoder(side: str) -> None:
-    found = reconstruct_motion(arm(), without(f"{side}_position", "rail"), 8.0)
+    """The other side follows from the gear ratio."""
+    found = reconstruct_motion(arm(), without("rail", side), 8.0)
     expected = reconstruct_motion(arm(), log(), 8.0)
     assert np.allclose(found.motor_velocity, expected.motor_velocity, rtol=0, atol=1e-6)
     assert np.allclose(found.joint_velocity, expected.joint_velocity, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("side", ["motor", "joint"])
-def test_elastic_joint_needs_both_encoders(side: str) -> None:
-    blind = without(f"{side}_position", "telescope")
-    with pytest.raises(LogError, match=f"elastic joint 'telescope' needs its {side} position"):
-        reconstruct_motion(arm(), blind)
+def refused() -> Iterator[tuple[Robot, Log, float | None, str]]:
+    """Yield logs that cannot be used: robot, log, cutoff, and what is said."""
+    for side in ("motor", "joint"):
+        blind = without("telescope", side)
+        yield arm(), blind, None, f"elastic joint 'telescope' needs its {side} position"
+    yield arm(), without("wrist", "motor", "joint"), None, "joint 'wrist' has no position in the"
+    yield leg(), log(), None, r"the log has no joint hip_yaw, .* of 'tulip_leg'; its"
+    few = picked(log(), [0, 1, 3], ("rail", "shoulder", "wrist"))
+    yield arm(), few, None, "no joint telescope of 'mixed_arm'"
+    for cutoff_hz in (-1.0, 0.0, 500.0, np.inf, np.nan):
+        yield arm(), log(), cutoff_hz, "between 0 and half the sampling rate, 500 Hz, found"
+    yield arm(), with_holes(log(), (2.0, 3.0)), 0.0, "cutoff_hz must be between 0 and half"
+    most = r"1 found, the longest of 5 s at t = 0.5 s\): .* are 83% of 6 s, allowed 50%; .*between"
+    yield arm(), with_holes(log(), (0.5, 5.5)), None, most
+    short = r"too short: 0.999 s are fewer than 10 periods .* 4 Hz"
+    yield arm(), log().between(0.0, 1.0), 4.0, short
 
 
-def test_joint_without_any_position_is_named() -> None:
-    nothing = np.full(len(log().time), np.nan)
-    motor, joint = log().motor_position.copy(), log().joint_position.copy()
-    motor[:, 3], joint[:, 3] = nothing, nothing
-    with pytest.raises(LogError, match="joint 'wrist' has no position in the log"):
-        reconstruct_motion(arm(), replace(log(), motor_position=motor, joint_position=joint))
-
-
-def test_log_of_another_robot_is_refused() -> None:
-    with pytest.raises(LogError, match=r"the log has no joint hip_yaw, .* of 'tulip_leg'; its"):
-        reconstruct_motion(leg(), log())
-    with pytest.raises(LogError, match="no joint telescope of 'mixed_arm'"):
-        reconstruct_motion(arm(), picked(log(), [0, 1, 3], ("rail", "shoulder", "wrist")))
-
-
-@pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 500.0, 1e4, np.inf, np.nan])
-def test_cutoff_out_of_range_says_the_range(cutoff_hz: float) -> None:
-    with pytest.raises(LogError, match="between 0 and half the sampling rate, 500 Hz, found"):
-        reconstruct_motion(arm(), log(), cutoff_hz)
-
-
-def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
-    """Return a log without the samples inside (start_s, end_s)."""
-    kept = np.ones(len(source.time), dtype=bool)
-    for start, end in holes:
-        kept &= (source.time <= start) | (source.time >= end)
-    return source.at(kept)
+def test_logs_that_cannot_be_used_are_refused() -> None:
+    """Joints, sensors, cutoffs and holes that do not fit are named with what is allowed."""
+    for robot, source, cutoff_hz, words in refused():
+        with pytest.raises(LogError, match=words):
+            reconstruct_motions(robot, source, cutoff_hz)
+    with pytest.raises(LogError, match=r"holes in time \(1 found, the first of 1 s at t = 2 s\)"):
+        reconstruct_motion(arm(), with_holes(log(), (2.0, 3.0)))
 
 
 def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
+    """Each stretch has the motion that it has alone, and the speeds of the whole log."""
     holed = with_holes(log(), (2.0, 2.6), (5.0, 5.6))
     first, second = reconstruct_motions(arm(), holed, 8.0)
     assert (first.time[0], first.time[-1]) == pytest.approx((0.0, 2.0))
@@ -133,40 +142,8 @@ def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
             assert motion.largest_speeds[side] == pytest.approx(np.max(speeds, axis=0))
     (repair,) = first.processing.repairs if first.processing else ()
     assert (repair.kind, repair.count, repair.time_s) == ("holes in time", 2, 2.0)
-    assert "0.6 s at t = 2 s" in repair.action
-    assert "1 stretches between them are too short" in repair.action
     assert second.processing
     assert not second.processing.repairs
-
-
-def test_few_missing_samples_are_no_hole() -> None:
-    (motion,) = reconstruct_motions(arm(), with_holes(log(), (2.0, 2.02), (3.0, 3.09)), 8.0)
-    assert motion.processing
-    assert motion.processing.resampled
-    assert not motion.processing.repairs
-    assert np.ptp(np.diff(motion.time)) < 1e-9
-
-
-def test_a_hole_that_takes_most_of_the_log_is_refused_with_its_place() -> None:
-    words = r"1 found, the longest of 5 s at t = 0.5 s\): .* are 83% of 6 s, allowed 50%; .*between"
-    with pytest.raises(LogError, match=words):
-        reconstruct_motions(arm(), with_holes(log(), (0.5, 5.5)))
-    with pytest.raises(LogError, match=r"holes in time \(1 found, the first of 1 s at t = 2 s\)"):
-        reconstruct_motion(arm(), with_holes(log(), (2.0, 3.0)))
-    with pytest.raises(LogError, match="cutoff_hz must be between 0 and half"):
-        reconstruct_motions(arm(), with_holes(log(), (2.0, 3.0)), 0.0)
-
-
-def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.999 s are fewer than 10 periods .* 4 Hz"):
-        reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
-
-
-def without_samples(share: float) -> Log:
-    """Return the log without a random share of its samples."""
-    kept = np.random.default_rng(0).random(len(log().time)) >= share
-    kept[[0, -1]] = True
-    return log().at(kept)
 
 
 def test_irregular_times_are_resampled_without_bias() -> None:
@@ -185,41 +162,30 @@ def test_irregular_times_are_resampled_without_bias() -> None:
 
 
 def test_small_jitter_of_the_clock_is_not_resampled() -> None:
+    """Rounded stamps stay as they are."""
     jitter = 1e-8 * np.random.default_rng(0).normal(size=len(log().time))
     found = reconstruct_motion(arm(), replace(log(), time=log().time + jitter), 8.0)
     assert np.array_equal(found.time, log().time + jitter)
 
 
-def test_proposed_cutoff_is_used_where_none_is_given() -> None:
-    motion = reconstruct_motion(arm(), log())
-    assert 4.0 <= motion.cutoff_hz <= 6.0
-    assert reconstruct_motion(arm(), log(), motion.cutoff_hz).cutoff_hz == motion.cutoff_hz
-    assert motion.processing is not None
-    assert "four times the bandwidth of the velocity" in str(motion.processing)
-
-
 def test_motion_tells_what_was_done_to_it() -> None:
+    """Rates, cutoffs, ends and repairs are in the record."""
     plain = reconstruct_motion(arm(), log(), 8.0).processing
-    assert plain is not None
     assert str(plain) == (
         "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as given; "
         "0.12 s excluded at both ends"
     )
-    thinned = reconstruct_motion(arm(), without_samples(0.3), 8.0).processing
-    assert thinned is not None
-    assert thinned.resampled
-    assert thinned.logged_rate_hz == pytest.approx(700, rel=0.02)
-    assert "uneven steps resampled to" in str(thinned)
     report = (Repair("rail.motor_torque_Nm", "values that are no number", 3, 0.5, "bridged"),)
-    repaired = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
-    assert repaired is not None
-    assert repaired.repairs == report
-    assert str(repaired).endswith("1 kinds of faults repaired on reading")
-    wide = reconstruct_motion(arm(), log(), 100.0).processing
-    assert "positions unfiltered" in str(wide)
+    thinned = replace(without_samples(0.3), report=report)
+    record = reconstruct_motion(arm(), thinned, 100.0).processing
+    assert record is not None
+    assert (record.resampled, record.repairs) == (True, report)
+    assert record.logged_rate_hz == pytest.approx(700, rel=0.02)
+    assert "positions unfiltered" in str(record)
 
 
 def test_reversals_of_an_unknown_rotor_get_a_wider_band_where_noise_permits() -> None:
+    """Twice the band, for its inertia, but not where friction is smooth."""
     known = leg(TEST_MASS).without_nominal()
     knee = replace(known.drives["knee_pitch"], motor_inertia_kg_m2=None)
     unknown = known.with_drives({"knee_pitch": knee})
