@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -72,10 +73,10 @@ def states() -> dict[str, Array]:
 
 def of_joints(position: str = "{}_pos", torque: str = "{}_torque") -> dict[str, Array]:
     """Return columns of positions and torques, by patterns of their names."""
-    one, columns = states(), {}
+    columns = {}
     for k, joint in enumerate(go2().joint_names):
-        columns[position.format(joint)] = one["joints"][:, k]
-        columns[torque.format(joint)] = one["torque"][:, k]
+        columns[position.format(joint)] = states()["joints"][:, k]
+        columns[torque.format(joint)] = states()["torque"][:, k]
     return columns
 
 
@@ -88,130 +89,183 @@ def of_axes(pattern: str, values: Array, axes: str = "wxyz") -> dict[str, Array]
     return {pattern.format(x): y for x, y in zip(axes[-values.shape[1] :], values.T, strict=True)}
 
 
-def described(path: Path, robot: seaid.Robot | None = None, **more: Any) -> BaseLog:
-    robot = robot or go2()
-    guess = seaid.describe_log(path, robot, **more)
-    log = seaid.read_log(path, robot, description=guess.description)
-    again = path.with_suffix(".toml")
-    again.write_text(guess.to_toml())
-    written = seaid.read_log(path, robot, description=again)
-    assert log.base is not None
-    assert written.base is not None
-    for name, values in log.base.columns().items():
-        np.testing.assert_array_equal(values, written.base.columns()[name])
-    np.testing.assert_allclose(log.joint_position, states()["joints"], atol=1e-9)
-    np.testing.assert_allclose(log.motor_torque, states()["torque"], atol=1e-9)
-    return log.base
+def in_base(vectors: Array) -> Array:
+    """Return vectors of the world in the axes of the base."""
+    return np.asarray(np.einsum("tji,tj->ti", states()["R"], vectors))
 
 
-def check(base: BaseLog, *names: str, atol: float = 1e-9) -> None:
-    for name in names:
-        wanted = states()["w" if name == "angular_velocity" else name]
-        np.testing.assert_allclose(getattr(base, name), wanted, atol=atol, err_msg=name)
-    for foot, flags in zip(FEET, states()["flags"].T, strict=True):
-        np.testing.assert_array_equal(base.contacts[foot][:, 0], flags)
+# Layouts of logs with a base: their files, what must be found in them, and what is said
+
+Layout = tuple[dict[str, Any], tuple[str, ...], str]
+MOTION = ("position", "orientation", "velocity", "w")
+FELT = ("orientation", "w", "specific_force")
 
 
-@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
-@pytest.mark.parametrize("frame", ["base", "world"])
-def test_generalised_states_in_arrays_are_found(tmp_path: Path, order: str, frame: str) -> None:
+def generalised(order: str, frame: str) -> dict[str, Array]:
+    """Return states as Pinocchio or MuJoCo have them, with signs of p that change: p and -p."""
     one = states()
+    flips = np.where(np.arange(len(one["w"])) // 50 % 2, -1, 1)[:, None]
     quaternion = one["orientation"][:, [1, 2, 3, 0]] if order == "xyzw" else one["orientation"]
-    flips = np.where(np.arange(len(quaternion)) // 50 % 2, -1, 1)[:, None]  # p and -p are the same
-    in_base = np.einsum("tji,tj->ti", one["R"], one["velocity"])
-    w_world = np.einsum("tij,tj->ti", one["R"], one["w"])
-    velocities = (in_base, one["w"]) if frame == "base" else (one["velocity"], w_world)
-    np.savez(
-        tmp_path / "walk.npz",
-        q=np.hstack([one["position"], flips * quaternion, one["joints"]]),
-        dq=np.hstack([*velocities, one["rates"]]),
-        tau=np.hstack([np.zeros((len(flips), 6)), one["torque"]]),
-        contact=one["flags"],
-    )
-    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
-    sign = np.sign(base.orientation[:, :1] * one["orientation"][:, :1])  # type: ignore[index]
-    assert np.all(sign == sign[0])
-    check(base, "position", "velocity", "angular_velocity")
+    velocities = [in_base(one["velocity"]), one["w"]]
+    if frame == "world":
+        velocities = [one["velocity"], np.einsum("tij,tj->ti", one["R"], one["w"])]
+    rates = np.gradient(one["joints"], 1 / RATE_HZ, axis=0)
+    return {
+        "q": np.hstack([one["position"], flips * quaternion, one["joints"]]),
+        "v": np.hstack([*velocities, rates]),
+        "a": np.hstack([np.zeros((len(rates), 6)), np.gradient(rates, 1 / RATE_HZ, axis=0)]),
+        "tau": one["torque"],
+        "contact": one["flags"],
+    }
 
 
-def test_arrays_in_files_without_names_are_found(tmp_path: Path) -> None:
-    one = states()
-    q = np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]])
-    arrays = {"q": q, "tau": one["torque"], "contact": one["flags"]}
-    for name, values in arrays.items():
-        np.save(tmp_path / f"walk_{name}.npy", values)
-        np.savetxt(tmp_path / f"walk_{name}.dat", values, fmt="%.12g", delimiter="\t")
-    for suffix in ("npy", "dat"):
-        paths = [tmp_path / f"walk_{name}.{suffix}" for name in arrays]
-        guess = seaid.describe_log(paths, go2(), rate_hz=RATE_HZ)
-        log = seaid.read_log(paths, go2(), description=guess.description)
-        assert log.base is not None
-        check(log.base, "position", "orientation")
-        np.testing.assert_allclose(log.motor_torque, one["torque"], atol=1e-9)
+def in_arrays(frame: str, order: str, name: str = "walk.npz") -> Layout:
+    """Return an archive, where torques of the base are zero, a table, or files turned or not."""
+    arrays = generalised(order, frame)
+    if name == "walk.npz":
+        arrays["tau"] = np.hstack([np.zeros((len(arrays["tau"]), 6)), arrays["tau"]])
+        del arrays["a"]
+    if name == "walk.csv":
+        return {name: np.column_stack([states()["time"], *arrays.values()])}, MOTION, ""
+    if name.startswith("turned"):
+        arrays = {key: values.T for key, values in arrays.items()}
+    if name.endswith("npz"):
+        return {name: arrays}, MOTION, ""
+    return {f"walk_{key}{name[-4:]}": values for key, values in arrays.items()}, MOTION, ""
 
 
-HEADERS = {
-    "ros": (
-        *("/odom/pose.pose.position.", "/odom/pose.pose.orientation.", "/odom/twist.twist.linear."),
-        *("/imu/angular_velocity.", "/imu/linear_acceleration.", "contact_{}"),
-    ),
-    "anymal": ("base_pos_", "base_quat_", "base_lin_vel_", "imu_gyro_", "imu_acc_", "{}_contact"),
-    "short": ("p", "q", "v", "w", "a", "{}_stance"),
-}
+def with_headers(*heads: str | tuple[str, float]) -> Layout:
+    """Return columns by the heads of their names, with the factor of a unit."""
+    parts = (*MOTION[:2], *(("velocity", "w", "specific_force") if len(heads) > 3 else ("w",)))
+    columns = {"time_s": states()["time"]} | of_feet("{}_touch")
+    columns |= of_joints(torque="{}_torque_Nm")
+    for head, name in zip(heads, parts, strict=True):
+        pattern, factor = head if isinstance(head, tuple) else (head + "{}", 1.0)
+        axes = "XYZ" if pattern.startswith("Gyro") else "wxyz"
+        columns |= of_axes(pattern, factor * states()[name], axes)
+    columns |= of_axes("FL_foot_{}_mm", states()["joints"][:, :3])  # its place
+    return {"walk.csv": columns}, parts, ""
 
 
-@pytest.mark.parametrize("style", HEADERS)
-def test_named_columns_of_the_base_are_found(tmp_path: Path, style: str) -> None:
-    one, heads = states(), HEADERS[style]
-    parts = ("position", "orientation", "velocity", "w", "specific_force")
-    columns = {"time_s": one["time"]}
-    for head, name in zip(heads, parts, strict=False):
-        columns |= of_axes(head + "{}", one[name])
-    columns |= of_feet(heads[-1]) | of_joints()
-    path = write_columns(tmp_path / "walk.csv", columns)
-    check(described(path), *parts[:3], "angular_velocity", "specific_force")
+def with_imu(factor: float = 1.0, gravity: float = 0.0, **more: Array) -> Layout:
+    """Return arrays of an IMU in other units, or without gravity."""
+    up = in_base(np.tile([0.0, 0.0, 9.81], (len(states()["w"]), 1)))
+    arrays = {"imu_quat": states()["orientation"], "imu_gyro": states()["w"]}
+    arrays["imu_acc"] = (states()["specific_force"] - gravity * up) / factor
+    arrays |= {"joint_pos": states()["joints"], "joint_torque": states()["torque"]}
+    return {"walk.npz": arrays | {"contact": states()["flags"]} | more}, FELT, ""
 
 
-UNITS = {
-    "mocap in mm": (("trunk_t{} [mm]", 1e3), ("trunk_q{}", 1.0), ("Gyro{} [deg/s]", 180 / np.pi)),
-    "without words": (("pelvis_{}_cm", 1e2), ("pelvis_q{}", 1.0), ("pelvis_{}_dps", 180 / np.pi)),
-    "SI": (("trunk.t{}", 1.0), ("rot_{}", 1.0), ("imu_w{}_rad_s", 1.0)),
-    "axes in the middle": (("body_p_{}_mm", 1e3), ("q_{}", 1.0), ("imu_w_{}_rad_s", 1.0)),
-}
+def with_codes() -> Layout:
+    """Return an IMU and motors with numbers; codes of contacts, loads and clocks as Spot has."""
+    one, time = states(), 1_700_000_000.6 + states()["time"]
+    columns = {"stamp_sec": np.floor(time), "stamp_nsec": np.round(time % 1 * 1e9)}
+    vectors = {"quat": one["orientation"], "gyro": one["w"], "acc": one["specific_force"]}
+    columns |= {f"imu_{x}_{k}": y[:, k] for x, y in vectors.items() for k in range(y.shape[1])}
+    columns |= of_joints("{}.position", "{}.load")
+    columns |= {f"{foot}.contact": 2 - one["flags"][:, k] for k, foot in enumerate(FEET)}
+    return {"walk.csv": columns}, FELT, "codes: 1 is taken for contact"
 
 
-@pytest.mark.parametrize("style", UNITS)
-def test_units_in_the_names_of_vectors_are_converted(tmp_path: Path, style: str) -> None:
-    one, columns, rng = states(), {"time_s": states()["time"]}, np.random.default_rng(0)
-    parts = ("position", "orientation", "w")
-    for (head, factor), name in zip(UNITS[style], parts, strict=True):
-        axes = "XYZ" if head.startswith("Gyro") else "wxyz"
-        columns |= of_axes(head, factor * one[name], axes)
-    columns |= of_axes("FL_foot_{}_mm", rng.normal(size=(len(one["time"]), 3)))  # its place
-    columns |= of_feet("{}_touch") | of_joints(torque="{}_torque_Nm")
-    path = write_columns(tmp_path / "sway.csv", columns)
-    check(described(path), "position", "orientation", "angular_velocity", atol=1e-9)
-    assert not any("how it" in one for one in seaid.describe_log(path, go2()).unsure)
+def with_unknown_contacts() -> Layout:
+    """Spot's code 0 is neither 1, contact, nor 2, its loss: its neighbours tell the state."""
+    codes = 2 - states()["flags"]
+    is_within = np.all([np.roll(codes, k, axis=0) == codes for k in (-2, -1, 1, 2)], axis=0)
+    codes[is_within & (np.arange(len(codes)) % 10 == 5)[:, None]] = 0
+    return with_imu(contact=codes)
 
 
-def test_a_base_whose_motion_no_column_says_is_named(tmp_path: Path) -> None:
-    one = states()
-    arrays: dict[str, Any] = {"joint_pos": one["joints"], "joint_torque": one["torque"]}
-    arrays["contact"] = one["flags"]
-    np.savez(tmp_path / "walk.npz", **arrays)
-    unsure = seaid.describe_log(tmp_path / "walk.npz", go2(), rate_hz=RATE_HZ).unsure
-    assert any("base: no column found of how it turns: name one in [base]" in x for x in unsure)
-    assert any("base: no column found of how it accelerates: name in [base]" in x for x in unsure)
-
-
-SENSORS = (
-    "/{}_ft/wrench/force/{} /{}_ft/wrench/torque/{}",
-    "{}_foot_F_{} {}_foot_M_{}",
-    "ft_{}_F{} ft_{}_M{}",
+ODOMETRY = (
+    "/odom/pose.pose.position.",
+    "/odom/pose.pose.orientation.",
+    "/odom/twist.twist.linear.",
 )
+LAYOUTS: dict[str, Callable[[], Layout]] = {
+    **{
+        f"{frame}, {order}": partial(in_arrays, frame, order)
+        for frame in ("base", "world")
+        for order in ("xyzw", "wxyz")
+    },
+    **{
+        name: partial(in_arrays, "base", "xyzw", name)
+        for name in (".npy", "turned.dat", "turned.npz", "walk.csv")
+    },
+    "topics": partial(
+        with_headers, *ODOMETRY, "/imu/angular_velocity.", "/imu/linear_acceleration."
+    ),
+    "words": partial(
+        with_headers, "base_pos_", "base_quat_", "base_lin_vel_", "imu_gyro_", "imu_acc_"
+    ),
+    "letters": partial(with_headers, "p", "q", "v", "w", "a"),
+    "mocap in mm": partial(
+        with_headers, ("trunk_t{} [mm]", 1e3), "trunk_q", ("Gyro{} [deg/s]", 180 / np.pi)
+    ),
+    "no words": partial(
+        with_headers, ("pelvis_{}_cm", 1e2), "pelvis_q", ("pelvis_{}_dps", 180 / np.pi)
+    ),
+    "SI": partial(with_headers, "trunk.t", "rot_", ("imu_w{}_rad_s", 1.0)),
+    "axes in the middle": partial(
+        with_headers, ("body_p_{}_mm", 1e3), "q_", ("imu_w_{}_rad_s", 1.0)
+    ),
+    "in g": partial(with_imu, 9.80665),
+    "without gravity": partial(with_imu, gravity=1.0),
+    "codes": with_codes,
+    "unknown contacts": with_unknown_contacts,
+}
 
 
-@pytest.mark.parametrize("style", SENSORS)
+def written(folder: Path, files: dict[str, Any]) -> list[Path]:
+    """Write columns, or an array, into each file by its ending."""
+    paths = [folder / name for name in files]
+    for path, content in zip(paths, files.values(), strict=True):
+        if isinstance(content, dict):
+            write_columns(path, content, "%.17g")
+        elif path.suffix == ".npy":
+            np.save(path, content)
+        else:
+            delimiter = "," if path.suffix == ".csv" else "\t"
+            np.savetxt(path, content, fmt="%.12g", delimiter=delimiter)
+    return paths
+
+
+def check(base: BaseLog | None, *names: str, atol: float = 1e-9) -> None:
+    """Assert that a base has the states of these names, and all contacts."""
+    assert base is not None
+    for name in names:
+        values = getattr(base, "angular_velocity" if name == "w" else name)
+        if name == "orientation":
+            values = np.sign(values[0] @ states()[name][0]) * values
+        np.testing.assert_allclose(values, states()[name], atol=atol, err_msg=name)
+    for foot, flags in zip(FEET, states()["flags"].T, strict=True):
+        np.testing.assert_allclose(base.contacts[foot][:, 0], flags, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_base_is_found_in_any_layout(tmp_path: Path, layout: str) -> None:
+    """The description that is inferred, and its file, give the states, without a wrong doubt."""
+    files, names, doubt = LAYOUTS[layout]()
+    paths = written(tmp_path, files)
+    rate_hz = None if paths[0].suffix == ".csv" else RATE_HZ
+    atol = 1e-6 if layout in ("in g", "without gravity") else 1e-9
+    guess = seaid.describe_log(paths, go2(), rate_hz=rate_hz)
+    (tmp_path / "again.toml").write_text(guess.to_toml())
+    for description in (guess.description, tmp_path / "again.toml"):
+        log = seaid.read_log(paths, go2(), description=description)
+        check(log.base, *names, atol=atol)
+        np.testing.assert_allclose(log.joint_position, states()["joints"], atol=1e-9)
+        np.testing.assert_allclose(log.motor_torque, states()["torque"], atol=1e-9)
+    assert any(doubt in text for text in guess.unsure)
+    assert not any("how it" in text for text in guess.unsure)
+
+
+@pytest.mark.parametrize(
+    "style",
+    [
+        "/{}_ft/wrench/force/{} /{}_ft/wrench/torque/{}",
+        "{}_foot_F_{} {}_foot_M_{}",
+        "ft_{}_F{} ft_{}_M{}",
+    ],
+)
 def test_force_sensors_are_those_of_the_contacts_with_their_words(
     tmp_path: Path, style: str
 ) -> None:
@@ -221,41 +275,49 @@ def test_force_sensors_are_those_of_the_contacts_with_their_words(
     columns |= of_axes("imu_acc_{}", one["specific_force"]) | of_axes("quat_{}", one["orientation"])
     wrenches = {foot: rng.normal(size=(len(one["time"]), 6)) for foot in FEET}
     for foot, wrench in wrenches.items():
-        for k, (name, x) in enumerate((name, x) for name in style.split() for x in "xyz"):
-            columns[name.format(foot.removesuffix("_foot"), x)] = wrench[:, k]
-    for x in "xyz":  # of a wrist, which is no contact
-        columns[f"/wrist_ft/wrench/force/{x}"] = rng.normal(size=len(one["time"]))
-        columns[f"FL_foot_ref_{x}"] = rng.normal(size=len(one["time"]))  # a place, no force
-        columns[f"FL_foot_des_force_{x}"] = rng.normal(size=len(one["time"]))  # not measured
-    for k, joint in enumerate(go2().joint_names):
-        columns[f"{joint}_pos"] = one["joints"][:, k]
+        for head, part in zip(style.split(), (wrench[:, :3], wrench[:, 3:]), strict=True):
+            columns |= of_axes(head.replace("{}", foot[:2], 1), part)
+    for other in ("/wrist_ft/wrench/force/{}", "FL_foot_ref_{}", "FL_foot_des_force_{}"):
+        columns |= of_axes(other, rng.normal(size=(len(one["time"]), 3)))  # none of a contact
+    columns |= {x: y for x, y in of_joints().items() if not x.endswith("torque")}
     path = write_columns(tmp_path / "walk.csv", columns)
     guess = seaid.describe_log(path, go2())
-    said = guess.to_toml()
-    assert "taken for the force of the ground on FL_foot, in the axes of that link" in said
-    assert "wrist_ft/wrench: a force sensor whose name is not that of one contact: not used" in said
-    assert said.count("a force sensor whose name") == 1
+    (unused,) = [text for text in guess.unsure if "a force sensor whose name" in text]
+    assert unused.startswith("/wrist_ft/wrench: ")
     log = seaid.read_log(path, go2(), description=guess.description)
     assert np.all(np.isnan(log.motor_torque))
-    flying = seaid.load_robot(example_urdf("go2.urdf"), base="floating")
-    of_flight = seaid.describe_log(path, flying)  # without contacts no sensor is that of one
-    assert of_flight.description.base.keys() == guess.description.base.keys()
-    assert not of_flight.description.contacts
     assert log.base is not None
     assert not log.base.contacts
     for foot, wrench in wrenches.items():
         np.testing.assert_allclose(log.base.wrenches[foot], wrench, atol=1e-9)
 
 
+def unsure_of(columns: dict[str, Any], **options: Any) -> str:
+    columns |= {"time": states()["time"], "joint_pos": states()["joints"]}
+    return "\n".join(seaid.describe_log(columns, go2(), **options).unsure)
+
+
+def test_what_a_base_lacks_is_said() -> None:
+    """No column of its rotation or acceleration, and a vector without an axis, are named."""
+    doubts = unsure_of({"joint_torque": states()["torque"], "contact": states()["flags"]})
+    assert "base: no column found of how it turns: name one in [base]" in doubts
+    assert "base: no column found of how it accelerates: name in [base]" in doubts
+    w = states()["w"]
+    wheels = {"odom_x": w[:, 0], "odom_y": w[:, 1]}  # of a robot that has no z
+    doubts = unsure_of({"imu_acc_x": w[:, 0], "imu_acc_z": w[:, 2], **wheels})
+    assert doubts.count("a vector of the base needs x, y and z") == 1
+    assert "imu_acc: has no y: a vector of the base needs x, y and z" in doubts
+
+
 def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path) -> None:
+    """In the axes of the base, or in those of the world, which needs the orientation."""
     one = states()
     in_world = np.einsum("tij,tj->ti", one["R"], one["specific_force"]) - [0, 0, 9.81]
-    in_base = np.einsum("tji,tj->ti", one["R"], in_world)
     table: dict[str, Any] = {"time": {"rate_hz": RATE_HZ}}
     table["base"] = {"angular_velocity": "w[0:3]", "orientation": "p[0:4]"}
     np.savez(
         tmp_path / "a.npz",
-        **{"a": in_base, "b": in_world, "w": one["w"], "p": one["orientation"]},
+        **{"a": in_base(in_world), "b": in_world, "w": one["w"], "p": one["orientation"]},
         torque=one["torque"],
         joint=one["joints"],
         flag=30 * one["flags"],
@@ -269,9 +331,7 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
     }
     for source in ({"columns": "a[0:3]", "frame": "base"}, "b[0:3]"):
         whole = {**table, "base": {**table["base"], "acceleration": source}}
-        base = seaid.read_log(tmp_path / "a.npz", go2(), description=whole).base
-        assert base is not None
-        check(base, "orientation", "angular_velocity", "specific_force")
+        check(seaid.read_log(tmp_path / "a.npz", go2(), description=whole).base, *FELT)
     del whole["base"]["orientation"]
     message = "the acceleration of the base in the frame of the world needs the orientation"
     with pytest.raises(LogError, match=message):
@@ -282,6 +342,7 @@ def test_an_acceleration_without_gravity_becomes_a_specific_force(tmp_path: Path
 
 
 def test_a_velocity_alone_gives_the_acceleration() -> None:
+    """Its derivative and gravity are the specific force, but for half a sample of the sum."""
     one = states()
     sensors: dict[str, Any] = {"joint_position": one["joints"], "motor_torque": one["torque"]}
     given: dict[str, Any] = {"contacts": dict(zip(FEET, one["flags"].T, strict=True))}
@@ -303,143 +364,40 @@ def test_a_velocity_alone_gives_the_acceleration() -> None:
     np.testing.assert_allclose(forces[0], forces[1], atol=0.25)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "source", "message"),
-    [
-        ("position", "q[0:2]", "[base] position: needs 3 columns, found 2"),
-        ("posiion", "q[0:3]", "no key is named 'posiion'"),
-        ("position", [1.5, 2, 3], "columns must be names of columns, found 1.5"),
-        ("velocity", {"frame": "body"}, "'frame': no value is named 'body'; allowed: base, world"),
-        ("position", {"frame": "base"}, "frame is not for position, found 'base'"),
-        ("orientation", {"order": "zyxw"}, "'order': no value is named 'zyxw'; did you mean"),
-        ("position", {"scale": "g"}, "that is not zero, found 'g'"),
-        ("position", {"above": 1}, "above is not for position, found 1"),
-        ("position", {"unknown": 0}, "unknown is not for position, found 0"),
-        ("position", {"column": "q[0]"}, "no key is named 'column'; did you mean 'columns'"),
-        ("position", "tau[0:3]", "no column is named 'tau[0]'"),
-        ("", {"FL_fot": {"contact": "c[0]"}}, "did you mean 'FL_foot'"),
-        ("", 3, "[contacts] must be a table, found 3"),
-    ],
+MISTAKES: tuple[tuple[str, Any, str], ...] = (
+    ("position", "q[0:2]", "[base] position: needs 3 columns, found 2"),
+    ("posiion", "q[0:3]", "no key is named 'posiion'"),
+    ("position", [1.5, 2, 3], "columns must be names of columns, found 1.5"),
+    ("velocity", {"frame": "body"}, "'frame': no value is named 'body'; allowed: base, world"),
+    ("position", {"frame": "base"}, "frame is not for position, found 'base'"),
+    ("orientation", {"order": "zyxw"}, "'order': no value is named 'zyxw'; did you mean"),
+    ("position", {"scale": "g"}, "that is not zero, found 'g'"),
+    ("position", {"above": 1}, "above is not for position, found 1"),
+    ("position", {"unknown": 0}, "unknown is not for position, found 0"),
+    ("position", {"column": "q[0]"}, "no key is named 'column'; did you mean 'columns'"),
+    ("position", "tau[0:3]", "no column is named 'tau[0]'"),
+    ("", {"FL_fot": {"contact": "c[0]"}}, "did you mean 'FL_foot'"),
+    ("", 3, "[contacts] must be a table, found 3"),
 )
-def test_messages_of_a_description(
-    quantity: str, source: Any, message: str, tmp_path: Path
-) -> None:
+
+
+@pytest.mark.parametrize(("quantity", "source", "message"), MISTAKES)
+def test_messages_of_a_description(quantity: str, source: Any, message: str) -> None:
+    """A key of the base or of a contact is refused with what is allowed."""
     if quantity and isinstance(source, dict) and "column" not in source:
         source = {"columns": "q[0:4]" if quantity == "orientation" else "q[0:3]", **source}
     table = {"base": {quantity: source}} if quantity else {"contacts": source}
-    np.savez(tmp_path / "a.npz", q=np.zeros((100, 12)), c=np.zeros((100, 4)))
     joints = {joint: {"joint_position": f"q[{k}]"} for k, joint in enumerate(go2().joint_names)}
-    given = {"time": {"rate_hz": 100}, "joints": joints, **table}
+    description = {"time": {"rate_hz": 100}, "joints": joints, **table}
+    columns = {"q": np.zeros((100, 12)), "c": np.zeros((100, 4))}
     with pytest.raises(LogError, match=re.escape(message)):
-        seaid.read_log(tmp_path / "a.npz", go2(), description=given)
+        seaid.read_log(columns, go2(), description=description)
 
 
-@pytest.mark.slow  # 1.2 s
-def test_a_first_project_has_the_base_and_the_logs_without_time(tmp_path: Path) -> None:
-    one = states()
-    q = np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]])
-    for name in ("walk", "other"):
-        np.savez(tmp_path / f"{name}.npz", q=q, tau=one["torque"], contact=one["flags"])
-    np.save(tmp_path / "q.npy", q)
-    np.save(tmp_path / "tau.npy", one["torque"])
-    np.save(tmp_path / "contact.npy", one["flags"])
-    contacts = [seaid.Contact(foot, radius_m=0.02) for foot in FEET]
-    for names, count in ((["walk.npz", "other.npz"], 2), (["q.npy", "tau.npy", "contact.npy"], 1)):
-        folder = tmp_path / names[0].replace(".", "_")
-        folder.mkdir()
-        made = seaid.write_first_project(
-            "go2",
-            [tmp_path / name for name in names],
-            base="floating",
-            contacts=contacts,
-            rate_hz=RATE_HZ,
-            folder=folder,
-        )
-        assert any("no motor encoder in the logs" in doubt for doubt in made.doubts)
-        project = seaid.load_project(folder)
-        assert project.contacts == tuple(contacts)
-        assert len(project.logs) == count
-        log = project.logs[0].read(project.robot())
-        assert log.base is not None
-        check(log.base, "position", "orientation")
-
-
-def generalised() -> dict[str, Array]:
-    """Positions, velocities and accelerations of base and joints, as Pinocchio has them."""
-    one = states()
-    rates = np.gradient(one["joints"], 1 / RATE_HZ, axis=0)
-    slower = np.gradient(rates, 1 / RATE_HZ, axis=0)
-    in_base = np.einsum("tji,tj->ti", one["R"], one["velocity"])
-    return {
-        "q": np.hstack([one["position"], one["orientation"][:, [1, 2, 3, 0]], one["joints"]]),
-        "v": np.hstack([in_base, one["w"], rates]),
-        "a": np.hstack([0 * one["w"], 0 * one["w"], slower]),
-        "tau": one["torque"],
-        "contact": one["flags"],
-    }
-
-
-@pytest.mark.parametrize("suffix", ["dat", "npy", "npz"])
-def test_arrays_whose_rows_are_the_channels_are_found(tmp_path: Path, suffix: str) -> None:
-    arrays = generalised()
-    if suffix == "npz":
-        turned: dict[str, Any] = {name: values.T for name, values in arrays.items()}
-        np.savez(tmp_path / "walk.npz", **turned)
-        paths = [tmp_path / "walk.npz"]
-    else:
-        paths = [tmp_path / f"robot_{name}.{suffix}" for name in arrays]
-        for path, values in zip(paths, arrays.values(), strict=True):
-            if suffix == "npy":
-                np.save(path, values.T)
-            else:
-                np.savetxt(path, values.T, fmt="%.12g", delimiter="\t")
-    guess = seaid.describe_log(paths, go2(), rate_hz=RATE_HZ)
-    log = seaid.read_log(paths, go2(), description=guess.description)
-    assert log.base is not None
-    check(log.base, "position", "orientation", "velocity", "angular_velocity")
-    np.testing.assert_allclose(log.motor_torque, states()["torque"], atol=1e-9)
-
-
-def test_one_table_without_names_is_divided_by_its_samples(tmp_path: Path) -> None:
-    arrays = generalised()
-    table = np.column_stack([states()["time"], *arrays.values()])
-    np.savetxt(tmp_path / "walk.csv", table, fmt="%.12g", delimiter=",")
-    base = described(tmp_path / "walk.csv")
-    check(base, "position", "orientation", "velocity", "angular_velocity")
-
-
-def test_columns_with_numbers_codes_of_contacts_and_loads_are_found(tmp_path: Path) -> None:
-    """An IMU and motors with numbers; flags 1 and 2, loads and two-column clocks as Spot has."""
-    one, time = states(), 1_700_000_000.6 + states()["time"]
-    columns = {"stamp_sec": np.floor(time), "stamp_nsec": np.round(time % 1 * 1e9)}
-    vectors = {"quat": one["orientation"], "gyro": one["w"], "acc": one["specific_force"]}
-    columns |= {f"imu_{x}_{k}": y[:, k] for x, y in vectors.items() for k in range(y.shape[1])}
-    columns |= of_joints("{}.position", "{}.load")
-    columns |= {f"{foot}.contact": 2 - one["flags"][:, k] for k, foot in enumerate(FEET)}
-    write_columns(tmp_path / "walk.csv", columns, "%.17g")
-    base = described(tmp_path / "walk.csv")
-    check(base, "orientation", "angular_velocity", "specific_force")
-    guess = seaid.describe_log(tmp_path / "walk.csv", go2())
-    clock = {"column": "stamp_sec", "nanoseconds": "stamp_nsec"}
-    assert guess.description.to_dict()["time"] == clock
-    assert any("codes: 1 is taken for contact" in one for one in guess.unsure)
-    assert guess.description.contacts[FEET[0]]["contact"].unknown == 0
-
-
-def test_a_contact_of_unknown_state_is_no_measurement(tmp_path: Path) -> None:
-    """Spot's code 0 is neither 1, contact, nor 2, its loss: its neighbours tell the state."""
-    one = states()
-    codes = 2 - one["flags"]
-    is_within = np.all([np.roll(codes, k, axis=0) == codes for k in (-2, -1, 1, 2)], axis=0)
-    codes[is_within & (np.arange(len(codes)) % 10 == 5)[:, None]] = 0
-    assert np.any((codes == 0) & (one["flags"] == 0))
-    arrays: dict[str, Any] = {"joint_pos": one["joints"], "joint_torque": one["torque"]}
-    arrays["contact"] = codes
-    arrays |= {"imu_quat": one["orientation"], "imu_gyro": one["w"]}
-    np.savez(tmp_path / "walk.npz", **arrays)
-    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
-    for foot, flags in zip(FEET, one["flags"].T, strict=True):
-        np.testing.assert_array_equal(base.contacts[foot][:, 0] > 0.5, flags > 0.5)
+def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
+    """Of milliseconds they would be none."""
+    with pytest.raises(LogError, match="nanoseconds are added to a column of seconds"):
+        Clock("t", unit="ms", nanoseconds="ns")
 
 
 def test_signs_of_quaternions_in_columns_of_seaid_are_none_of_the_motion(tmp_path: Path) -> None:
@@ -478,48 +436,8 @@ def test_a_contact_beyond_zero_and_one_is_no_flag(tmp_path: Path, scale: float) 
     assert [*log.base.contacts] == list(FEET[:-1])
 
 
-def test_a_clock_adds_nanoseconds_to_seconds_only() -> None:
-    with pytest.raises(LogError, match="nanoseconds are added to a column of seconds"):
-        Clock("t", unit="ms", nanoseconds="ns")
-
-
-@pytest.mark.parametrize("kind", ["in g", "without gravity"])
-def test_an_accelerometer_in_g_or_without_gravity_is_found(tmp_path: Path, kind: str) -> None:
-    one = states()
-    up = np.einsum("tji,j->ti", one["R"], [0.0, 0.0, 9.81])
-    acc = one["specific_force"] / 9.80665 if kind == "in g" else one["specific_force"] - up
-    arrays: dict[str, Any] = {"imu_quat": one["orientation"], "imu_gyro": one["w"], "imu_acc": acc}
-    arrays |= {"joint_pos": one["joints"], "joint_torque": one["torque"], "contact": one["flags"]}
-    np.savez(tmp_path / "walk.npz", **arrays)
-    base = described(tmp_path / "walk.npz", rate_hz=RATE_HZ)
-    check(base, "orientation", "angular_velocity", "specific_force", atol=1e-6)
-
-
-def test_a_contact_is_that_of_the_link_with_the_most_of_its_words(tmp_path: Path) -> None:
-    one, links = states(), ("FL_foot", "FL_calf")
-    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=links)
-    columns: dict[str, Any] = {"quat": one["orientation"], "gyro": one["w"]}
-    columns |= {"joint_pos": one["joints"], "joint_torque": one["torque"]}
-    columns |= {f"{link}_contact": one["flags"][:, k] for k, link in enumerate(links)}
-    np.savez(tmp_path / "walk.npz", **columns)
-    contacts = seaid.describe_log(tmp_path / "walk.npz", robot).description.contacts
-    assert {x: y["contact"].columns for x, y in contacts.items()} == {
-        link: (f"{link}_contact",) for link in links
-    }
-
-
-def test_a_vector_that_lacks_an_axis_is_said(tmp_path: Path) -> None:
-    one = states()
-    columns = {"time": one["time"], "imu_acc_x": one["w"][:, 0], "imu_acc_z": one["w"][:, 2]}
-    columns |= {f"q_{x}": one["joints"][:, k] for k, x in enumerate(go2().joint_names)}
-    columns |= {"odom_x": one["w"][:, 0], "odom_y": one["w"][:, 1]}  # a robot on wheels
-    write_columns(tmp_path / "walk.csv", columns)
-    unsure = seaid.describe_log(tmp_path / "walk.csv", go2()).unsure
-    lacking = [one for one in unsure if "a vector of the base needs x, y and z" in one]
-    assert lacking == ["imu_acc: has no y: a vector of the base needs x, y and z"]
-
-
 def test_the_torque_of_a_series_elastic_actuator_is_that_of_its_spring(tmp_path: Path) -> None:
+    """It is no torque of the motor."""
     columns = {"time_s": states()["time"]} | of_joints(torque="{}/sea_torque_Nm")
     path = write_columns(tmp_path / "sway.csv", columns)
     guess = seaid.describe_log(path, go2())
