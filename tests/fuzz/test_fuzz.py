@@ -14,11 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import seaid
-from scripts.fuzz import Child, cases_of, report
+from scripts.fuzz import cases_of
 from seaid.errors import LogError, RobotError
 from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
-from tests.fuzz.unruly import work
 
 CASES = {"mesh": 5, "run": 12, "bag": 4, "mat": 5, "hebilog": 5, "identify": 12}
 CASES |= {"parquet": 10, "hdf5": 10, "csv": 10, "parameters": 10}
@@ -38,6 +37,7 @@ SLOW = ("mesh", "bag", "mat", "hebilog", "identify", "scene", "json", "parquet",
     ],
 )
 def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: Path) -> None:
+    """No damage ends in an error that is not ours, or in a result that breaks a law."""
     if name == "hebilog":
         pytest.importorskip("hebi", reason="HEBI's reader is not installed")
     kinds = [kind_of(name, seed, tmp_path) for seed in range(CASES.get(name, 25))]
@@ -56,6 +56,7 @@ def kind_of(name: str, seed: int, place: Path) -> str:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_case_is_its_target_and_seed(name: str, tmp_path: Path) -> None:
+    """A finding can be made again."""
     folders = [tmp_path / one for one in ("a", "b")]
     for folder in folders:
         folder.mkdir()
@@ -64,24 +65,10 @@ def test_a_case_is_its_target_and_seed(name: str, tmp_path: Path) -> None:
     assert one == two
 
 
-@pytest.mark.slow  # 0.8 s
-def test_children_that_end_or_hang_are_counted_kept_and_replaced(tmp_path: Path) -> None:
-    child = Child(tmp_path / "child", tmp_path, work, 0.5)
-    cases = [(name, seed) for seed, name in enumerate(("good", "crash", "good", "time", "good"))]
-    results = [child.run(case) for case in cases]
-    child.end()
-    assert [one.kind for one in results] == ["accepted", "crash", "accepted", "time", "accepted"]
-    assert results[1].cause == "ended with -6"
-    assert (tmp_path / "crash-1" / "said.txt").read_text() == "crash"
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["child", "crash-1", "time-3"]
-    text = report(cases, results)
-    assert "| all | 5 | 3 | 0 | 0 | 1 | 1 | 0 | " in text
-    assert "crash: crash ended with -6: 1 cases, first seeds 1" in text
-
-
 def test_commands_are_taken_or_refused_and_write_nothing_outside_of_their_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Any words of a command line are taken or refused."""
     around = tmp_path / "x" / "y" / "z"
     around.mkdir(parents=True)
     monkeypatch.chdir(around)
@@ -91,6 +78,7 @@ def test_commands_are_taken_or_refused_and_write_nothing_outside_of_their_folder
 
 
 def test_cases_are_spread_over_targets_in_turns() -> None:
+    """A run of few cases tries every target."""
     cases = cases_of(["npz", "mesh"], 60, 7)
     assert len(set(cases)) == 60
     assert cases[:2] == [("mesh", 7), ("npz", 7)]
@@ -104,6 +92,7 @@ names = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 
 @given(st.lists(names, min_size=1, max_size=6, unique=True))
 def test_columns_of_any_names_are_described_or_refused(found: list[str]) -> None:
+    """Any names of columns are described or refused."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.json"
         path.write_text(json.dumps({name: [0.0, 0.1, 0.3] for name in found}))
@@ -118,6 +107,7 @@ letters = st.sampled_from(
 
 @given(st.lists(letters, max_size=12).map("".join))
 def test_extra_terms_of_any_letters_are_taken_or_refused(text: str) -> None:
+    """Any text of an extra term is taken or refused."""
     drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": [text]}
     with suppress(RobotError):
         seaid.load_robot(seeds.ARM_URDF, {"wrist": drive})
