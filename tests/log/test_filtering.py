@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import welch
-from scipy.special import zeta
 
 from seaid._arrays import Array
 from seaid.log.filtering import (
@@ -41,17 +40,14 @@ def gain(frequency_hz: float, cutoff_hz: float) -> float:
     return float(1 / (1 + warped**4))
 
 
-@pytest.mark.parametrize("frequency_hz", [0.5, 2.0, 5.0, 10.0, 30.0])
+@pytest.mark.parametrize("frequency_hz", [0.5, 5.0, 30.0])
 def test_sine_keeps_its_phase_and_takes_the_gain_of_two_passes(frequency_hz: float) -> None:
+    """The gain is that of the bilinear transform of two passes, and backwards it is the same."""
     filtered = low_pass(sine(frequency_hz), RATE_HZ, 10.0)
     expected = gain(frequency_hz, 10.0) * sine(frequency_hz)
     assert np.allclose(filtered[INSIDE], expected[INSIDE], rtol=0, atol=1e-6)
-
-
-def test_time_backwards_gives_the_same_backwards() -> None:
-    signal = np.random.default_rng(0).normal(size=(4000, 2)).cumsum(axis=0)
-    forward, backward = low_pass(signal, RATE_HZ, 8.0), low_pass(signal[::-1], RATE_HZ, 8.0)[::-1]
-    assert np.allclose(forward[INSIDE], backward[INSIDE], rtol=0, atol=1e-4 * np.std(signal))
+    backwards = low_pass(sine(frequency_hz)[::-1], RATE_HZ, 10.0)[::-1]
+    assert np.allclose(filtered[INSIDE], backwards[INSIDE], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -68,6 +64,7 @@ def test_time_backwards_gives_the_same_backwards() -> None:
     ],
 )
 def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz: float) -> None:
+    """The filter at a few rows is that of all samples, taken there."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(4000, 3, 4)).cumsum(axis=0)
     columns[:, 1] = 0.0
@@ -83,50 +80,38 @@ def test_values_at_rows_are_those_of_all_samples(samples: np.ndarray, cutoff_hz:
 
 
 @given(seed=st.integers(0, 1000), cutoff_hz=st.floats(1.0, 100.0))
-def test_regressor_and_target_are_filtered_alike(seed: int, cutoff_hz: float) -> None:
+def test_the_low_pass_is_linear_and_keeps_lines(seed: int, cutoff_hz: float) -> None:
+    """Regressor and target are filtered alike, and a line passes unchanged up to the ends."""
     rng = np.random.default_rng(seed)
     H, theta = rng.normal(size=(800, 3)), rng.normal(size=(3, 1))
     together, apart = (low_pass(x, RATE_HZ, cutoff_hz) for x in (H @ theta, H))
     assert np.allclose(together, apart @ theta, rtol=0, atol=1e-10)
-
-
-def test_line_passes_unchanged_up_to_the_ends() -> None:
     line = (0.3 + 2.0 * TIME)[:, None]
-    assert np.allclose(low_pass(line, RATE_HZ, 5.0), line, rtol=0, atol=1e-6)
+    assert np.allclose(low_pass(line, RATE_HZ, cutoff_hz), line, rtol=0, atol=1e-6)
+    assert low_pass(np.ones((12, 1)), RATE_HZ, cutoff_hz) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("cutoff_hz", [400.0, 450.0, 1e6, np.inf])
-def test_too_high_a_cutoff_leaves_signals_alone(cutoff_hz: float) -> None:
+@pytest.mark.parametrize(
+    ("cutoff_hz", "step"), [(5.0, 50), (12.0, 20), (100.0, 2), (240.0, 1), (450.0, 1), (np.inf, 1)]
+)
+def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
+    """Above four tenths of the rate the signals are left alone."""
+    assert decimation(RATE_HZ, cutoff_hz) == step
     signal = np.random.default_rng(1).normal(size=(100, 1))
-    assert low_pass(signal, RATE_HZ, cutoff_hz) is signal
-
-
-def test_low_pass_of_few_samples_does_not_fail() -> None:
-    assert low_pass(np.ones((12, 1)), RATE_HZ, 5.0) == pytest.approx(np.ones((12, 1)))
+    assert (low_pass(signal, RATE_HZ, cutoff_hz) is signal) == (cutoff_hz >= 400.0)
 
 
 @pytest.mark.parametrize("frequency_hz", [0.3, 1.0, 5.0])
 def test_derivatives_of_a_sine_right_up_to_the_ends(frequency_hz: float) -> None:
+    """Both derivatives are exact, and those of a missing signal are missing."""
     omega = 2 * np.pi * frequency_hz
     angle = omega * TIME[:2000] + 0.3
     value, first, second = spline_derivatives(TIME[:2000], np.sin(angle)[:, None])
     assert np.array_equal(value[:, 0], np.sin(angle))
     assert np.max(np.abs(first[:, 0] - omega * np.cos(angle))) < 1e-8 * omega
     assert np.max(np.abs(second[:, 0] + omega**2 * np.sin(angle))) < 1e-6 * omega**2
-
-
-def test_derivatives_of_a_missing_signal_are_missing() -> None:
-    signals = np.column_stack([np.full(100, np.nan), TIME[:100] ** 2])
-    value, first, second = spline_derivatives(TIME[:100], signals)
-    assert np.all(np.isnan([value[:, 0], first[:, 0], second[:, 0]]))
-    assert second[:, 1] == pytest.approx(2.0, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("cutoff_hz", "step"), [(5.0, 50), (12.0, 20), (100.0, 2), (240.0, 1), (np.inf, 1)]
-)
-def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
-    assert decimation(RATE_HZ, cutoff_hz) == step
+    missing = spline_derivatives(TIME[:100], np.full((100, 1), np.nan))
+    assert np.all(np.isnan(missing))
 
 
 def passing(friction: float, rate_hz: float, band_hz: float) -> tuple[Array, Array]:
@@ -219,8 +204,9 @@ def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ)
     return select_cutoff(joint, motor, rate_hz, NAMES[: joint.shape[1]])
 
 
-@pytest.mark.parametrize("frequency_hz", [0.5, 1.0, 2.5, 8.0, 20.0])
+@pytest.mark.parametrize("frequency_hz", [0.5, 2.5, 20.0])
 def test_clean_motion_gets_four_times_its_edge_however_slow_or_fast(frequency_hz: float) -> None:
+    """The edge is that of the velocity, and the reason says so."""
     found = proposed(waves(frequency_hz))
     assert found.cutoff_hz == pytest.approx(4 * frequency_hz, abs=0.5)
     assert "four times the bandwidth of the velocity" in str(found)
@@ -238,6 +224,7 @@ def test_noise_of_the_acceleration_is_one_percent_in_the_band(size: float) -> No
 
 
 def test_noise_of_a_motor_counts_in_its_speed_where_the_joint_has_an_encoder() -> None:
+    """N (2 pi)^2 f^3 / 3 against 1e-4 of half the square of the velocity."""
     noisy = waves(1.0) + noise(0, 1e-2)
     floor = 2 * 1e-4 / RATE_HZ
     found = proposed(waves(1.0), noisy)
@@ -248,6 +235,7 @@ def test_noise_of_a_motor_counts_in_its_speed_where_the_joint_has_an_encoder() -
 
 
 def test_coarser_encoder_narrower_band_but_not_narrower_than_the_motion() -> None:
+    """The band falls with the step as far as the motion, and the reason says that."""
     motion = waves(0.4) + 0.3 * waves(2.0, 1.0)
     bands = [proposed(np.round(motion / step) * step) for step in (1e-6, 1e-2, 3e-2)]
     assert [band.cutoff_hz for band in bands] == sorted(
@@ -256,14 +244,6 @@ def test_coarser_encoder_narrower_band_but_not_narrower_than_the_motion() -> Non
     assert bands[0].cutoff_hz == pytest.approx(8.0, abs=0.3)
     assert bands[-1].cutoff_hz == pytest.approx(4.0, abs=0.3)
     assert "although noise of the joint side of hip requires less" in bands[-1].reason
-
-
-def test_floor_of_steps_is_above_the_white_one_of_a_slow_coarse_encoder() -> None:
-    slow = 0.2 * waves(0.3)
-    coarse = np.round(slow / 1e-2) * 1e-2
-    steps_hz = np.sum(np.abs(np.diff(coarse[:, 0]))) / 1e-2 / LONG[-1]
-    floor = 1e-4 * zeta(3) / np.pi**3 / steps_hz
-    assert proposed(coarse).noise_floor == pytest.approx(floor, rel=0.01)
 
 
 @pytest.mark.parametrize("steps_hz", [5, 20, 100, 1000])
@@ -284,11 +264,6 @@ def test_noise_of_steps_is_that_of_simulated_encoders(steps_hz: int) -> None:
     assert np.mean(densities) == pytest.approx(1.0, abs=0.15)
 
 
-def test_vibration_beyond_the_motion_does_not_widen_the_lower_edge() -> None:
-    found = proposed(waves(0.5) + 0.02 * waves(15.0))
-    assert found.motion_hz[0] == pytest.approx(1.0, abs=0.3)
-
-
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float) -> None:
     """Noise of spectrum c f^-p: the acceleration's power below f is (2 pi)^4 c f^(5-p) / (5-p)."""
@@ -304,34 +279,26 @@ def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float
     assert fast.noise_limit_hz >= 1.5 * 6.0 - 0.1
 
 
-def test_sweep_is_a_motion_and_what_shakes_on_it_is_not() -> None:
-    """From one pose to another at an even speed, as in a log of a single long move."""
-    sweep = 0.3 * LONG[:, None]
-    found = proposed(sweep + 2e-3 * waves(20.0) + noise(0, 1e-4))
-    assert found.motion_hz[0] < 0.5
-    assert proposed(sweep + noise(0, 1e-3)).channel == "joint side of hip"
+def test_what_is_no_motion_does_not_decide() -> None:
+    """Vibrations, sweeps, units, offsets and joints that stand still leave the band as it is."""
+    fast, still = waves(2.5), np.full((len(LONG), 1), 0.7)
+    expected = proposed(fast).cutoff_hz
+    for joints in ((100 * waves(0.3) + 5.0, 1e-3 * fast - 2.0), (fast, still)):
+        assert proposed(np.hstack(joints)).cutoff_hz == pytest.approx(expected, rel=1e-6)
+    assert proposed(np.hstack([fast, noise(0, 1e-3)])).cutoff_hz == expected
+    assert proposed(waves(0.5) + 0.02 * waves(15.0)).motion_hz[0] == pytest.approx(1.0, abs=0.3)
+    sweep = 0.3 * LONG[:, None]  # a single long move at an even speed
+    assert proposed(sweep + 2e-3 * waves(20.0) + noise(0, 1e-4)).motion_hz[0] < 0.5
 
 
-def test_fastest_joint_decides_whatever_its_unit_or_offset() -> None:
-    slow, fast = waves(0.3), waves(2.5)
-    together = proposed(np.hstack([100 * slow + 5.0, 1e-3 * fast - 2.0]))
-    assert together.cutoff_hz == pytest.approx(proposed(fast).cutoff_hz, rel=1e-6)
-
-
-def test_band_of_a_slow_or_short_log_says_so() -> None:
+def test_band_of_a_slow_short_or_still_log_says_so() -> None:
+    """The rate and the duration limit the band, and a log without motion has none."""
     slow = proposed(waves(1.0)[::50], rate_hz=20.0)
     assert slow.cutoff_hz == 2.5
     assert "an eighth of the rate" in slow.reason
     short = proposed(waves(0.5)[:4000])
     assert short.cutoff_hz == pytest.approx(15 / 4)
     assert "fifteen periods in the log" in short.reason
-
-
-def test_joints_that_stand_still_or_only_shake_have_no_say() -> None:
-    moving, still = waves(2.5), np.full((len(LONG), 1), 0.7)
-    expected = proposed(moving)
-    assert proposed(np.hstack([moving, still])).cutoff_hz == expected.cutoff_hz
-    assert proposed(np.hstack([moving, noise(0, 1e-3)])).cutoff_hz == expected.cutoff_hz
-    nothing = proposed(still)
+    nothing = proposed(np.full((len(LONG), 1), 0.7))
     assert nothing.cutoff_hz == RATE_HZ / 8
     assert "nothing moves" in str(nothing)

@@ -53,12 +53,8 @@ def test_files_with_clocks_of_the_same_name_are_one_log(arm: Robot, tmp_path: Pa
     check(read_log(both(tmp_path), arm, description={"time": "t", "joints": JOINTS}))
     with pytest.raises(LogError, match=r"no column is named 'x'; allowed: positions.csv:t, q, tor"):
         read_log(both(tmp_path), arm, description={"time": "x", "joints": JOINTS})
-
-
-def test_clocks_of_other_names_are_given_per_quantity(arm: Robot, tmp_path: Path) -> None:
-    joints = {"arm": {**JOINTS["arm"], "motor_torque": {"column": "tau", "unit": "mNm"}}}
-    joints["arm"]["motor_torque"] = {"column": "tau", "unit": "mNm", "time": "stamp"}
-    check(read_log(both(tmp_path, "stamp"), arm, description={"time": "t", "joints": joints}))
+    with pytest.raises(LogError, match=r"columns= is for a log of one file: give a description="):
+        read_log(both(tmp_path), arm, columns={"time_s": "t"})
 
 
 @pytest.mark.parametrize("time", ["t", "stamp"])
@@ -189,8 +185,3 @@ def test_mistakes_are_named(
     with pytest.raises(LogError) as caught:
         read_log(path, arm, description={"time": "t", "joints": JOINTS, **change})
     assert words in str(caught.value)
-
-
-def test_names_of_columns_are_for_one_file(arm: Robot, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"columns= is for a log of one file: give a description="):
-        read_log(both(tmp_path), arm, columns={"time_s": "t"})
