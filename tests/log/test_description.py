@@ -18,6 +18,7 @@ from seaid.log import describe_log
 from seaid.log.description import LogDescription, changed_source, description_for
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair import Repairs
+from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
@@ -537,6 +538,10 @@ def test_every_measured_set_is_read_with_its_description_and_described_without(
     )
     assert 1 / np.median(np.diff(measured.time)) == pytest.approx(rate_hz, rel=0.01)
     assert set(measured.columns()) >= {f"{joint}.joint_position_rad" for joint in joints}
+    steps, kinds = np.diff(measured.time), {repair.kind for repair in measured.report}
+    even = steps[steps <= longest_bridge(measured.time)]  # the others are holes
+    assert np.ptp(even) < 1e-8 or "irregular steps" not in kinds
+    assert not kinds & {"wraps", "clock jumps", "late samples"}
     inferred = describe_log(path)
     assert [tuple(of) for of in inferred.description.joints.values()] == [quantities] * len(joints)
     assert inferred.unsure

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,9 @@ from seaid.log.channels import column_names
 from seaid.log.reading import Log, repaired
 from seaid.log.repair import Channel, Repair, Repairs
 from seaid.log.repair.channels import interpolated, on_time
-from seaid.log.repair.clocks import longest_bridge
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
-from tests.measured import LOGS
 from tests.representatives import quick_first
 
 RATE = 500.0
@@ -602,50 +599,3 @@ def test_a_hole_is_excluded_and_said(start: float, end: float) -> None:
     check_errors(result)
     errors = [seaid.validate(result, one).load.relative_error for one in (log, clean())]
     assert np.nanmax(errors[0]) < 1.5 * np.nanmax(errors[1])
-
-
-def table(path: Path) -> dict[str, Array]:
-    with np.load(path) as columns:
-        return dict(columns)
-
-
-def hebi_channels(name: str) -> list[Channel]:
-    columns = table(LOGS / "hebi_arms" / f"{name}.npz")
-    sensors = {"pos": "joint_position_rad", "mpos": "motor_position_rad", "eff": "joint_torque_Nm"}
-    return [
-        Channel(f"joint_{joint}.{ours}", columns[f"t_tx_{joint}"], columns[f"{theirs}_{joint}"])
-        for joint in range(5)
-        if f"t_tx_{joint}" in columns
-        for theirs, ours in sensors.items()
-    ]
-
-
-@pytest.mark.parametrize("name", ["capstone_repeat_waypoints", "grav_comp_bad", "star_trace"])
-def test_modules_with_clocks_of_their_own(name: str) -> None:
-    """Measured arms: no fault is invented, and no value is beyond those that were measured."""
-    channels = hebi_channels(name)
-    time, values, repairs = repaired(channels)
-    assert {"irregular steps", "gaps"} <= kinds(repairs).keys()
-    assert not kinds(repairs).keys() & {"wraps", "sudden zeros", "constant channel", "clock jumps"}
-    steps = np.diff(time)
-    inside = steps <= longest_bridge(time)  # the others are holes
-    assert np.ptp(steps[inside]) < 1e-9
-    assert np.sum(~inside) < 30
-    for channel in channels:
-        assert np.all(np.isfinite(values[channel.name]))
-        assert np.ptp(values[channel.name]) < 1.1 * np.ptp(channel.values)
-
-
-def test_jittered_servo_logs_and_pendulums() -> None:
-    """Measured pendulums have irregular steps, and no other fault but held values."""
-    for path in sorted((LOGS / "xl330_pendulum" / "raw").glob("*.npz")):
-        columns = table(path)
-        time, measured = columns["timestamp"], columns["position"]
-        grid, values, repairs = repaired([Channel(POSITION, time, measured)])
-        assert kinds(repairs).keys() <= {"irregular steps", "held values"}
-        assert 180 < 1 / np.diff(grid)[0] < 290
-        assert np.max(np.abs(values[POSITION] - np.interp(grid, time, measured))) < 0.02
-    for path in sorted((LOGS / "double_pendulum_a0" / "weak_torque").glob("*.npz")):
-        columns = table(path)
-        _, _, repairs = repaired([Channel(POSITION, columns["time"], columns["pos_meas1"])])
-        assert {*kinds(repairs)} == {"irregular steps"}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from string import Formatter
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -18,7 +16,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log.describe import Description, describe_log, inference
+from seaid.log.describe import Description, describe_log
 from seaid.log.describe.names import meaning_of
 from tests.one_joint import chain
 
@@ -309,42 +307,3 @@ def test_what_names_or_samples_leave_open_is_a_doubt(
 def test_a_word_that_most_names_have_is_no_doubt(tmp_path: Path) -> None:
     found = asked(tmp_path, blurb_knee_pos=sine(), blurb_knee_vel=SPEED, blurb_knee_amps=TORQUE)
     assert "blurb in the name" not in "\n".join(found.unsure)
-
-
-def _texts_in(expression: ast.AST) -> set[str]:
-    """Return the texts in an expression, those of both alternatives of a choice."""
-    constants = (node for node in ast.walk(expression) if isinstance(node, ast.Constant))
-    return {node.value for node in constants if isinstance(node.value, str) and node.value}
-
-
-def _noted(function: ast.FunctionDef) -> Iterator[tuple[str, set[str]]]:
-    """Yield the doubts that a function notes, and the names of the values that it gives."""
-    assigned: dict[str, set[str]] = {}
-    for node in ast.walk(function):
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            assigned.setdefault(node.targets[0].id, set()).update(_texts_in(node.value))
-    for node in ast.walk(function):
-        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
-            continue
-        of_source = node.func.attr == "take" and ast.unparse(node.func.value) == "self"
-        chosen = node.args[1 + of_source : 2 + of_source]
-        if node.func.attr not in ("note", "take") or not chosen:
-            continue
-        kept = [chosen[0].body, chosen[0].orelse] if isinstance(chosen[0], ast.IfExp) else chosen
-        for expression in kept:
-            by_name = assigned.get(expression.id, set()) if isinstance(expression, ast.Name) else ()
-            for doubt in _texts_in(expression).union(by_name):
-                yield doubt, {str(keyword.arg) for keyword in node.keywords}
-
-
-def test_every_doubt_has_a_text_and_the_values_in_its_braces() -> None:
-    folder = Path(inference.__file__).parent
-    trees = [ast.parse(path.read_text("utf-8")) for path in sorted(folder.glob("*.py"))]
-    functions = [x for tree in trees for x in ast.walk(tree) if isinstance(x, ast.FunctionDef)]
-    noted = [pair for function in functions for pair in _noted(function)]
-    assert len(noted) > 70
-    for doubt, values in noted:
-        braces = {name for _, name, *_ in Formatter().parse(inference.DOUBTS[doubt]) if name}
-        assert braces <= values, doubt
-    texts = {text for tree in trees for text in _texts_in(tree)}
-    assert inference.DOUBTS.keys() <= texts
