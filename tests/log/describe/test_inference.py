@@ -18,6 +18,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.describe import Description, describe_log
 from seaid.log.describe.names import meaning_of
+from tests.log.describe.signals import columns_of
 from tests.one_joint import chain
 
 FOLDER = Path(__file__).parents[2] / "data" / "headers"
@@ -249,59 +250,16 @@ def test_a_velocity_with_a_unit_gives_that_of_the_position(
     assert f"knee_pos: {unit or 'rad'} by its velocity" in found.assumed
 
 
-P: Array = sine()
-DOUBTS: tuple[tuple[dict[str, Array], str], ...] = (
-    ({"knee_pos_rad": P, "knee_vel_deg_s": SPEED}, "as knee_vel_deg_s says: check the units"),
-    ({"knee_pos": P, "knee_vel": -SPEED}, "knee_vel: position and velocity have opposite signs"),
-    ({"knee_pos": P, "knee_vel": np.sin(17 * STAMPS)}, "one is not the velocity of the other"),
-    ({"knee_pos_mm": sine(50)}, "knee_pos_mm: mm does not fit the type of knee"),
-    ({"knee_pos_rad": sine(57)}, "goes beyond the limits of knee: check its unit"),
-    ({"knee_pos_deg": sine(0.2)}, "knee_pos_deg: hardly moves in deg: check its unit"),
-    ({"knee_pos": sine(0.1)}, "knee_pos (moves by 0.2): taken for rad"),
-    ({"knee_pos": P, "iq_measured": TORQUE}, "taken for rad; turns are usual of such drives"),
-    ({"knee_pos": P, "knee_current": np.abs(TORQUE)}, "a magnitude or the current of a supply?"),
-    ({"knee_pos": P, "knee_motor_torque": np.round(100 * TORQUE)}, "raw values of the drive?"),
-    ({"knee_pos": P, "knee_tau_Nm": TORQUE, "knee_tau_cmd_Nm": TORQUE}, "which one is measured?"),
-    ({"knee_pos": P, "knee_blurb_torque": TORQUE}, "the meaning of blurb in the name is not known"),
-    (
-        {"knee_pos": P, "knee_tau": TORQUE, "other_tau": TORQUE},
-        "other_tau: has the name of a torque, and is not used",
-    ),
-    (
-        {"knee_pos": P, "knee_tau": TORQUE, "knee_blurb": 2 * SPEED},
-        "knee_blurb: not understood, and not used; it moves like the velocity of knee",
-    ),
-    ({"knee_pos": P, "knee_blurb": TORQUE}, "not understood: it may be what a joint lacks"),
-    (
-        {"knee_pos": P, "knee_current": np.floor(STAMPS) % 3},
-        "whole numbers only: a state, excluded",
-    ),
-    (
-        {"knee_pos_estimate": P, "knee_current_A": TORQUE},
-        "knee_pos_estimate: an estimate of the drive, as there is no other position",
-    ),
-    (
-        {"drive_knee_position": P, "drive_foot_position": sine(1, 2)},
-        "drive_foot_position: has the name of a position, and is not used",
-    ),
-    (
-        {"knee_motor_rad": sine(100), "knee_enc_deg": np.rad2deg(P)},
-        "knee: the motor turns 100 times as far: check the gear ratio",
-    ),
-    ({"knee_pos": P, "tau_mA": TORQUE}, "a torque in amperes: describe it with torque_constant_"),
-    (
-        {"knee_pos": P, "q_2": sine(1e308), "tau": sine(1e155)},
-        "q_2, tau: has values beyond 1e+30: no sensor, excluded",
-    ),
-    ({"knee_pos": P, "torque_est": 1 + 0 * P}, "knee: no torque, current or voltage found"),
-)
+CASES = tomllib.loads((FOLDER / "columns.toml").read_text("utf-8"))["case"]
 
 
-@pytest.mark.parametrize(("columns", "doubt"), DOUBTS, ids=[doubt for _, doubt in DOUBTS])
-def test_what_names_or_samples_leave_open_is_a_doubt(
-    tmp_path: Path, columns: dict[str, Array], doubt: str
-) -> None:
-    assert doubt in "\n".join(asked(tmp_path, **columns).unsure)
+@pytest.mark.parametrize("case", CASES, ids=[str([*case["columns"]]) for case in CASES])
+def test_columns_are_what_their_names_and_samples_say(tmp_path: Path, case: dict[str, Any]) -> None:
+    """Each quantity has its column, side and unit, no column more is used, and a guess is said."""
+    robot = chain(tmp_path, *case["robot"]) if "robot" in case else None
+    inferred = describe_log(columns_of(case), robot)
+    assert case.get("doubt", "") in "\n".join(inferred.unsure)
+    assert case.get("joints") in (None, inferred.description.to_dict()["joints"])
 
 
 def test_a_word_that_most_names_have_is_no_doubt(tmp_path: Path) -> None:
