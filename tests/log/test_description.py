@@ -22,7 +22,7 @@ from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
-from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
+from tests.experiments import DATA, LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
 from tests.plants import write_columns, write_robot
@@ -376,92 +376,17 @@ def of(column: str, **more: Any) -> Table:
     return {"column": column, **more}
 
 
-SERVO = {"goal": "a", "position": "b", "gain": 1, "supply": 1}
+MISTAKES = tomllib.loads((DATA / "descriptions" / "mistakes.toml").read_text("utf-8"))["mistake"]
 
 
-MISTAKES: tuple[tuple[Table, str], ...] = (
-    ({"motor_torque": "cc"}, "[joints.arm] motor_torque: no column is named 'cc'; did you me"),
-    ({"motor_torqe": "c"}, "no key is named 'motor_torqe'; did you mean 'motor_torque'?"),
-    ({"joint_velocity": "c"}, "; velocities are differentiated from positions"),
-    ({"motor_torque": {"colum": "c"}}, "no key is named 'colum'; did you mean 'column'?"),
-    ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
-    ({"motor_torque": 3.5}, "motor_torque must be a table, found 3.5"),
-    ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
-    ({"motor_torque": {"column": 3.5}}, "'column' must be the name of a column, found 3.5"),
-    ({"motor_torque": of("c", unit="deg")}, "no unit of this quantity is named 'deg'; allowed"),
-    ({"motor_torque": of("c", unit="N")}, "no unit of this quantity is named 'N'; did you"),
-    ({"joint_position": of("b", unit="m")}, "no unit of this quantity is named 'm'"),
-    ({"motor_position": of("a", wraps=1, times="b")}, "wraps is a constant period: times must"),
-    (
-        {"motor_position": of("a", wraps=10**400)},
-        "'wraps' must be a number above zero (1e-30 to 1e+30)",
-    ),
-    ({"motor_position": of("a", wraps=-1)}, "above zero (1e-30 to 1e+30), found -1"),
-    ({"motor_torque": of("c", unit="A")}, "unit 'A' or 'mA' and torque_constant"),
-    ({"motor_torque": of("c", sign=2)}, "sign must be 1 or -1, found 2"),
-    ({"motor_torque": of("c", scale=0)}, "that is not zero, found 0"),
-    (
-        {"motor_torque": of("c", scale="x")},
-        "'scale' must be a finite number (at most 1e+30 in size)",
-    ),
-    ({"motor_torque": of("c", scale=None)}, "that is not zero, found None"),
-    (
-        {"motor_torque": of("c", times=True)},
-        "the name of a column or a finite number (at most 1e+30 in size), found True",
-    ),
-    ({"motor_torque": of("c", side="link")}, "'side': no value is named 'link'; allowed: mot"),
-    ({"motor_current": of("c", side="joint")}, "only positions and torques have a"),
-    ({"motor_position": of("a", unit="counts")}, "counts_per_turn (or counts_per_m)"),
-    ({"motor_position": of("a", time={"unit": "s"})}, "a time needs either column or rate"),
-    ({"motor_position": of("a", time=of("t", unit="h"))}, "unit of time"),
-    (
-        {"motor_position": of("a", time={"rate_hz": -1})},
-        "'rate_hz' must be a number above zero",
-    ),
-    ({"motor_position": of("a", time="tt")}, "no column is named 'tt'"),
-    ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
-    ({"motor_torque": {"servo": {"goal": "a"}}}, "[servo]: key 'position' is missing"),
-    ({"motor_torque": {"servo": SERVO}}, "servo gives a motor_voltage only"),
-    ({"motor_voltage": {"servo": {"goals": "a"}}}, "no key is named 'goals'; did you mean"),
-    ({"time": "x"}, "no column is named 'x'"),
-    ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
-    ({"joints": {}}, "no column with a name of seaid's for a joint of this robot, and the de"),
-    ({"joints": 3}, "description= [joints] must be a table, found 3"),
-    (
-        {"exclude_s": [1, 2]},
-        "start before end, found 1",
-    ),
-    (
-        {"exclude_s": [[2, 1]]},
-        "start before end, found [2",
-    ),
-    (
-        {"exclude_s": [[0, "x"]]},
-        "start before end, found [0",
-    ),
-    ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
-    ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
-    ({"joints": {"arn": {"joint_position": "a"}}}, "named 'arn'; did you mean 'arm'"),
-    ({"time": None}, 'no time is given; name its column, time = "...", or a constant rate, ti'),
-    ({"where": 3}, "'where' must be the name of a column, found 3"),
-    ({"where": "off"}, "the column of 'where' is zero at all samples"),
-    ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
-    ({"time": "short"}, "must have shape (7)"),
-    ({"repair": {"most_mising": 1}}, "[repair]: no key is named 'most_mising'; did you mean"),
-    ({"repair": {"most_missing": 2}}, "'most_missing' must be a share from 0 to 1, found 2"),
-    ({"motor_position": "dead"}, "is 0 all the time while the other side of the joint"),
-)
-"""Keys of the description, or else of its joint, with what is said of them."""
-
-
-@pytest.mark.parametrize(("change", "words"), MISTAKES)
-def test_mistake_in_a_description_is_named(tmp_path: Path, change: Table, words: str) -> None:
+@pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake["says"] for mistake in MISTAKES])
+def test_mistake_in_a_description_is_named(tmp_path: Path, mistake: Table) -> None:
     """A description that cannot be meant is refused with its key and what is allowed."""
-    robot, other = robot_of(tmp_path, ROTARY), {"off": np.zeros(200), "short": np.ones(7)}
-    path = log_file(tmp_path, dead=np.zeros(200), **other)
-    is_whole = next(iter(change)) in ("joints", "exclude_s", "time", "where", "repair", "tim")
-    description = described() | change if is_whole else described(**change)
-    assert words in error_of(path, robot, description)
+    columns = {"off": np.zeros(200), "short": np.ones(7), "dead": np.zeros(200)}
+    path, left = log_file(tmp_path, **columns), dict.fromkeys(mistake.get("leave", ()))
+    description = described(**mistake.get("arm", {}), **left) | mistake.get("change", {})
+    description = {key: value for key, value in description.items() if key not in left}
+    assert mistake["says"] in error_of(path, robot_of(tmp_path, ROTARY), description)
 
 
 def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> None:
@@ -470,6 +395,11 @@ def test_other_descriptions_that_cannot_be_meant_are_named(tmp_path: Path) -> No
     assert "cannot read the description" in error_of(path, robot, tmp_path / "no.toml")
     given = description_for(Path("x"), described())
     assert given is not None
+    for key, value, words in (
+        ("wraps", 10**400, "above zero (1e-30"),
+        ("scale", None, "found None"),
+    ):
+        assert words in error_of(path, robot, described(motor_position=of("a", **{key: value})))
     speed = {"speed": given.joints["arm"]["motor_torque"]}
     wrong = LogDescription({"arm": dict(given.joints["arm"]) | speed})  # made in Python
     assert "no key is named 'speed'" in error_of(path, robot, wrong)

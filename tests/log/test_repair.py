@@ -118,7 +118,7 @@ def gaps(name: str, time: Array, values: Array, seed: int) -> Damaged:
     return np.delete(time, lost), np.delete(values, lost)
 
 
-def places(name: str, values: Array, seed: int, count: int) -> Array:
+def places(name: str, values: Array, seed: int, count: int) -> Any:
     """Return samples of a channel's own, neighbours and repetitions among them."""
     return np.random.default_rng([seed, *name.encode()]).integers(5, len(values) - 5, count)
 

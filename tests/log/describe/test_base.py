@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from seaid.errors import LogError
 from seaid.log import CHANNELS, BaseLog
 from seaid.log.base_log import matrices
 from seaid.log.description import Clock
+from tests.experiments import DATA
 from tests.plants import write_columns
 
 FEET = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
@@ -364,33 +366,17 @@ def test_a_velocity_alone_gives_the_acceleration() -> None:
     np.testing.assert_allclose(forces[0], forces[1], atol=0.25)
 
 
-MISTAKES: tuple[tuple[str, Any, str], ...] = (
-    ("position", "q[0:2]", "[base] position: needs 3 columns, found 2"),
-    ("posiion", "q[0:3]", "no key is named 'posiion'"),
-    ("position", [1.5, 2, 3], "columns must be names of columns, found 1.5"),
-    ("velocity", {"frame": "body"}, "'frame': no value is named 'body'; allowed: base, world"),
-    ("position", {"frame": "base"}, "frame is not for position, found 'base'"),
-    ("orientation", {"order": "zyxw"}, "'order': no value is named 'zyxw'; did you mean"),
-    ("position", {"scale": "g"}, "that is not zero, found 'g'"),
-    ("position", {"above": 1}, "above is not for position, found 1"),
-    ("position", {"unknown": 0}, "unknown is not for position, found 0"),
-    ("position", {"column": "q[0]"}, "no key is named 'column'; did you mean 'columns'"),
-    ("position", "tau[0:3]", "no column is named 'tau[0]'"),
-    ("", {"FL_fot": {"contact": "c[0]"}}, "did you mean 'FL_foot'"),
-    ("", 3, "[contacts] must be a table, found 3"),
-)
+MISTAKES = tomllib.loads((DATA / "descriptions" / "mistakes.toml").read_text("utf-8"))["of_base"]
 
 
-@pytest.mark.parametrize(("quantity", "source", "message"), MISTAKES)
-def test_messages_of_a_description(quantity: str, source: Any, message: str) -> None:
+@pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake["says"] for mistake in MISTAKES])
+def test_mistake_in_the_description_of_a_base_is_named(mistake: dict[str, Any]) -> None:
     """A key of the base or of a contact is refused with what is allowed."""
-    if quantity and isinstance(source, dict) and "column" not in source:
-        source = {"columns": "q[0:4]" if quantity == "orientation" else "q[0:3]", **source}
-    table = {"base": {quantity: source}} if quantity else {"contacts": source}
     joints = {joint: {"joint_position": f"q[{k}]"} for k, joint in enumerate(go2().joint_names)}
+    table = {key: value for key, value in mistake.items() if key != "says"}
     description = {"time": {"rate_hz": 100}, "joints": joints, **table}
     columns = {"q": np.zeros((100, 12)), "c": np.zeros((100, 4))}
-    with pytest.raises(LogError, match=re.escape(message)):
+    with pytest.raises(LogError, match=re.escape(mistake["says"])):
         seaid.read_log(columns, go2(), description=description)
 
 

@@ -61,7 +61,7 @@ def save(path: Path, content: Any) -> Path:
     return path
 
 
-def loaded(path: Path, names: Mapping[str, object]) -> dict[str, list[float]]:
+def loaded(path: Path, names: Mapping[str, object]) -> dict[str, list[float | None]]:
     """Return columns of a file as lists, NaN as None."""
     columns = open_table(path).load([*names])
     return {

@@ -89,7 +89,7 @@ ODD = {
 }
 RECORDS = [{"t": 0.0, "motor": {"i": [1, 2]}}, {"t": 1.0}]
 BEYOND = '{"a": [1, -1' + 400 * "0" + ', null], "rows": 1' + 400 * "0" + "}"
-COLUMNS: tuple[tuple[str, Any, dict[str, list[float | None]]], ...] = (
+COLUMNS: tuple[tuple[str, Any, dict[str, Any]], ...] = (
     ("log.npz", {"t": TIME[:4], "q": Q}, {"q[2]": Q[:, 2].tolist(), "t": TIME[:4].tolist()}),
     ("log.h5", {"state/q": Q, "state/t": TIME[:4]}, {"state/q[2]": Q[:, 2].tolist()}),
     ("log.json", {"q": Q.tolist(), "t": TIME[:4].tolist()}, {"q[2]": Q[:, 2].tolist()}),
