@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ SIGNALS: dict[str, Array] = {
     "whole": np.round(100 * wave(0.7)),
     "current": np.abs(wave(0.7)),
     "states": np.floor(TIME) % 3,
+    "nothing": np.full_like(TIME, np.nan),
 }
 
 
@@ -44,6 +46,7 @@ def samples(of: str | Sequence[float | str]) -> Array:
     return np.asarray(float(factor) * SIGNALS[str(name)] + sum(map(float, offset)))
 
 
-def columns_of(case: Mapping[str, Mapping[str, str | Sequence[float | str]]]) -> dict[str, Array]:
-    """Return the columns of a case, beside a time t."""
-    return {"t": TIME} | {name: samples(of) for name, of in case["columns"].items()}
+def columns_of(case: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the columns of a case, beside a time t unless it says what its time is."""
+    columns = {name: samples(of) for name, of in case["columns"].items()}
+    return columns if "time" in case else {"t": TIME} | columns

@@ -34,41 +34,6 @@ def plain(description: Description) -> dict[str, Any]:
     return joints
 
 
-@pytest.mark.parametrize(
-    "columns",
-    [
-        {"t": TIME, "temp": wave(0.1)},
-        {"meas[0]": wave(3.0), "cmd[0]": GOAL},
-        {"位置": wave(1.0), "力": wave(2.0)},
-    ],
-)
-def test_a_log_without_positions_is_refused(tmp_path: Path, columns: Columns) -> None:
-    """The columns are listed, for the user to name one."""
-    with pytest.raises(LogError, match="no column looks like the position of a joint; columns are"):
-        guess(tmp_path, **columns)
-
-
-@pytest.mark.parametrize(
-    ("columns", "time", "doubt"),
-    [
-        ({"x": TIME}, "x", ""),
-        (
-            {"stamp": 1.7e18 + 5e6 * np.arange(1000.0)},
-            {"column": "stamp", "unit": "ns"},
-            "steps of 5e+06: taken",
-        ),
-        ({}, None, "time: no column looks like it: name it, or give time = { rate_hz"),
-    ],
-)
-def test_time_is_what_grows_evenly(
-    tmp_path: Path, columns: Columns, time: object, doubt: str
-) -> None:
-    """A time without a name is found by its samples, and its unit by its steps."""
-    description = guess(tmp_path, q=GOAL, tau=wave(1.0), **columns)
-    assert description.description.to_dict().get("time") == time
-    assert doubt in "\n".join(description.unsure)
-
-
 LABELS = tomllib.loads((HEADERS / "columns.toml").read_text("utf-8"))["labels"]
 
 
@@ -87,22 +52,6 @@ def test_labels_are_joints_by_name_by_number_or_in_order(
     text = "\n".join(inferred.unsure)
     assert str(case.get("doubt", "")) in text
     assert "doubt" in case or "in their order" not in text
-
-
-def test_a_motor_that_turns_against_its_joint_has_the_opposite_sign(tmp_path: Path) -> None:
-    """Antrieb and Gelenk are motor and joint; the encoders are in counts."""
-    columns = {
-        "Zeit [ms]": 1e3 * TIME,
-        "Motor1 Position [counts]": np.round(wave(0.5, -2e5)),
-        "Gelenk1 Position [counts]": np.round(wave(0.5, 2e3)),
-        "Motor1 Strom [mA]": wave(0.7, 900.0),
-    }
-    description = describe_log(columns, chain(tmp_path, "elbow"))
-    sources = description.description.joints["elbow"]
-    signs = {"motor_position": -1, "joint_position": 1, "motor_current": -1}
-    assert {quantity: source.sign for quantity, source in sources.items()} == signs
-    (doubt,) = [text for text in description.unsure if "sign = -1 on the motor's side" in text]
-    assert doubt.startswith("Motor1 Position [counts], Motor1 Strom [mA]")
 
 
 def test_a_command_that_a_soft_loop_hardly_follows_is_one_of_the_position(tmp_path: Path) -> None:
@@ -143,18 +92,6 @@ def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) 
     assert any("in V per rad, as the motor has the supply 'vin'" in one for one in in_volts.unsure)
     sensed = columns | supply | {"motor_state[0].tau_est": wave(1.0)}
     assert guess(tmp_path, **sensed).gains == {}  # the torque is used, and no command
-
-
-def test_dead_channels_and_words_are_excluded_and_named(tmp_path: Path) -> None:
-    """Zeros, NaN and texts are no sensors of a joint."""
-    path = tmp_path / "log.csv"
-    rows = [f"{t},{q},0,nan,ok,{q}" for t, q in zip(TIME, GOAL, strict=True)]
-    path.write_text("\n".join(["t,pos_0,mpos_0,cur_0,state,eff_0", *rows]) + "\n")
-    description = describe_log(path)
-    assert list(plain(description)["joint_0"]) == ["joint_position", "motor_torque"]
-    assert "mpos_0: 0 all the time: a dead sensor, excluded" in description.unsure
-    assert "cur_0: without a number: a dead sensor, excluded" in description.unsure
-    assert "state: no column of numbers: excluded" in description.unsure
 
 
 def test_names_with_line_breaks_and_quotes_make_a_toml_that_reads(tmp_path: Path) -> None:
