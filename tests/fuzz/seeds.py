@@ -24,69 +24,19 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from tests.experiments import DATA, MODELS, arm, arm_log, wiggle
-from tests.one_joint import BODY
 
 ARM_URDF, ARM_DRIVES = DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml"
 URDFS = (ARM_URDF, MODELS / "tulip_leg.urdf", MODELS / "differential_wrist.urdf")
 MESHES = ("stl", "stl_ascii", "obj", "ply", "off")
 
-DRIVES = """
-rail = { type = "stiff", gear_ratio_rad_per_m = 400.0, motor_inertia_kg_m2 = 2e-5, friction = [
-  "viscous", "coulomb", "offset", "quadratic"], parallel_spring = ["linear", "preload"],
-  viscous_friction_Nms_per_rad = 1e-4, known = ["viscous_friction"] }
-[shoulder]
-type = "series_elastic"
-gear_ratio = 100.0
-motor_inertia_kg_m2 = 4e-6
-friction = ["viscous", "coulomb", "stribeck", "load"]
-stribeck_speed_rad_per_s = 4.0
-load_friction = 0.05
-spring = ["linear", "cubic", "damping"]
-stiffness_Nm_per_rad = 250.0
-joint_friction = ["viscous"]
-extra_terms = ["c*theta_M_dot**3"]
-[telescope]
-type = "series_elastic"
-gear_ratio = 20.0
-motor_pulley_radius_m = 0.02
-spring = ["dead_zone", "linear"]
-stiffness_N_per_m = 8000.0
-dead_zone_m = 1e-3
-[wrist]
-type = "stiff"
-gear_ratio = 50.0
-motor_input = "current"
-friction = ["viscous", "smooth_coulomb", "asymmetric"]
-coulomb_width_rad_per_s = 0.1
-""".replace("\n  ", " ").replace("[ ", "[")
-"""Drives with a term of each kind."""
-
-DESCRIPTION = 'time = { column = "t", unit = "s" }\nrepair = { longest_gap_s = 0.2 }\n' + "".join(
-    f"""[joints.{joint}]
-motor_position = {{ column = "mpos_{index}", sign = 1, wraps = 1000.0 }}
-joint_position = {{ column = "pos_{index}", offset = 0.05, scale = 1.0 }}
-motor_torque = {{ column = "tau_{index}", unit = "Nm", times = 1.0 }}
-"""
-    for index, joint in enumerate(("rail", "shoulder", "telescope", "wrist"))
+TEXTS = DATA / "fuzz"
+DRIVES, DESCRIPTION, TWO_URDF, SRDF = (
+    (TEXTS / name).read_text("utf-8")
+    for name in ("drives.toml", "description.toml", "two.urdf", "two.srdf")
 )
-"""What `foreign_columns` are."""
+"""Drives with a term of each kind, what `foreign_columns` are, and a robot with a SHAPE."""
 
 MESH = '<mesh filename="part.{}" scale="0.1 0.1 0.1"/>'
-TWO_URDF = f"""<robot name="two">
-<link name="ground"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-<link name="upper">{BODY}
-  <collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
-<link name="lower">{BODY}<collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
-  <geometry>SHAPE</geometry></collision></link>
-<joint name="shoulder" type="revolute"><parent link="ground"/><child link="upper"/>
-  <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="3" effort="9"/></joint>
-<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
-  <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/></joint>
-</robot>
-"""
-SRDF = """<robot name="two"><group name="all"><joint name="elbow"/></group>
-<disable_collisions link1="ground" link2="upper" reason="Adjacent"/></robot>
-"""
 
 Files = dict[str, bytes]
 """The contents of a folder, by the paths in it."""
