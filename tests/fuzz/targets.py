@@ -33,10 +33,8 @@ import seaid
 from seaid.cli.commands import app
 from seaid.drives.toml import read_drives
 from seaid.errors import RobotError, SeaidError
-from seaid.log.channels import column_names
 from seaid.log.description import description_for
-from seaid.log.reading import repaired
-from seaid.log.repair import Channel, Repairs
+from seaid.log.repair import Repairs
 from seaid.project.saved import _checksum
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
@@ -446,7 +444,7 @@ def _check_description(found: Any, folder: Path) -> None:
 
 def identify(rng: Random, folder: Path) -> Check:
     """A damaged log in memory, repaired or not, identified with any options and exported."""
-    robot, repair = seeds.robot(), rng.random() < 0.3
+    robot, repair = seeds.robot(), Repairs() if rng.random() < 0.3 else None
     columns = damaged_samples(rng, {"time_s": seeds.log().time, **seeds.log().columns()})
     options: dict[str, Any] = {"feasible": rng.random() < 0.3}
     options["method"] = rng.choice(("two-step", "two-step", "simultaneous"))
@@ -462,7 +460,8 @@ def identify(rng: Random, folder: Path) -> Check:
     options |= {key: rng.choice(odd[key])} if rng.random() < 0.3 else {}
 
     def check() -> None:
-        found = seaid.identify(robot.without_nominal(), _log_of(robot, columns, repair), **options)
+        log = seaid.read_log(columns, robot, repair=repair)
+        found = seaid.identify(robot.without_nominal(), log, **options)
         for one in (found.load, *found.drives.values()):
             law(bool(np.all(np.isfinite(one.values))), "estimates are not finite")
             law(not np.any(one.standard_errors < 0), "a standard error is negative")
@@ -474,23 +473,6 @@ def identify(rng: Random, folder: Path) -> Check:
             _export(found.robot, folder)
 
     return check
-
-
-def _log_of(robot: Robot, columns: Columns, repair: bool) -> seaid.Log:
-    """Return the log of columns with our names."""
-    report: Any = ()
-    time, columns = columns["time_s"], {**columns}
-    del columns["time_s"]
-    if repair:
-        channels = [Channel(name, time, values) for name, values in columns.items()]
-        time, columns, report = repaired(channels)
-    fields: dict[str, Any] = {}
-    for index, joint in enumerate(robot.joint_names):
-        for name, field in column_names(joint, robot.is_prismatic[index]).items():
-            empty = fields.setdefault(field, np.full((len(time), robot.n), np.nan))
-            empty[:, index] = columns.get(name, np.nan)
-    kinds = robot.is_prismatic
-    return seaid.Log(time, robot.joint_names, is_prismatic=kinds, report=report, **fields)
 
 
 _NEW = ("new.json", "new.urdf", "new.xml", "new.toml", "new.npz", "new.html")

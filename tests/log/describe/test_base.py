@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import seaid
@@ -17,7 +18,6 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import CHANNELS, BaseLog
-from seaid.log.base_log import matrices
 from seaid.log.description import Clock
 from tests.experiments import DATA
 from tests.plants import write_columns
@@ -41,18 +41,12 @@ def states() -> dict[str, Array]:
         return np.asarray(size * np.sin(np.outer(time, turn) + start))
 
     w, f = waves(3, 1.5), waves(3, 2.0)
-    quaternion = np.empty((len(time), 4))
-    quaternion[0] = np.array([0.5, 0.1, -0.1, 0.85]) / np.linalg.norm([0.5, 0.1, -0.1, 0.85])
+    R = np.empty((len(time), 3, 3))
+    R[0] = pin.rpy.rpyToMatrix(0.3, 0.0, 2.1)
     for t in range(len(time) - 1):  # exact for a constant turn between two samples
-        half = 0.25 * (w[t] + w[t + 1]) / RATE_HZ
-        angle = np.linalg.norm(half)
-        turn = np.array([np.cos(angle), *(np.sinc(angle / np.pi) * half)])
-        a, b = quaternion[t], turn
-        quaternion[t + 1] = [
-            a[0] * b[0] - a[1:] @ b[1:],
-            *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])),
-        ]
-    R = matrices(quaternion)
+        R[t + 1] = R[t] @ pin.exp3(0.5 * (w[t] + w[t + 1]) / RATE_HZ)
+    quaternion = np.array([np.roll(pin.Quaternion(one).coeffs(), 1) for one in R])
+    quaternion *= np.cumprod(np.sign(np.sum(quaternion * np.roll(quaternion, 1, 0), 1)))[:, None]
     acceleration = np.einsum("tij,tj->ti", R, f)
     velocity = np.cumsum(acceleration, axis=0) / RATE_HZ
     velocity -= velocity.mean(axis=0)

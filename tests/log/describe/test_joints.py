@@ -183,36 +183,30 @@ def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> 
     assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
 
 
-@pytest.mark.parametrize("name", ["log.csv", "log.npz", "still.npz"])
-@pytest.mark.parametrize(
-    "joints", [["panda_joint5"], ["panda_joint2", "panda_joint4"], ["panda_joint4", "panda_joint5"]]
-)
+@pytest.mark.parametrize("pattern", ["{}{}", "{}[{}]"])
+@pytest.mark.parametrize("joints", [("joint5",), ("joint2", "joint4"), ("joint4", "joint5")])
+@pytest.mark.parametrize("is_still", [False, True])
 def test_joints_that_move_are_found_among_all_of_the_file(
-    name: str, joints: list[str], tmp_path: Path
+    pattern: str, joints: tuple[str, ...], is_still: bool, tmp_path: Path
 ) -> None:
-    t, k = np.arange(0, 8, 0.01)[:, None], np.arange(1, 8)
-    q, tau = 2.35 * np.sin((1 + 0.1 * k) * t + k), np.cos((1 + 0.2 * k) * t + k)
-    q[:, 0] *= name != "still.npz"
-    path = tmp_path / name
-    if path.suffix == ".npz":
-        np.savez(path, t=t[:, 0], q=q, tau=tau)
-    else:
-        columns = {f"q{n}": one for n, one in zip(k, q.T, strict=True)}
-        columns |= {f"tau{n}": one for n, one in zip(k, tau.T, strict=True)}
-        write_columns(path, {"t": t[:, 0], **columns})
-    names = [f"panda_joint{number}" for number in k]
-    urdf = chain(tmp_path, *names, limit=0.0).urdf  # limits (0, 0) are none
+    """Labels count all joints of the URDF, from one or, in arrays, from zero."""
+    first, columns = 1 if pattern == "{}{}" else 0, {"t": TIME}
+    for k in range(7):
+        q = 2.35 * np.sin((1 + 0.1 * k) * TIME + k)
+        columns[pattern.format("q", k + first)] = 0 * q if is_still and k == 0 else q
+        columns[pattern.format("tau", k + first)] = np.cos((1 + 0.2 * k) * TIME + k)
+    urdf = chain(tmp_path, *(f"joint{k}" for k in range(1, 8)), limit=0.0).urdf
     assert urdf is not None
-    guess = describe_log(path, load_robot(urdf, joints=joints))
-    of = "{}{}" if path.suffix == ".csv" else "{}[{}]"
-    for joint in joints:
-        number = int(joint[-1]) - (path.suffix == ".npz")
-        sources = guess.description.joints[joint]
-        assert sources["joint_position"].column == of.format("q", number)
-        assert sources["joint_position"].unit is None  # (0, 0) are no limits: 4.7 are rad
-        assert sources["motor_torque"].column == of.format("tau", number)
-    assert {*guess.description.joints} == {*joints}
-    assert not any("deg" in one or "no joint of the robot" in one for one in guess.unsure)
+    inferred = describe_log(columns, load_robot(urdf, joints=joints))
+    numbers = {joint: int(joint[-1]) - 1 + first for joint in joints}
+    assert {
+        joint: (of["joint_position"].column, of["joint_position"].unit, of["motor_torque"].column)
+        for joint, of in inferred.description.joints.items()
+    } == {
+        joint: (pattern.format("q", k), None, pattern.format("tau", k))  # limits (0, 0) are none
+        for joint, k in numbers.items()
+    }
+    assert not any("deg" in text or "no joint of the robot" in text for text in inferred.unsure)
 
 
 def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
