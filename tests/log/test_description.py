@@ -221,23 +221,16 @@ def test_deflection_next_to_both_positions_is_a_channel_of_its_own(
     tmp_path: Path, drive: Table
 ) -> None:
     """As a motion of the joint: an elongation of the spring over the radius of its pulley."""
-    robot = robot_of(tmp_path, drive)
-    names = {"arm.motor_position_rad": wave(0.7), "arm.joint_position_rad": wave(0.8)}
-    path = log_file(
-        tmp_path, **names, **{"arm.motor_torque_Nm": wave(0.9), "time_s": TIME, "twist": wave(0.3)}
-    )
-    log = read_log(path, robot, description={"joints": {"arm": {"deflection": "twist"}}})
+    robot, radius = robot_of(tmp_path, drive), drive.get("load_pulley_radius_m", 1.0)
+    path = log_file(tmp_path, twist=wave(0.3))
+    log = read_log(path, robot, description=described(deflection="twist"))
     assert log.deflection is not None
-    np.testing.assert_allclose(log.motor_position[:, 0], wave(0.7))
-    np.testing.assert_allclose(log.joint_position[:, 0], wave(0.8))
-    turned = wave(0.3) / drive.get("load_pulley_radius_m", 1.0)
-    np.testing.assert_allclose(log.deflection[:, 0], turned)
-    write_log(log, tmp_path / "own.csv")
-    assert same(read_log(tmp_path / "own.csv", robot), log)
-    again = read_log(tmp_path / "own.csv", robot, description={"exclude_s": [[-2.0, -1.0]]})
-    assert again.deflection is not None
-    assert log.deflection is not None
-    np.testing.assert_allclose(again.deflection, log.deflection)
+    np.testing.assert_allclose(log.motor_position[:, 0], wave(0.5))
+    np.testing.assert_allclose(log.joint_position[:, 0], wave(0.7))
+    np.testing.assert_allclose(log.deflection[:, 0], wave(0.3) / radius)
+    path = own_file(tmp_path, log)
+    for description in (None, {"exclude_s": [[-2.0, -1.0]]}):
+        assert same(read_log(path, robot, description=description), log)
 
 
 # Clocks and repair
@@ -268,34 +261,23 @@ def test_joints_have_clocks_of_their_own_and_encoders_wrap(tmp_path: Path) -> No
         ({"unit": "turn", "scale": 0.5}, 2),
         ({"unit": "counts", "counts_per_turn": 4096, "sign": -1}, 4096),
         ({"scale": 0.1}, 20 * np.pi),
+        ({"times": 0.5, "wraps": 4 * np.pi}, 4 * np.pi),  # before the number multiplies it
     ],
 )
-def test_the_period_that_is_added_to_a_source_is_in_the_unit_of_its_column(
-    tmp_path: Path, source: dict[str, Any], wraps: float
-) -> None:
-    """The text of the remedy unwraps the log of which it is."""
-    text = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
-    table = tomllib.loads(f"source = {text}")["source"]
-    assert table["wraps"] == pytest.approx(wraps)
+def test_a_period_is_in_the_unit_of_its_column(tmp_path: Path, source: Table, wraps: float) -> None:
+    """The text of the remedy, a period of one turn, unwraps the log of which it is."""
+    if "wraps" not in source:
+        text = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
+        source = tomllib.loads(f"source = {text}")["source"]
+    assert source["wraps"] == pytest.approx(wraps)
     motor = wave(0.5, 30.0)
-    factor = 2 * np.pi / wraps * source.get("sign", 1)
-    turned = np.mod(motor / factor, wraps)
+    turned = np.mod(motor * wraps / (2 * np.pi) * source.get("sign", 1), wraps)
+    description = described(motor_position={"column": "turned"} | source)
     log = read_log(
-        log_file(tmp_path, turned=turned),
-        robot_of(tmp_path, ROTARY),
-        description=described(motor_position=table),
+        log_file(tmp_path, turned=turned), robot_of(tmp_path, ROTARY), description=description
     )
     assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
     assert any("(as given)" in str(repair) for repair in log.report)
-
-
-def test_a_number_that_multiplies_a_column_multiplies_its_period(tmp_path: Path) -> None:
-    """A period is in the unit of the column, before the number multiplies it."""
-    source, motor = {"column": "turned", "times": 0.5, "wraps": 4 * np.pi}, wave(0.5, 30.0)
-    path = log_file(tmp_path, turned=np.mod(2 * motor, 4 * np.pi))
-    description = described(motor_position=source)
-    log = read_log(path, robot_of(tmp_path, ROTARY), description=description)
-    assert np.ptp(log.motor_position[:, 0] - motor) < 1e-6
 
 
 def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:

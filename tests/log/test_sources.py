@@ -49,12 +49,24 @@ def check(log: object) -> None:
     assert len(log.time) == 401
 
 
-def test_files_with_clocks_of_the_same_name_are_one_log(arm: Robot, tmp_path: Path) -> None:
-    check(read_log(both(tmp_path), arm, description={"time": "t", "joints": JOINTS}))
+def test_several_files_are_one_log(arm: Robot, tmp_path: Path) -> None:
+    """With clocks of one name, with seaid's own columns, and as the log of a project."""
+    files, description = both(tmp_path), {"time": "t", "joints": JOINTS}
+    check(read_log(files, arm, description=description))
+    torque = 'motor_torque = { column = "tau", unit = "mNm" }'
+    text = f'time = "t"\n[joints.arm]\njoint_position = "q"\n{torque}\n'
+    (tmp_path / "run.toml").write_text(text)
+    check(ProjectLog(tuple(files), description=tmp_path / "run.toml").read(arm))
+    columns = {"arm.joint_position_rad": q(FAST), "arm.motor_torque_Nm": 1e-3 * tau(SLOW)}
+    paths = [
+        write(tmp_path / f"{k}.csv", **{"time_s": time, name: columns[name]})
+        for k, (name, time) in enumerate(zip(columns, (FAST, SLOW), strict=True))
+    ]
+    check(read_log(paths, arm))
     with pytest.raises(LogError, match=r"no column is named 'x'; allowed: positions.csv:t, q, tor"):
-        read_log(both(tmp_path), arm, description={"time": "x", "joints": JOINTS})
+        read_log(files, arm, description={"time": "x", "joints": JOINTS})
     with pytest.raises(LogError, match=r"columns= is for a log of one file: give a description="):
-        read_log(both(tmp_path), arm, columns={"time_s": "t"})
+        read_log(files, arm, columns={"time_s": "t"})
 
 
 @pytest.mark.parametrize("time", ["t", "stamp"])
@@ -70,23 +82,6 @@ def test_the_description_names_the_files(arm: Robot, tmp_path: Path, time: str) 
     check(read_log(folder / "positions.csv", arm))
     check(read_log(folder / "run.toml", arm))
     check(read_log(folder / "torques.csv", arm, description=folder / "run.toml"))
-
-
-def test_a_project_reads_several_files(arm: Robot, tmp_path: Path) -> None:
-    files = tuple(both(tmp_path))
-    described = tmp_path / "run.toml"
-    torque = 'motor_torque = { column = "tau", unit = "mNm" }'
-    described.write_text(f'time = "t"\n[joints.arm]\njoint_position = "q"\n{torque}\n')
-    check(ProjectLog(files, description=described).read(arm))
-
-
-def test_seaids_own_columns_may_be_in_several_files(arm: Robot, tmp_path: Path) -> None:
-    columns = {"arm.joint_position_rad": q(FAST), "arm.motor_torque_Nm": 1e-3 * tau(SLOW)}
-    paths = [
-        write(tmp_path / f"{k}.csv", **{"time_s": time, name: columns[name]})
-        for k, (name, time) in enumerate(zip(columns, (FAST, SLOW), strict=True))
-    ]
-    check(read_log(paths, arm))
 
 
 def test_files_of_matrices_are_told_apart_by_their_names(arm: Robot, tmp_path: Path) -> None:

@@ -20,6 +20,10 @@ GOAL = wave(0.5)
 LATE = GOAL[np.maximum(np.arange(len(TIME)) - 5, 0)]
 """What follows the command GOAL."""
 RATE = np.gradient(GOAL, TIME)
+SOFT = wave(0.5) + wave(1.3, 0.6) + wave(2.1, 0.3)
+SPEED = np.gradient(SOFT, TIME)
+REST = 0.12 * SPEED + 0.02 * np.gradient(SPEED, TIME) + 0.2 + 0.05 * np.sign(SPEED)
+"""Friction, inertia and weight over a gain, which a soft loop adds to a position SOFT."""
 SIGNALS: dict[str, Array] = {
     "time": TIME,
     "goal": GOAL,
@@ -34,6 +38,11 @@ SIGNALS: dict[str, Array] = {
     "whole": np.round(100 * wave(0.7)),
     "current": np.abs(wave(0.7)),
     "states": np.floor(TIME) % 3,
+    "soft": SOFT,
+    "soft loop": 1.1 * SOFT + REST,
+    "soft torque": 0.3 * SOFT + REST,
+    "soft rest": REST,
+    "steps": np.where(TIME > 1.0, 40.0, 20.0),
     "nothing": np.full_like(TIME, np.nan),
 }
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives.controller import Controller
 from seaid.errors import LogError
 from seaid.log.describe import Description, describe_log
 from seaid.log.describe.names import meaning_of
@@ -201,6 +202,10 @@ def test_most_columns_of_real_headers_are_right(headers: list[dict[str, Any]]) -
     assert np.mean(sure) >= SURE
 
 
+def gains_of(controller: Controller) -> list[float]:
+    return [controller.position_gain_Nm_per_rad, controller.velocity_gain_Nms_per_rad]
+
+
 CASES = tomllib.loads((FOLDER / "columns.toml").read_text("utf-8"))["case"]
 
 
@@ -218,6 +223,7 @@ def test_columns_are_what_their_names_and_samples_say(tmp_path: Path, case: dict
     assert "no_doubt" not in case or not re.search(case["no_doubt"], doubts)
     assert case.get("assumed", "") in "\n".join(inferred.assumed)
     assert case.get("joints") in (None, content["joints"])
+    assert case.get("gains") in (None, {joint: gains_of(x) for joint, x in inferred.gains.items()})
     assert case.get("time") in (None, content.get("time", False))
     for kind, text in (("unsure", doubts), ("assumed", "\n".join(inferred.assumed))):
         assert not text or f"{kind}: {text.splitlines()[0]}" in f"{inferred}{inferred.to_toml()}"

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.controller import Controller
 from seaid.errors import LogError
 from seaid.legged import load_robot
 from seaid.log import describe
 from seaid.log.describe import Description, describe_log
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
-from tests.log.describe.signals import GOAL, LATE, TIME, wave
+from tests.log.describe.signals import GOAL, RATE, TIME, wave
 from tests.one_joint import chain, one_joint
 from tests.plants import write_columns
 
@@ -54,46 +53,6 @@ def test_labels_are_joints_by_name_by_number_or_in_order(
     assert "doubt" in case or "in their order" not in text
 
 
-def test_a_command_that_a_soft_loop_hardly_follows_is_one_of_the_position(tmp_path: Path) -> None:
-    """Weight, friction and inertia over the gain are in u = 1.1 q + b q' + c q'' + d."""
-    q = wave(0.5) + wave(1.3, 0.6) + wave(2.1, 0.3)
-    rate = np.gradient(q, TIME)
-    rest = 0.12 * rate + 0.02 * np.gradient(rate, TIME) + 0.2 + 0.05 * np.sign(rate)
-    loop = 1.1 * q + rest
-    assert np.var(loop - q) > 0.5 * np.var(loop)
-    found = guess(tmp_path, t=TIME, q_1=q, cmd_1=loop)
-    assert plain(found)["joint_1"] == {"joint_position": "q_1", "position_command": "cmd_1"}
-    for other in (0.3 * q + rest, rest):  # a torque, and nearly a velocity
-        found = guess(tmp_path, t=TIME, q_1=q, cmd_1=other)
-        assert plain(found)["joint_1"] == {"joint_position": "q_1"}
-        assert any("cmd_1: a command of what is unknown" in one for one in found.unsure)
-
-
-def gains(kp: float, kd: float) -> Controller:
-    return Controller(position_gain_Nm_per_rad=kp, velocity_gain_Nms_per_rad=kd)
-
-
-def test_gains_next_to_the_commands_are_those_of_the_controller(tmp_path: Path) -> None:
-    kp = np.full_like(TIME, 40.0)
-    columns = {"t": TIME, "motor_state[0].q": LATE, "motor_cmd[0].q": wave(0.5)}
-    columns |= {"motor_cmd[0].kp": kp, "motor_cmd[0].kd": kp / 20, "motor_cmd[1].kp": kp + 1}
-    found = guess(tmp_path, **columns)
-    assert found.gains == {"joint_0": gains(40.0, 2.0)}
-    assert any("taken for a gain of the controller" in one for one in found.unsure)
-    changing = columns | {"motor_cmd[0].kp": np.where(TIME[100] < TIME, 40.0, 20.0)}
-    found = guess(tmp_path, **changing)
-    assert found.gains == {"joint_0": gains(0.0, 2.0)}
-    assert any("a gain that changes" in one for one in found.unsure)
-    plain_names = {"t": TIME, "q_1": LATE, "q_des_1": wave(0.5), "kp_1": kp}
-    assert guess(tmp_path, **plain_names).gains == {"joint_1": gains(40.0, 0.0)}
-    supply = {"vin": np.full_like(TIME, 12.0)}
-    in_volts = guess(tmp_path, **plain_names, **supply)
-    assert in_volts.gains["joint_1"].is_up_to_scale
-    assert any("in V per rad, as the motor has the supply 'vin'" in one for one in in_volts.unsure)
-    sensed = columns | supply | {"motor_state[0].tau_est": wave(1.0)}
-    assert guess(tmp_path, **sensed).gains == {}  # the torque is used, and no command
-
-
 def test_names_with_line_breaks_and_quotes_make_a_toml_that_reads(tmp_path: Path) -> None:
     """No name breaks out of its line, in a file or on a terminal."""
     name = 'q_1"\\\n\x7f\x1b[2J]'
@@ -123,64 +82,11 @@ def test_the_robot_tells_degrees_and_the_description_reads(tmp_path: Path) -> No
     np.testing.assert_allclose(log.joint_position[:, 1], np.deg2rad(wave(0.5, 5.0)), rtol=1e-12)
 
 
-def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None:
-    """Joints, quantities and columns come first, then doubts, then what is not used."""
-    text = str(guess(tmp_path, t=TIME, q=GOAL, tau=wave(1.0), extra=wave(2.0)))
-    assert text.splitlines()[0].split() == ["joint", "quantity", "column", "unit", "time"]
-    assert text.splitlines()[1].split() == ["joint", "joint_position", "q", "SI", "t"]
-    assert "unsure: q (moves by 2): taken for rad" in text
-    assert text.endswith("not used: extra")
-
-
-def counted(names: list[str], texts: set[str]) -> tuple[Table, list[int]]:
-    """Return a table that refuses texts, and the number of columns of each read."""
-    reads: list[int] = []
-
-    def load(wanted: list[str]) -> Columns:
-        reads.append(len(wanted))
-        if texts.intersection(wanted):
-            raise LogError(f"column '{texts.intersection(wanted).pop()}' is a text")
-        return dict.fromkeys(wanted, TIME)
-
-    return Table(names, load), reads
-
-
 @pytest.mark.slow  # 1.3 s
 def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
     """What is not used is counted, not listed."""
     more = np.tile(wave(1.0)[:, None], (1, 9_000))
     assert len(str(guess(tmp_path, t=TIME, q=GOAL, x=more))) < 5_000
-
-
-@pytest.mark.slow  # 2.0 s
-@pytest.mark.parametrize(
-    ("count", "texts", "most_reads"), [(2000, slice(2, 3), 25), (8000, slice(2, None, 2), 1000)]
-)
-def test_texts_among_many_columns_are_found_in_few_reads(
-    monkeypatch: pytest.MonkeyPatch, count: int, texts: slice, most_reads: int
-) -> None:
-    """One text takes 2 log2(n) reads; where there are many, the search is given up."""
-    names = ["t", *(f"pos_{index}" for index in range(count))]
-    table, reads = counted(names, set(names[texts]))
-    monkeypatch.setattr(describe, "open_tables", lambda paths: table)
-    description = describe_log("log.npz")
-    assert len(reads) <= most_reads
-    assert "joint_0" in description.description.joints
-    said = [*description.unused, *(text.partition(":")[0] for text in description.unsure)]
-    assert names[texts][-1] in said
-
-
-def test_a_long_list_of_columns_does_not_hide_what_is_unsure(tmp_path: Path) -> None:
-    names = [f"/a_rather_long_name_of_a_robot/state/motors[{k}]" for k in range(12)]
-    columns = {f"{name}/q": wave(0.3 + 0.02 * k) for k, name in enumerate(names)}
-    columns |= {f"{name}/tau": wave(0.4 + 0.02 * k) for k, name in enumerate(names)}
-    np.savez(tmp_path / "log.npz", t=TIME, **columns)  # type: ignore[arg-type]
-    found = describe_log(tmp_path / "log.npz")
-    lines = [line for line in found.to_toml().splitlines() if line.startswith("# unsure: ")]
-    assert max(map(len, lines)) < 420
-    (line,) = [line for line in lines if "motors[0]/tau" in line]
-    assert " ... " in line
-    assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
 
 
 @pytest.mark.parametrize("pattern", ["{}{}", "{}[{}]"])
@@ -207,29 +113,6 @@ def test_joints_that_move_are_found_among_all_of_the_file(
         for joint, k in numbers.items()
     }
     assert not any("deg" in text or "no joint of the robot" in text for text in inferred.unsure)
-
-
-def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
-    time = np.arange(0, 4, 0.01)
-    q = np.column_stack([np.sin(time), np.cos(2 * time)])
-    rows = np.column_stack([time, q, np.gradient(q, time, axis=0), 3 * q])
-    path, robot = tmp_path / "log.csv", chain(tmp_path, "hip", "knee")
-    np.savetxt(path, rows, delimiter=",")
-    guess = describe_log(path, robot, columns=["t", "q", "qd", "tau"])
-    assert guess.description.to_dict()["time"] == "1"
-    of_joints = {
-        x: {y: z.column for y, z in of.items()} for x, of in guess.description.joints.items()
-    }
-    assert of_joints == {
-        "hip": {"joint_position": "2", "motor_torque": "6"},
-        "knee": {"joint_position": "3", "motor_torque": "7"},
-    }
-    assert not any("order" in doubt for doubt in guess.unsure)
-    whole = ["time", "pos_hip", "pos_knee", "vel_hip", "vel_knee", "eff_hip", "eff_knee"]
-    assert describe_log(path, robot, columns=whole).to_toml() == guess.to_toml()
-    for names in (["t", "q", "tau"], whole[:-1], [*whole, "more"], ["t"]):
-        with pytest.raises(LogError, match="columns= does not name the 7 columns of the log"):
-            describe_log(path, robot, columns=names)
 
 
 @pytest.mark.parametrize(
@@ -265,3 +148,67 @@ def test_counts_of_a_joint_that_slides_are_read(tmp_path: Path) -> None:
     assert text.startswith("q_counts: in counts: 1024 per m")
     log = read_log(columns, robot, description=guess.description)
     assert np.max(log.joint_position) == pytest.approx(900 / 1024, rel=1e-2)
+
+
+def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
+    """A name stands for a column, or for one of each joint; what cannot be divided is refused."""
+    rows = np.column_stack([TIME, GOAL, wave(0.7), RATE, RATE, 3 * GOAL, 3 * wave(0.7)])
+    path, robot = tmp_path / "log.csv", chain(tmp_path, "hip", "knee")
+    np.savetxt(path, rows, delimiter=",")
+    inferred = describe_log(path, robot, columns=["t", "q", "qd", "tau"])
+    assert inferred.description.to_dict() == {
+        "time": "1",
+        "joints": {
+            joint: {"joint_position": q, "motor_torque": {"column": tau, "side": "joint"}}
+            for joint, q, tau in (("hip", "2", "6"), ("knee", "3", "7"))
+        },
+    }
+    assert not any("order" in doubt for doubt in inferred.unsure)
+    whole = ["time", "pos_hip", "pos_knee", "vel_hip", "vel_knee", "eff_hip", "eff_knee"]
+    assert describe_log(path, robot, columns=whole).to_toml() == inferred.to_toml()
+    for names in (["t", "q", "tau"], whole[:-1], [*whole, "more"], ["t"]):
+        with pytest.raises(LogError, match="columns= does not name the 7 columns of the log"):
+            describe_log(path, robot, columns=names)
+
+
+@pytest.mark.slow  # 2.0 s
+@pytest.mark.parametrize(
+    ("count", "texts", "most_reads"), [(2000, slice(2, 3), 25), (8000, slice(2, None, 2), 1000)]
+)
+def test_texts_among_many_columns_are_found_in_few_reads(
+    monkeypatch: pytest.MonkeyPatch, count: int, texts: slice, most_reads: int
+) -> None:
+    """One text takes 2 log2(n) reads; where there are many, the search is given up."""
+    names = ["t", *(f"pos_{index}" for index in range(count))]
+    words, reads = {*names[texts]}, list[int]()
+
+    def load(wanted: list[str]) -> Columns:
+        reads.append(len(wanted))
+        if words.intersection(wanted):
+            raise LogError(f"column '{min(words.intersection(wanted))}' is a text")
+        return dict.fromkeys(wanted, TIME)
+
+    monkeypatch.setattr(describe, "open_tables", lambda paths: Table(names, load))
+    inferred = describe_log("log.npz")
+    assert len(reads) <= most_reads
+    assert "joint_0" in inferred.description.joints
+    unread = [*inferred.unused, *(text.partition(":")[0] for text in inferred.unsure)]
+    assert names[texts][-1] in unread
+
+
+def test_a_description_is_shown_shortly_with_its_doubts(tmp_path: Path) -> None:
+    """A table of joints, then doubts, of which long lists of columns hide none, then the rest."""
+    text = str(guess(tmp_path, t=TIME, q=GOAL, tau=wave(1.0), extra=wave(2.0)))
+    assert text.splitlines()[0].split() == ["joint", "quantity", "column", "unit", "time"]
+    assert text.splitlines()[1].split() == ["joint", "joint_position", "q", "SI", "t"]
+    assert "unsure: q (moves by 2): taken for rad" in text
+    assert text.endswith("not used: extra")
+    names = [f"/a_rather_long_name_of_a_robot/state/motors[{k}]" for k in range(12)]
+    columns = {f"{name}/q": wave(0.3 + 0.02 * k) for k, name in enumerate(names)}
+    columns |= {f"{name}/tau": wave(0.4 + 0.02 * k) for k, name in enumerate(names)}
+    toml = describe_log({"t": TIME, **columns}).to_toml()
+    lines = [line for line in toml.splitlines() if line.startswith("# unsure: ")]
+    assert max(map(len, lines)) < 420
+    (line,) = [line for line in lines if "motors[0]/tau" in line]
+    assert " ... " in line
+    assert line.endswith("name it joint_torque if a sensor behind the gear measures it")
