@@ -31,10 +31,10 @@ from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
 from seaid.log.channels import SENSORS
 from seaid.log.log import LARGEST
-from seaid.log.long_log import iterate_log, open_long_log
+from seaid.log.long_log import open_long_log
 from seaid.log.readers.opening import READERS, open_table
 from seaid.log.readers.table import check_memory, free_memory
-from seaid.log.reading import WRITTEN, Log, read_log
+from seaid.log.reading import Log, read_log
 from seaid.robot.robot import Robot
 from tests.fuzz.mutators import damaged_bytes
 from tests.log.readers.files import FORMATS, TIME, error_of, loaded, one_log, save, write
@@ -62,17 +62,6 @@ def test_any_log_is_the_same_to_the_last_bit_after_writing_and_reading(
     for name, column in log.columns().items():
         np.testing.assert_array_equal(back.columns()[name], column)
     assert sorted(os.listdir(folder)) == ["arm.urdf", f"log{suffix}"]
-
-
-@pytest.mark.parametrize("suffix", WRITTEN)
-def test_log_in_pieces_is_the_log_as_a_whole(arm: Robot, tmp_path: Path, suffix: str) -> None:
-    """No sample is lost or read twice between two pieces."""
-    log, path = one_log(), tmp_path / f"log{suffix}"
-    write(log, path)
-    parts = [part.log for part in iterate_log(path, arm, chunk_samples=150)]
-    assert [len(part.time) for part in parts] == [150, 150, 100]
-    joined = np.concatenate([part.joint_position for part in parts])
-    np.testing.assert_array_equal(joined, log.joint_position)
 
 
 # Columns that formats have beside those of seaid
@@ -232,6 +221,7 @@ REFUSED: tuple[tuple[str, Any, str], ...] = (
     ("log.json", json.dumps({"a": [[1] * 20_000]}), "columns or more, allowed are 10,000"),
     ("log.json", json.dumps({"a": [1], **{f"c{k}": 1 for k in range(20_000)}}), "columns or more"),
     ("log.json", '{"a": [1, 2', "is not valid JSON, or cut off"),
+    ("log.json", b"junk", "is not valid JSON, or cut off"),
     *(
         ("log.json", content, "has no columns; a JSON log is a list of records")
         for content in ("[]", "{}", "3", '"text"', '{"a": {"b": 1}}', "[1, 2]")
@@ -270,31 +260,27 @@ def test_what_is_no_log_is_named_with_its_column(
     assert words in text
 
 
+KINDS = {
+    **{".npz": "a NumPy archive (.npz)", ".parquet": "a Parquet file", ".h5": "an HDF5 file"},
+    **{".mat": "a MATLAB file", ".db3": "a ROS bag", ".mcap": "a ROS bag", ".bag": "a ROS bag"},
+    ".hebilog": "a HEBI log",
+}
+
+
 @pytest.mark.parametrize(
-    ("ending", "words"),
-    [
-        (".npz", "is not a NumPy archive (.npz), or a damaged one"),
-        (".parquet", "is not a Parquet file, or a damaged one"),
-        (".h5", "is not an HDF5 file, or a damaged one"),
-        (".mat", "is not a MATLAB file, or a damaged one"),
-        (".json", "is not valid JSON, or cut off"),
-        (".db3", "is not a ROS bag, or a damaged one"),
-        (".mcap", "is not a ROS bag, or a damaged one"),
-        (".bag", "is not a ROS bag, or a damaged one"),
-        pytest.param(".hebilog", "is not a HEBI log, or a damaged one", marks=pytest.mark.hebi),
-    ],
+    "ending",
+    [pytest.param(x, marks=pytest.mark.hebi if x == ".hebilog" else ()) for x in KINDS],
 )
 @pytest.mark.parametrize(
     "content",  # a process of its own for each bag
     quick_first([b"junk" * 100, b"", bytes(range(256)) * 20]),
 )
 def test_what_is_no_file_of_its_ending_is_named(
-    tmp_path: Path, ending: str, words: str, content: bytes
+    tmp_path: Path, ending: str, content: bytes
 ) -> None:
     """Other content under an ending is said to be none of its files."""
-    path = tmp_path / f"log{ending}"
-    path.write_bytes(content)
-    assert error_of(path).startswith(f"'{path}' {words}")
+    path = save(tmp_path / f"log{ending}", content)
+    assert error_of(path).startswith(f"'{path}' is not {KINDS[ending]}, or a damaged one")
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
