@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -330,7 +330,6 @@ sources = st.fixed_dictionaries(
 )
 
 
-@settings(derandomize=True, deadline=None)
 @given(joints=st.dictionaries(names, sources, min_size=1), time=names)
 def test_description_survives_its_toml(
     tmp_path_factory: pytest.TempPathFactory, joints: dict[str, Table], time: str

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import seaid
@@ -176,7 +176,6 @@ FAULTS: tuple[tuple[Damage, str, tuple[int, int], float], ...] = (
 
 @pytest.mark.parametrize(("damage", "kind", "counts", "most_off"), FAULTS)
 @given(seed=st.integers(0, 999))
-@settings(derandomize=True, deadline=None, max_examples=15)
 def test_a_fault_of_any_place_is_counted_and_repaired(
     damage: Damage, kind: str, counts: tuple[int, int], most_off: float, seed: int
 ) -> None:
@@ -194,7 +193,6 @@ def test_a_fault_of_any_place_is_counted_and_repaired(
 
 
 @given(seed=st.integers(0, 1000))
-@settings(derandomize=True, deadline=None, max_examples=15)
 def test_irregular_steps_cost_far_less_than_an_encoder_step(seed: int) -> None:
     """Straight lines between samples would cost ten times as much as is allowed."""
     steps = np.random.default_rng(seed).uniform(0.002, 0.010, 1500)
@@ -238,7 +236,6 @@ def test_a_lower_rate_passes_a_low_pass_first() -> None:
 
 
 @given(offset=st.floats(-3e3, 3e3), drift=st.floats(-1.5e-3, 1.5e-3), seed=st.integers(0, 99))
-@settings(derandomize=True, deadline=None, max_examples=25)
 def test_one_clock_a_joint(offset: float, drift: float, seed: int) -> None:
     """Offsets and drifts of a joint's clock are removed, but for a step of it and its jitter."""
     late = np.random.default_rng(seed).exponential(2e-4, len(T))

@@ -83,7 +83,6 @@ def test_what_is_no_table_is_named_with_its_place(
         (text_of("\t", ",", head="t\tq\ttau\n"), NAMES),
         (text_of(" ", ",", head="t q tau\n"), NAMES),
         (text_of("  ", head="t   q tau\n"), NAMES),
-        (text_of(" ", head="# t q tau\n"), NAMES),
         (text_of(",", head="% t, q, tau\n"), NAMES),
         (text_of(",", head="\n# ramp\n# kp=1,kd=2\nt,q,tau\n"), NAMES),
         (text_of(" ", head="# made by a bench\n# t q tau\n"), NAMES),
@@ -91,9 +90,7 @@ def test_what_is_no_table_is_named_with_its_place(
         (text_of(";", head="t, in s;q;tau\n"), ["t, in s", "q", "tau"]),
         (text_of(",", head="0,1,2\n"), ["0", "1", "2"]),
         (text_of(","), ["1", "2", "3"]),
-        (text_of(";", ","), ["1", "2", "3"]),
         (text_of("\t"), ["1", "2", "3"]),
-        (text_of("   "), ["1", "2", "3"]),
         (text_of(" ", ","), ["1", "2", "3"]),
         (text_of(",", head="# made by a bench\n# on a Monday\n"), ["1", "2", "3"]),
         (text_of("|", head="t|q|tau\n"), NAMES),
@@ -105,14 +102,11 @@ def test_what_is_no_table_is_named_with_its_place(
         (text_of(";", ",", head="t;q;tau\n[s];;(Nm)\n"), ["t [s]", "q", "tau [Nm]"]),
     ],
 )
-@pytest.mark.parametrize("suffix", [".csv", ".txt"])
 def test_a_table_of_text_is_read_in_its_own_format(
-    tmp_path: Path, content: str, names: list[str], suffix: str
+    tmp_path: Path, content: str, names: list[str]
 ) -> None:
     """The delimiter, the decimal mark and the header are found; in pieces it is the same."""
-    path = tmp_path / f"log{suffix}"
-    path.write_text(content)
-    table = open_table(path)
+    table = open_table(save(tmp_path / "log.txt", content))
     assert table.names == names
     assert table.blocks is not None
     parts = list(table.blocks(names, 60))
@@ -169,22 +163,16 @@ def test_a_line_of_truths_dates_or_nothing_is_none_of_units(tmp_path: Path) -> N
 def test_columns_of_a_file_without_header_are_described_by_their_numbers(
     arm: Robot, tmp_path: Path
 ) -> None:
-    """A description and the file beside it number the columns from one."""
-    path = tmp_path / "log.csv"
-    path.write_text(text_of(";", ","))
-    description = {
-        "time": 1,
-        "joints": {"arm": {"joint_position": {"column": 2, "unit": "deg"}, "motor_torque": 3}},
-    }
-    log = read_log(path, arm, description=description)
+    """A description numbers the columns from one, as a mapping or in the file beside."""
+    path = save(tmp_path / "log.csv", text_of(";", ","))
+    joints = {"arm": {"joint_position": {"column": 2, "unit": "deg"}, "motor_torque": 3}}
+    log = read_log(path, arm, description={"time": 1, "joints": joints})
     np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(ROWS[:, 1]), atol=1e-6)
-    (tmp_path / "log.toml").write_text(
-        'time = { column = 1 }\n[joints.arm]\njoint_position = { column = 2, unit = "deg" }\n'
-        "motor_torque = 3\n"
-    )
+    text = "time = 1\n[joints.arm]\njoint_position = 2\nmotor_torque = 3\n"
+    save(tmp_path / "log.toml", text)
     np.testing.assert_array_equal(read_log(path, arm).motor_torque, log.motor_torque)
     with pytest.raises(LogError, match=r"no column is named '4'.*the first line is numbers: no he"):
-        read_log(path, arm, description={**description, "time": 4})
+        read_log(path, arm, description={"time": 4, "joints": joints})
     with pytest.raises(LogError, match=r"no column looks like.*first line is numbers: no header"):
         describe_log(path)
 
