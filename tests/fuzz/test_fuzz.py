@@ -23,19 +23,9 @@ CASES = {"mesh": 5, "run": 12, "bag": 4, "mat": 5, "hebilog": 5, "identify": 12}
 CASES |= {"parquet": 10, "hdf5": 10, "csv": 10, "parameters": 10}
 """Cases of the targets that take longer; of the others 25."""
 
-SLOW = ("mesh", "bag", "mat", "hebilog", "identify", "scene", "json", "parquet", "npz")
-"""Targets with a process for each file, an identification, or whole logs."""
-
 
 @pytest.mark.slow  # 2.1 s
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
-        for name in TARGETS
-        if name != "command"  # has its own test below
-    ],
-)
+@pytest.mark.parametrize("name", sorted({*TARGETS} - {"command"}))  # which has its own test below
 def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: Path) -> None:
     """No damage ends in an error that is not ours, or in a result that breaks a law."""
     if name == "hebilog":
