@@ -476,27 +476,7 @@ def identify(rng: Random, folder: Path) -> Check:
 
 
 _NEW = ("new.json", "new.urdf", "new.xml", "new.toml", "new.npz", "new.html")
-_COMMANDS = (
-    "inspect arm.urdf --drives arm.toml",
-    "inspect arm.urdf --joints rail,wrist --sensors motor_position,motor_torque --json",
-    "inspect arm.urdf --drives arm.toml --exact",
-    "describe run.npz --urdf arm.urdf -o new.toml",
-    "identify arm.urdf run.npz --drives arm.toml --payload tool:1.0:0,0,0.1 -o new.json",
-    "identify arm.urdf run.npz --drives arm.toml --method simultaneous --repair -o new.json",
-    "validate arm.urdf other.npz --from run.npz --drives arm.toml -o new.json",
-    "export arm.urdf --parameters parameters.json --drives arm.toml -o new.urdf",
-    "export arm.urdf --from run.npz --drives arm.toml --cutoff-hz 8 -o new.xml",
-    "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
-    "replay arm.urdf other.npz --from run.npz --drives arm.toml -o new.html",
-    "replay arm.urdf other.npz --from run.npz --nominal arm.toml --drives arm.toml --json",
-    "check arm.urdf run.npz --drives arm.toml --delays --largest-s 0.02 -o new.npz",
-    "check arm.urdf run.npz other.npz --drives arm.toml",
-    "validate arm.urdf run.npz other.npz --drives arm.toml --cross --parts 2",
-    "identify arm.urdf --condition a=run.npz --condition b=other.npz --drives arm.toml -o new.json",
-    "compare parameters.json parameters.json -o new.html",
-    "export arm.urdf --joints rail,wrist --format python -o -",
-    "identify arm.urdf run.npz --drives arm.toml --refine --iterations 3 -o new.json",
-)
+_COMMANDS = (seeds.TEXTS / "commands.txt").read_text("utf-8").splitlines()
 _ODD = (
     *words("/ . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),
     *("", "\udcff.npz", *(name for name in NAMES if not name.startswith("/")), *NUMBERS),
