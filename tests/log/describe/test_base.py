@@ -416,6 +416,18 @@ def test_a_contact_beyond_zero_and_one_is_no_flag(tmp_path: Path, scale: float) 
     assert [*log.base.contacts] == list(FEET[:-1])
 
 
+def test_a_contact_is_that_of_the_link_with_the_most_of_its_words() -> None:
+    """FL is in both names, and foot in one."""
+    one, links = states(), ("FL_foot", "FL_calf")
+    robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=links)
+    columns: dict[str, Any] = {"quat": one["orientation"], "gyro": one["w"]}
+    columns |= {"joint_pos": one["joints"], "joint_torque": one["torque"]}
+    columns |= {f"{link}_contact": one["flags"][:, k] for k, link in enumerate(links)}
+    contacts = seaid.describe_log(columns, robot).description.contacts
+    names = {link: sources["contact"].columns for link, sources in contacts.items()}
+    assert names == {link: (f"{link}_contact",) for link in links}
+
+
 def test_the_torque_of_a_series_elastic_actuator_is_that_of_its_spring(tmp_path: Path) -> None:
     """It is no torque of the motor."""
     columns = {"time_s": states()["time"]} | of_joints(torque="{}/sea_torque_Nm")
