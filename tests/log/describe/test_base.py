@@ -127,7 +127,10 @@ def in_arrays(frame: str, order: str, name: str = "walk.npz") -> Layout:
         arrays = {key: values.T for key, values in arrays.items()}
     if name.endswith("npz"):
         return {name: arrays}, MOTION, ""
-    return {f"walk_{key}{name[-4:]}": values for key, values in arrays.items()}, MOTION, ""
+    if name == ".dat":  # the order of p is that of an upright base
+        arrays = {key: arrays[key] for key in ("q", "tau", "contact")}
+    files = {f"walk_{key}{name[-4:]}": values for key, values in arrays.items()}
+    return files, MOTION if "v" in arrays else MOTION[:2], ""
 
 
 def with_headers(*heads: str | tuple[str, float]) -> Layout:
@@ -150,6 +153,15 @@ def with_imu(factor: float = 1.0, gravity: float = 0.0, **more: Array) -> Layout
     arrays["imu_acc"] = (states()["specific_force"] - gravity * up) / factor
     arrays |= {"joint_pos": states()["joints"], "joint_torque": states()["torque"]}
     return {"walk.npz": arrays | {"contact": states()["flags"]} | more}, FELT, ""
+
+
+def without_gyro() -> Layout:
+    """Return an IMU whose p is in the order in which its forces carry the robot."""
+    files, _, _ = with_imu()
+    arrays = dict(files["walk.npz"])
+    arrays["imu_quat"] = np.roll(arrays["imu_quat"], -1, axis=1)
+    del arrays["imu_gyro"]
+    return {"walk.npz": arrays}, ("orientation", "specific_force"), ""
 
 
 def with_codes() -> Layout:
@@ -184,7 +196,7 @@ LAYOUTS: dict[str, Callable[[], Layout]] = {
     },
     **{
         name: partial(in_arrays, "base", "xyzw", name)
-        for name in (".npy", "turned.dat", "turned.npz", "walk.csv")
+        for name in (".npy", ".dat", "turned.dat", "turned.npz", "walk.csv")
     },
     "topics": partial(
         with_headers, *ODOMETRY, "/imu/angular_velocity.", "/imu/linear_acceleration."
@@ -205,6 +217,7 @@ LAYOUTS: dict[str, Callable[[], Layout]] = {
     ),
     "in g": partial(with_imu, 9.80665),
     "without gravity": partial(with_imu, gravity=1.0),
+    "no gyro": without_gyro,
     "codes": with_codes,
     "unknown contacts": with_unknown_contacts,
 }
