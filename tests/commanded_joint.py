@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -107,14 +109,77 @@ def mujoco_positions(
         states, _ = mujoco_rollout(model, data, start, commands[:, None])
         # a state is that after a step, and its first number is the time
         return np.append(CHIRP[0], states[0, parts - 1 : -1 : parts, 1])
-    position = np.empty(len(TIME))
-    for tick, command in enumerate(commands):
+
+    def rub(_: int, moving: mujoco.MjData) -> None:
+        model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * moving.qpos[0]
+
+    return stepped(model, commands, parts, rub)
+
+
+def stepped(
+    model: mujoco.MjModel,
+    commands: Array,
+    parts: int,
+    change: Callable[[int, mujoco.MjData], None] = lambda tick, data: None,
+) -> Array:
+    """Return the position (T,) before each of T samples, of `parts` steps with one command each.
+
+    `change` is called before each step, with its number.
+    """
+    data, position = mujoco.MjData(model), np.empty(len(commands) // parts)
+    joint, control = data.qpos, data.ctrl  # views, in loops of tens of thousands of steps
+    for tick, command in enumerate(commands.tolist()):
         if tick % parts == 0:
-            position[tick // parts] = data.qpos[0]
-        data.ctrl[0] = command
-        model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * data.qpos[0]
+            position[tick // parts] = joint.item(0)
+        control[0] = command
+        change(tick, data)
         mujoco.mj_step(model, data)
     return position
+
+
+def driven(
+    law: seaid.Controller,
+    sent: Mapping[str, Array],
+    time: Array,
+    delay_s: float = 0.0,
+    supply_V: Array | None = None,
+) -> Array:
+    """Return the position (T,) of MuJoCo's plant under a law that is computed here.
+
+    tau = K_p (u - q) + K_d (w - q') + f, within its limits, times the share of a supply, of
+    commands that are late. Euler steps would move the armature by K_d times half a step, 3 % at
+    the gains of a velocity controller.
+    """
+    parts, step_s = 20, 2.5e-4
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{step_s}" integrator="RK4" gravity="0 0 -9.81"/>
+        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
+        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
+        solreffriction="-1 -16000"/>
+        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/></body>
+        </worldbody><actuator><general joint="j" biastype="affine" forcelimited="true"
+        forcerange="-1e9 1e9"/></actuator></mujoco>"""
+    )
+    ticks = (np.arange(len(time) * parts) + 0.5) * step_s - delay_s  # the middle of each step
+    position, torque = (sent.get(f"{name}_command", 0.0 * time) for name in ("position", "torque"))
+    velocity = sent.get("velocity_command", np.gradient(position, time))
+    fed = law.command_velocity_gain_Nms_per_rad * np.interp(ticks, time, velocity)
+    fed += np.interp(ticks, time, torque) + law.feedforward_Nm
+    of_tick = np.maximum(np.floor(ticks * 200.0 + 1e-9).astype(int), 0)
+    held = position[of_tick] if law.is_held else np.interp(ticks, time, position)
+    share = np.ones(len(time)) if supply_V is None else supply_V / law.nominal_supply_V
+    factor = np.interp(ticks + delay_s, time, share)
+    limit, no_load = law.torque_limit_Nm, law.no_load_speed_rad_per_s
+    gains = np.array([law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad])
+    bias, force = model.actuator_biasprm, model.actuator_forcerange
+
+    def act(tick: int, data: mujoco.MjData) -> None:
+        bias[0, 1:3] = -factor[tick] * gains
+        if math.isfinite(limit):
+            speed = data.qvel.item(0) / no_load
+            force[0] = (-limit * min(max(1 + speed, 0), 1), limit * min(max(1 - speed, 0), 1))
+
+    return stepped(model, factor * (gains[0] * held + fed), parts, act)
 
 
 def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:

@@ -17,13 +17,12 @@ from scripts.benchmarks import command_delays
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
 from seaid.checks import drive_findings
-from seaid.errors import IdentificationError, RobotError
+from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.drive_estimates import with_estimated_delays
 from seaid.identification.sensitivity import Fit, _scores
 from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
-from seaid.regressor import motor_regressor, signals
+from seaid.regressor import signals
 from seaid.robot import nominal_model
 from seaid.simulation import rollout
 from tests.commanded_joint import (
@@ -32,9 +31,11 @@ from tests.commanded_joint import (
     SOFT,
     TIME,
     TRUTH,
+    driven,
     log_of,
     mujoco_log,
     robot_of,
+    stepped,
     values_of,
 )
 from tests.representatives import quick_only
@@ -57,18 +58,6 @@ def test_two_gain_sets_separate_the_bias_of_an_encoder_from_an_offset(urdf: Path
     found = seaid.identify_conditions(conditions, condition_specific=("friction_offset",))
     offsets = [values_of(one)["friction_offset"][0] for one in found.identifications.values()]
     assert (offsets[0] - offsets[1]) / (SOFT[0] - HARD[0]) == pytest.approx(bias, rel=0.01)
-
-
-@pytest.mark.slow  # 0.5 s
-def test_a_delay_is_linearised_where_it_is(urdf: Path) -> None:
-    """One gain set tells a delay by the gravity and the higher frequencies of this motion."""
-    log = mujoco_log(SOFT, 0.015, 0.0, 0)
-    found = seaid.identify(robot_of(urdf, SOFT), log)
-    values = values_of(found)
-    assert abs(values["command_delay"][0] - 0.015) < 5e-5
-    assert found.nominal is not None
-    assert found.nominal.drives["j"].command_delay_s is None  # that of the search is none
-    assert values["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.01)
 
 
 @pytest.mark.slow  # 200,000 steps of a plant in Python
@@ -149,7 +138,8 @@ def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None
     """The delay of two joints is between those of each alone, and its error less than either's."""
     logs = [mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]
     both = joined(logs)
-    shared = seaid.identify(two_joints(tmp_path, (None, None)), both).load_side
+    found = seaid.identify(two_joints(tmp_path, (None, None)), both)
+    shared = found.load_side
     own = seaid.identify(two_joints(tmp_path, (0.007, 0.0075)), both).load_side
     delays = [f"command_delay of j{k}" for k in (0, 1)]
     value, error = shared.value(delays[0]), shared.standard_error(delays[0])
@@ -157,6 +147,8 @@ def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None
     assert min(map(own.value, delays)) <= value <= max(map(own.value, delays))
     assert error < 0.95 * min(map(own.standard_error, delays))
     assert own.value(delays[0]) != own.value(delays[1])
+    # solvers give the equal delays with other rounding
+    assert len({drive.command_delay_s for drive in found.robot.drives.values()}) == 1
 
 
 def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -> None:
@@ -182,12 +174,6 @@ def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -
     reversals = np.sum(np.diff(other) != 0)
     assert 0 < np.sum(~known) < 20 * reversals
     np.testing.assert_allclose(own[known], other[known], atol=0.05)
-    by_name = signals(robot, motion, 0)
-    regressor = motor_regressor(robot, "j0")
-    column = regressor.names.index("coulomb_friction")
-    np.testing.assert_array_equal(regressor.evaluate(by_name)[1][:, column], own)
-    del by_name["theta_M_sign"]
-    np.testing.assert_array_equal(regressor.evaluate(by_name)[1][:, column], other)
 
 
 @pytest.mark.slow  # 0.8 s
@@ -249,28 +235,6 @@ def test_an_unknown_delay_is_in_the_error_of_the_armature(urdf: Path) -> None:
         assert unsure[name][0] == pytest.approx(exact[name][0], rel=1e-6)
 
 
-@pytest.mark.slow  # 1.0 s
-def test_the_replay_closes_the_loop_with_the_controller(urdf: Path) -> None:
-    """The replay of the truth is MuJoCo's motion; identified from it, it is that once more."""
-    log = mujoco_log(HARD, 0.01, 0.0, 0).between(2.0, 7.0)
-    truth = robot_of(urdf, HARD, 0.01)
-    drive = replace(
-        truth.drives["j"],
-        motor_inertia_kg_m2=TRUTH["motor_inertia"],
-        viscous_friction_Nms_per_rad=TRUTH["viscous_friction"],
-        coulomb_friction_Nm=TRUTH["coulomb_friction"],
-        nominal={"friction_offset": 0.0},
-    )
-    truth = truth.with_drives({"j": drive})
-    found = seaid.identify(robot_of(urdf, HARD), log)
-    part = log.between(2.0, 4.0)
-    moved = float(np.std(part.joint_position))
-    error = seaid.replay(truth, part).joint_position - part.joint_position
-    assert np.max(np.abs(error)) < 2e-3 * moved
-    again = seaid.replay(found.robot, part).joint_position - part.joint_position
-    assert np.std(again) < 3e-3 * moved
-
-
 @pytest.mark.slow  # 1.9 s
 @pytest.mark.findings
 def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
@@ -303,20 +267,36 @@ def test_a_residual_that_follows_the_position_is_said(urdf: Path) -> None:
     assert not [x for x in plain.warnings if x.code == "missing-term"]
 
 
-@pytest.mark.slow  # 20 simulations of 8 s
-def test_refine_closes_the_loop(urdf: Path) -> None:
-    """From values that are 10 % wrong the output error ends at the truth, within its intervals."""
-    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 9.0)
-    start = seaid.identify(robot_of(urdf, HARD), log)
-    side = replace(start.load_side, values=1.1 * start.load_side.values)
-    wrong = replace(start, load_side=side)
-    found = seaid.refine(wrong, log)
+@pytest.mark.slow  # simulations of 4 to 8 s
+@pytest.mark.parametrize(
+    ("truth", "factor"),
+    [
+        ({"command_delay": 0.01}, dict.fromkeys(TRUTH, 1.1)),
+        # a regression may find a negative armature, with which nothing can be simulated
+        ({"command_delay": 0.004}, {"motor_inertia": -40.0}),
+        ({"command_delay": 0.004, "parallel_stiffness": 2.0}, {"parallel_stiffness": 1.2}),
+    ],
+    ids=["all wrong", "negative", "parallel spring"],
+)
+def test_refine_closes_the_loop(
+    urdf: Path, truth: dict[str, float], factor: dict[str, float]
+) -> None:
+    """From wrong values the output error ends at the truth, within its intervals."""
+    stiffness = truth.get("parallel_stiffness", 0.0)
+    log = mujoco_log(HARD, truth["command_delay"], 5e-4, 0, stiffness=stiffness)
+    robot = robot_of(urdf, HARD)
+    drive = replace(robot.drives["j"], parallel_spring=("linear",) if stiffness else ())
+    start = seaid.identify(robot.with_drives({"j": drive}), log.between(1.0, 9.0))
+    factors = [factor.get(str(name).removesuffix(" of j"), 1.0) for name in start.load_side.names]
+    side = replace(start.load_side, values=np.array(factors) * start.load_side.values)
+    found = seaid.refine(replace(start, load_side=side), log.between(1.0, 9.0))
     values = values_of(found)
-    for name, truth in {**TRUTH, "command_delay": 0.01}.items():
+    for name, true in {**TRUTH, **truth}.items():
         value, error = values[name]
-        assert abs(value - truth) < 3 * error + 0.004 * truth, name
-        assert error < 0.05 * truth, name
-    other = mujoco_log(HARD, 0.01, 0.0, 1).between(9.0, 11.0)
+        assert abs(value - true) < 3 * error + 0.004 * true, name
+        assert error < 0.05 * true, name
+    other = mujoco_log(HARD, truth["command_delay"], 0.0, 1, stiffness=stiffness)
+    other = other.between(9.0, 11.0)
     left = seaid.replay(found.robot, other).joint_position - other.joint_position
     assert np.std(left) < 2e-3 * np.std(other.joint_position)
     assert found.drives["j"].value("motor_inertia") == values["motor_inertia"][0]
@@ -376,22 +356,6 @@ def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(
     assert finding.evidence["standard errors"] > 3.0
     near = seaid.refine(right, log)  # a search may end where the regression is right
     assert "worse-than-start" not in {x.code for x in near.warnings}
-
-
-@pytest.mark.slow  # 10 simulations of 4 s
-def test_refine_takes_a_parallel_spring(urdf: Path) -> None:
-    """From a stiffness that is 20 % wrong it ends at the true one."""
-    log = mujoco_log(SOFT, 0.004, 2e-4, 0, stiffness=2.0).between(1.0, 5.0)
-    robot = robot_of(urdf, SOFT, 0.004)
-    drive = replace(robot.drives["j"], parallel_spring=("linear",))
-    start = seaid.identify(robot.with_drives({"j": drive}), log)
-    place = list(map(str, start.load_side.names)).index("parallel_stiffness of j")
-    values = start.load_side.values.copy()
-    values[place] = 2.4
-    found = seaid.refine(replace(start, load_side=replace(start.load_side, values=values)), log)
-    value, error = values_of(found)["parallel_stiffness"]
-    assert abs(value - 2.0) < 3 * error + 0.01
-    assert error < 0.05
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0025, 0.0041, 0.007])
@@ -502,41 +466,44 @@ def test_a_spring_behind_a_position_controller(tmp_path: Path, urdf: Path) -> No
     assert found.drives["j"].value("command_delay") == pytest.approx(0.004, abs=2e-4)
 
 
-@pytest.mark.parametrize(
-    ("drive", "words"),
-    [
-        ({"motor_input": "position_command"}, "give its gains in the table 'controller'"),
-        ({"controller": {"position_gain_Nm_per_rad": 1.0}}, "and the motor input 'torque'"),
-        (
-            {"motor_input": "position_command", "controller": {"Kp": 1.0}},
-            "controller: no key is named 'Kp'",
-        ),
-        (
-            {"motor_input": "position_command", "controller": {"velocity_gain_Nms_per_rad": 1.0}},
-            "position_gain_Nm_per_rad is missing or zero",
-        ),
-        ({"motor_input": "position_command", "controller": 20}, "must be a table of its values"),
-    ],
-)
-def test_wrong_controllers(urdf: Path, drive: dict[str, object], words: str) -> None:
-    with pytest.raises(RobotError, match=words):
-        seaid.load_robot(urdf, {"j": {"type": "stiff", "gear_ratio": 1.0, **drive}})
+GAINS = {"position_gain_Nm_per_rad": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("motor_input", "gains", "words"),
     [
-        ({"position_gain_Nm_per_rad": -1}, "position_gain_Nm_per_rad must be zero or more and"),
-        ({"velocity_gain_Nms_per_rad": -1.0}, "velocity_gain_Nms_per_rad must be zero or more"),
-        ({"position_gain_Nm_per_rad": np.inf}, "and finite, found inf"),
-        ({"torque_limit_Nm": True}, "torque_limit_Nm must be more than zero, found True"),
-        ({"is_held": 1}, "is_held must be true or false, found 1"),
-        ({"feedforward_Nm": np.inf}, "feedforward_Nm must be a finite number, found inf"),
+        ("position", {}, "give its gains in the table 'controller'"),
+        ("torque", GAINS, "and the motor input 'torque'"),
+        ("position", {"Kp": 1.0}, "controller: no key is named 'Kp'"),
+        ("position", {"feedforward_Nm": 1.0}, "position_gain_Nm_per_rad is missing or zero"),
+        ("position", 20, "must be a table of its values"),
+        ("position", {"position_gain_Nm_per_rad": -1}, "must be zero or more and"),
+        ("position", {"velocity_gain_Nms_per_rad": -1.0}, "must be zero or more"),
+        ("position", {"position_gain_Nm_per_rad": np.inf}, "and finite, found inf"),
+        ("position", {**GAINS, "torque_limit_Nm": True}, "must be more than zero, found True"),
+        ("position", {**GAINS, "is_held": 1}, "is_held must be true or false, found 1"),
+        ("position", {**GAINS, "feedforward_Nm": np.inf}, "must be a finite number, found inf"),
+        ("position", {**GAINS, "is_duty": True}, "is_duty = true needs nominal_supply_V"),
+        ("position", {**GAINS, "nominal_supply_V": 0.0}, "must be more than zero"),
+        ("position", {"velocity_gain_Nms_per_rad": 1.0}, 'has motor_input = "velocity_command"'),
+        ("velocity", {"velocity_gain_Nms_per_rad": 1.0}, "is missing or zero"),
+        (
+            "velocity",
+            {**GAINS, "command_velocity_gain_Nms_per_rad": 1.0},
+            "found position_gain_Nm_per_rad = 1 and motor_input",
+        ),
     ],
 )
-def test_gains_are_checked(changes: dict[str, Any], words: str) -> None:
+def test_controllers_that_cannot_be_are_refused(
+    urdf: Path, motor_input: str, gains: object, words: str
+) -> None:
+    """Their gains are checked, and that they fit to the input of the motor."""
+    drive: dict[str, Any] = {"type": "stiff", "gear_ratio": 1.0}
+    drive["motor_input"] = motor_input if motor_input == "torque" else f"{motor_input}_command"
+    if gains != {}:
+        drive["controller"] = gains
     with pytest.raises(RobotError, match=words):
-        seaid.Controller(**{"position_gain_Nm_per_rad": 1.0, **changes})
+        seaid.load_robot(urdf, {"j": drive})
 
 
 LIMIT = 3.3
@@ -583,23 +550,40 @@ def test_mujoco_moves_the_exported_model_as_the_replay(
     assert ("a dcmotor, as MuJoCo has it since 3.12" in text) == np.isfinite(speed)
     model = mujoco.MjModel.from_xml_string(text)
     assert model.nu == 1
-    data, found = mujoco.MjData(model), np.empty(len(log.time))
     parts = round(0.005 / model.opt.timestep)
     assert parts * model.opt.timestep == pytest.approx(0.005)
-    ticks = (np.arange(parts * len(found)) + 0.5 * (delay_s == 0)) * model.opt.timestep
-    limited, joint, actuator = 0, data.joint("j"), data.actuator("j")
-    for tick, command in enumerate(np.interp(ticks, log.time, CHIRP[: len(found)])):
-        if tick % parts == 0:
-            found[tick // parts] = joint.qpos[0]
-        actuator.ctrl = command
-        mujoco.mj_step(model, data)
-        force = actuator.force[0]
-        most = LIMIT * min(1.0, 1 - math.copysign(1.0, force) * joint.qvel[0] / speed)
-        is_at_motor = is_elastic and np.isinf(speed)
-        size = abs(force) * (9.0 if is_at_motor else 1.0)
-        limited += size > 0.95 * most
-    assert limited > 0.02 * len(ticks)
-    assert np.max(np.abs(found - expected)) < 5e-3 * np.ptp(expected)
+    ticks = (np.arange(parts * len(log.time)) + 0.5 * (delay_s == 0)) * model.opt.timestep
+    sizes = np.empty(len(ticks))
+
+    def measure(tick: int, data: mujoco.MjData) -> None:
+        """Note the force of the step before, in parts of its limit."""
+        force, joint_speed = data.actuator_force[0], data.qvel[0]
+        most = LIMIT * min(1.0, 1 - math.copysign(1.0, force) * joint_speed / speed)
+        sizes[tick] = abs(force) * (9.0 if is_elastic and np.isinf(speed) else 1.0) / most
+
+    commands = np.interp(ticks, log.time, CHIRP[: len(log.time)])
+    error = stepped(model, commands, parts, measure) - expected
+    assert np.sum(sizes > 0.95) > 0.02 * len(ticks)
+    assert np.max(np.abs(error)) < 5e-3 * np.ptp(expected)
+
+
+@pytest.mark.slow  # a simulation under commands
+def test_mujoco_moves_the_model_of_a_velocity_controller_as_the_replay(
+    urdf: Path, tmp_path: Path
+) -> None:
+    """Its actuator takes the velocity that the log has as a command."""
+    robot = robot_with(urdf, RATES)
+    values = {"motor_inertia": 0.05, "viscous_friction": 0.1, "coulomb_friction": 0.0}
+    drive = robot.drives["j"].with_values({**values, "friction_offset": 0.0, "command_delay": 0.0})
+    robot = robot.with_drives({"j": drive})
+    log = log_of(np.zeros_like(SHORT), SHORT, velocity_command=2.0 * np.cos(2 * SHORT))
+    expected = seaid.replay(robot, log).joint_position[:, 0]
+    seaid.write_mjcf(robot, tmp_path / "one.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "one.xml"))
+    parts = round(0.005 / model.opt.timestep)
+    ticks = np.arange(parts * len(SHORT)) * model.opt.timestep
+    error = stepped(model, 2.0 * np.cos(2 * ticks), parts) - expected
+    assert np.max(np.abs(error)) < 0.01 * np.ptp(expected)
 
 
 def test_what_a_motor_of_mujoco_cannot_be_is_said(urdf: Path, tmp_path: Path) -> None:
@@ -674,68 +658,126 @@ def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     assert "within 3.92 ms" in known
 
 
-LAWS: dict[str, dict[str, Any]] = {
-    "held": {"is_held": True},
-    "velocity of the command": {"command_velocity_gain_Nms_per_rad": 1.0},
-    "constant": {"feedforward_Nm": 2.5},
-    "speed": {"torque_limit_Nm": 7.0, "no_load_speed_rad_per_s": 9.0},
+SHORT = TIME[:2000]
+REFERENCE = 0.4 * np.sin(2 * np.pi * (0.1 * SHORT + 0.12 * SHORT**2)) + 0.2 * np.sin(2.3 * SHORT)
+RATE = 2.5 * np.cos(2 * np.pi * (0.1 * SHORT + 0.12 * SHORT**2)) + 0.8 * np.cos(2.3 * SHORT)
+GRAVITY = -1.5 * 9.81 * 0.2 * np.cos(REFERENCE)
+"""Feed-forward torque [N m] of a controller that compensates gravity about the y axis."""
+SUPPLY = 24.0 - 3.0 * SHORT / SHORT[-1] - 1.5 * np.abs(np.sin(1.1 * SHORT))
+"""Voltage [V] of a battery that sags."""
+DELAY_S = 0.006
+PLAIN = {"position_gain_Nm_per_rad": 40.0, "velocity_gain_Nms_per_rad": 1.0}
+FED = {**PLAIN, "command_velocity_gain_Nms_per_rad": 1.0}
+RATES = {"velocity_gain_Nms_per_rad": 6.0, "command_velocity_gain_Nms_per_rad": 6.0}
+REFERENCES = {"position_command": REFERENCE}
+ALL = {**REFERENCES, "velocity_command": np.gradient(REFERENCE, SHORT), "torque_command": GRAVITY}
+
+LAWS: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
+    "held": ({**PLAIN, "is_held": True}, REFERENCES),
+    "velocity of the command": (FED, REFERENCES),
+    "constant": ({**PLAIN, "feedforward_Nm": 2.5}, REFERENCES),
+    "speed": ({**PLAIN, "torque_limit_Nm": 7.0, "no_load_speed_rad_per_s": 9.0}, REFERENCES),
+    "all commands": (FED, ALL),
+    "velocity alone": (RATES, {"velocity_command": RATE}),
+    "supply": (
+        {**FED, "nominal_supply_V": 24.0, "is_duty": True},
+        {**ALL, "supply_voltage": SUPPLY},
+    ),
 }
+"""{law: its gains, and what the log has}."""
 
 
-@pytest.mark.parametrize("law", quick_only(LAWS, ["held"]))  # 1 s each
-def test_parameters_behind_a_controller_with_more_terms(urdf: Path, law: str) -> None:
-    """The plant is MuJoCo's, its motor driven by the law as it is written here."""
-    gains = seaid.Controller(position_gain_Nm_per_rad=SOFT[0], velocity_gain_Nms_per_rad=SOFT[1])
-    controller = replace(gains, **LAWS[law])
-    log = driven_log(controller)
-    plain = robot_of(urdf, SOFT, 0.0)
-    robot = plain.with_drives({"j": replace(plain.drives["j"], controller=controller)})
-    values = values_of(seaid.identify(robot, log))
-    for name, truth in TRUTH.items():
-        assert values[name][0] == pytest.approx(truth, rel=0.03), name
-    assert abs(values["friction_offset"][0]) < 0.02
-    without = values_of(seaid.identify(plain, log))
-    wrong = max(abs(without[name][0] / truth - 1) for name, truth in TRUTH.items())
-    assert wrong > 0.06 or abs(without["friction_offset"][0]) > 2.0
-    drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0})
-    true = robot.with_drives({"j": drive})
-    short = log.between(0, 4)
-    moved = seaid.replay(true, short)
-    assert np.sqrt(np.mean((moved.joint_position - short.joint_position) ** 2)) < 1.5e-3
-
-
-def driven_log(law: seaid.Controller) -> seaid.Log:
-    """Return the log of MuJoCo's motor under a controller that is computed in the test."""
-    step_s, parts = 2.5e-4, 20
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
-        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
-        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
-        solreffriction="0.001 1"/><inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
-        </body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+def robot_with(urdf: Path, gains: dict[str, Any]) -> seaid.Robot:
+    """Return the robot with a known arm under a law, its delay to be estimated."""
+    is_rate = "position_gain_Nm_per_rad" not in gains
+    drive = seaid.StiffDrive(
+        friction=("viscous", "coulomb", "offset"),
+        motor_input="velocity_command" if is_rate else "position_command",
+        controller=seaid.Controller(**gains),
     )
-    data, position = mujoco.MjData(model), np.empty(len(TIME))
-    data.qpos[0] = CHIRP[0]
-    ticks = np.arange(len(TIME) * parts) * step_s
-    commands = np.repeat(CHIRP, parts) if law.is_held else np.interp(ticks, TIME, CHIRP)
-    fed = law.command_velocity_gain_Nms_per_rad * np.interp(ticks, TIME, np.gradient(CHIRP, TIME))
-    fed += law.position_gain_Nm_per_rad * commands + law.feedforward_Nm
-    limited, no_load = math.isfinite(law.torque_limit_Nm), law.no_load_speed_rad_per_s
-    gain_p, gain_d = law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad
-    angles, speeds, motor = data.qpos, data.qvel, data.ctrl  # views, in a loop of 80,000 steps
-    for tick, torque in enumerate(fed.tolist()):
-        angle, speed = angles.item(), speeds.item()
-        if tick % parts == 0:
-            position[tick // parts] = angle
-        torque -= gain_p * angle
-        torque -= gain_d * speed
-        if limited:
-            share = speed / no_load
-            low, high = (law.torque_limit_Nm * min(max(1 - x, 0), 1) for x in (-share, share))
-            torque = min(max(torque, -low), high)
-        motor[0] = torque
-        mujoco.mj_step(model, data)
-    return log_of(position)
+    return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
+
+
+def driven_log(law: str) -> seaid.Log:
+    """Return the log of MuJoCo's plant under a law, with noise of the encoder."""
+    gains, sent = LAWS[law]
+    position = driven(seaid.Controller(**gains), sent, SHORT, DELAY_S, sent.get("supply_voltage"))
+    noise = 5e-5 * np.random.default_rng(1).normal(size=len(SHORT))
+    return log_of(position + noise, SHORT, **sent)
+
+
+@pytest.mark.parametrize("law", quick_only(LAWS, ["held", "supply"]))  # 1 s each
+def test_parameters_behind_any_law_of_a_controller(urdf: Path, law: str) -> None:
+    """The plant is MuJoCo's; without the terms of the law the values are others."""
+    robot, log = robot_with(urdf, LAWS[law][0]), driven_log(law)
+    found = seaid.identify(robot, log)
+    truths = {**TRUTH, "command_delay": DELAY_S}
+
+    def errors(estimated: seaid.Identification) -> list[float]:
+        values = values_of(estimated)
+        far = [abs(values[name][0] / truth - 1) for name, truth in truths.items()]
+        return [*far, abs(values["friction_offset"][0])]
+
+    assert max(errors(found)[:-2]) < 0.02
+    assert errors(found)[-2] * DELAY_S < 3e-4
+    assert errors(found)[-1] < 0.02
+    if law != "velocity alone":
+        plain = log_of(log.joint_position[:, 0], SHORT, **REFERENCES)
+        assert max(errors(seaid.identify(robot_with(urdf, PLAIN), plain))) > 0.06
+    short = log.between(0, 4)
+    error = seaid.replay(found.robot, short).joint_position - short.joint_position
+    assert np.sqrt(np.mean(error**2)) < {"velocity alone": 5e-3, "all commands": 2e-4}.get(
+        law, 1.5e-3
+    )
+
+
+@pytest.mark.slow  # 3.0 s
+def test_refine_takes_all_commands(urdf: Path) -> None:
+    """Positions, velocities and torques are one command of the simulated loop."""
+    log = driven_log("all commands")
+    start = seaid.identify(robot_with(urdf, FED), log)
+    values = values_of(seaid.refine(start, log, iterations=1))
+    for name, truth in TRUTH.items():
+        assert values[name][0] == pytest.approx(truth, rel=0.02), name
+
+
+@pytest.mark.parametrize(
+    ("supply_V", "words"),
+    [
+        (None, r"has nominal_supply_V, and the log has no column 'j\.supp"),
+        (
+            np.where(np.arange(len(SHORT)) == 100, -1.0, SUPPLY),
+            r"is -1 V at 0\.5 s: it must be more than zero",
+        ),
+    ],
+)
+def test_a_supply_that_cannot_be_is_refused(urdf: Path, supply_V: Array | None, words: str) -> None:
+    """A duty cycle is a torque by the voltage of the supply alone."""
+    sent = ALL if supply_V is None else {**ALL, "supply_voltage": supply_V}
+    with pytest.raises(LogError, match=words):
+        seaid.identify(robot_with(urdf, LAWS["supply"][0]), log_of(REFERENCE, SHORT, **sent))
+
+
+def test_the_limit_of_a_motor_falls_with_supply_and_speed(urdf: Path) -> None:
+    """The torque is limit (supply over nominal - speed over no-load speed), by its formula."""
+    gains = {"position_gain_Nm_per_rad": 100.0, "torque_limit_Nm": 4.0, "nominal_supply_V": 24.0}
+    robot = robot_with(urdf, {**gains, "no_load_speed_rad_per_s": 10.0})
+    sent = {"position_command": np.sin(SHORT) + 1.0, "supply_voltage": np.full_like(SHORT, 18.0)}
+    log = log_of(np.sin(SHORT), SHORT, **sent)
+    torque = commanded_torque(robot, SHORT, log.sensors())[0][:, 0]
+    expected = 4.0 * np.clip(0.75 - np.cos(SHORT) / 10.0, 0.0, 0.75)
+    np.testing.assert_allclose(torque[5:-5], expected[5:-5], atol=1e-4)
+
+
+@pytest.mark.slow  # 0.7 s
+@pytest.mark.findings
+def test_a_velocity_command_that_the_law_does_not_use_is_named(urdf: Path) -> None:
+    """The remedy has the gain of the plant."""
+    sent = {name: ALL[name] for name in ("position_command", "velocity_command")}
+    log = log_of(driven_log("all commands").joint_position[:, 0], SHORT, **sent)
+    checks = seaid.check(robot_with(urdf, PLAIN), log).warnings
+    (finding,) = (one for one in checks if one.code == "unused-command")
+    assert "command_velocity_gain_Nms_per_rad = 1" in finding.remedy
 
 
 SCALE = 0.4
@@ -864,24 +906,6 @@ def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
         assert values["coulomb_friction"] == pytest.approx(coulomb_friction_Nm, rel=0.01)
 
 
-def test_drives_of_one_bus_stay_on_it(tmp_path: Path) -> None:
-    """Solvers give their equal delays with other rounding; different ones stay apart."""
-    robot = two_joints(tmp_path, (0.0, 0.0))
-
-    def found(delays: tuple[float, float]) -> seaid.Robot:
-        drives = {
-            joint: replace(robot.drives[joint], command_delay_s=delay)
-            for joint, delay in zip(robot.joint_names, delays, strict=True)
-        }
-        return with_estimated_delays(robot, robot.with_drives(drives))
-
-    for other in (0.0031245804999, 0.0031245805001):
-        later = found((0.0031245805, other))
-        assert len({one.command_delay_s for one in later.drives.values()}) == 1
-    apart = found((0.003, 0.004))
-    assert [one.command_delay_s for one in apart.drives.values()] == [0.003, 0.004]
-
-
 @pytest.mark.slow  # an identification of two joints
 def test_the_delay_of_a_bus_is_one_parameter_that_moves_all_of_its_joints(tmp_path: Path) -> None:
     log = joined([mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]).between(0, 3)
@@ -899,18 +923,6 @@ def test_the_delay_of_a_bus_is_one_parameter_that_moves_all_of_its_joints(tmp_pa
     assert np.any(by_shared)
     np.testing.assert_allclose(by_shared, by_alone, rtol=1e-6, atol=1e-9 * np.max(abs(by_shared)))
     assert shared.logs[0].layout.load.max() == len(shared.x) - 1
-
-
-@pytest.mark.slow  # 2.8 s
-def test_a_refinement_starts_within_its_bounds(urdf: Path) -> None:
-    """A regression may find a negative armature, with which nothing can be simulated."""
-    log = mujoco_log(SOFT, 0.0, 1e-4, 0).between(0, 3)
-    found = seaid.identify(robot_of(urdf, SOFT, 0.0), log)
-    values = found.load_side.values.copy()
-    values[[str(name) for name in found.load_side.names].index("motor_inertia of j")] = -0.9
-    wrong = replace(found, load_side=replace(found.load_side, values=values))
-    refined = values_of(seaid.refine(wrong, log))
-    assert refined["motor_inertia"][0] == pytest.approx(TRUTH["motor_inertia"], rel=0.05)
 
 
 @pytest.mark.parametrize(
