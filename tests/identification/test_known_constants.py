@@ -13,7 +13,6 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, StiffDrive
-from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.conditions import identify_conditions
@@ -102,19 +101,6 @@ def test_impossible_standard_deviations_are_refused(
 ) -> None:
     with pytest.raises(IdentificationError, match=message):
         found(known_std=known_std)
-
-
-def test_a_drive_has_its_own_standard_deviations_in_its_table() -> None:
-    table = {
-        "type": "series_elastic",
-        "gear_ratio": 100.0,
-        "motor_inertia_kg_m2": 1e-5,
-        "motor_inertia_kg_m2_std": 1e-6,
-        "torque_scale_std": 0.02,
-    }
-    drive = drives_from_mapping({"a": table})["a"]
-    assert drive.std == {"motor_inertia_kg_m2": 1e-6, "torque_scale": 0.02}
-    assert drives_from_mapping({"a": drive_table(drive)})["a"] == drive
 
 
 @pytest.mark.parametrize(

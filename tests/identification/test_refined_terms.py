@@ -11,7 +11,6 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.drives.equations import states
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
@@ -206,34 +205,3 @@ def test_a_speed_without_its_friction_is_fixed() -> None:
     codes = [one.code for one in refined.warnings if one.joint == "shoulder"]
     assert {"unidentifiable", "poorly-identified"} & {*codes}
     assert np.isfinite(refined.drives["shoulder"].standard_errors).all()
-
-
-@pytest.mark.slow  # three logs of six seconds, refined
-@pytest.mark.usefixtures("estimates_only")
-def test_the_loop_of_a_spring_is_better_than_that_of_the_regression() -> None:
-    """And its standard errors have the noise of the deflections, which the states add up."""
-    truth = robot("spring, dahl")
-    fine = replace(ENCODERS, joint_resolution_rad=2 * np.pi / 2**17)
-    found = []
-    for seed in range(3):
-        plan = wiggle(truth, 6.0, (0.0, 0.0), (0.8, 0.8), seed=seed)
-        log = measure(truth, simulate_motion(truth, plan, rate_hz=500.0), fine, seed)
-        start = identify(truth.without_nominal(), log)
-        refined = refine(start, log)
-        found.append([loop_error(one, truth) for one in (start, refined)])
-        assert np.max(np.abs(scores(refined, truth))) < 4
-    first, then = np.sqrt(np.mean(np.square(found), axis=0))
-    assert then < 0.02
-    assert then < first
-
-
-def loop_error(found: Identification, truth: Robot) -> float:
-    """Return the relative error of the area of a loop over three widths of the law."""
-    true = truth.drives["shoulder"].values
-    estimate, names = found.drives["shoulder"], ("hysteresis_force", "hysteresis_deflection")
-    areas = []
-    for force, width in (map(estimate.value, names), (true[name] for name in names)):
-        up = 3 * true[names[1]] * np.linspace(-1, 1, 1001)
-        x = np.concatenate([up, up[::-1], up, up[::-1]])
-        areas.append(force * np.trapezoid(states(x, width)[0][2002:], x[2002:]))
-    return float(areas[0] / areas[1] - 1)

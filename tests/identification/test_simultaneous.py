@@ -12,31 +12,26 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from seaid._arrays import Array
-from seaid.checks import drive_findings
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import FittedRows, estimator_named
+from seaid.estimation.fitting import estimator_named
 from seaid.estimation.least_squares import ordinary
-from seaid.estimation.qr_factor import QRFactor
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
-    _contradiction,
-    _named,
     estimation,
     settled,
     simultaneous_regression,
     whitened,
 )
-from seaid.identification.stacked_fits import RobotEstimate
 from seaid.legged import load_robot
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
-from seaid.regressor.regression import Regression, stacked
+from seaid.regressor.regression import Regression
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
@@ -190,17 +185,6 @@ def test_truth_solves_both_sides(case: Case) -> None:
     assert np.max(np.abs(residual)) < 1e-10 * np.max(np.abs(rows.H * truth))
 
 
-def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None:
-    robot, model, rows, _ = case
-    load = {robot.index(joint) for joint in model.torque_joints}
-    motors = {robot.n + robot.index(joint) for joint in robot.elastic_joints}
-    springs = {robot.index(joint) for joint in robot.elastic_joints} & load
-    assert set(rows.joint) == load | motors | {2 * robot.n + index for index in springs}
-    assert len(set(rows.names)) == len(rows.names) == len(rows.units)
-    assert rows.names[-len(model.names) :] == model.names
-    assert set(rows.run) == {0.0}
-
-
 @pytest.mark.rounding
 @pytest.mark.parametrize("case", quick_only(CASES, [*CASES][-3:]), indirect=True)
 def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
@@ -211,42 +195,6 @@ def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
         assert scaled_error(found.values, rows, truth) < 1e-6
         assert np.max(np.abs(found.values[stiff] / truth[stiff] - 1)) < 1e-6
         assert iterations <= 8
-
-
-def with_noise_of_deflection(
-    rows: Regression, robot: Robot, joint: str, noise: Array, levers: tuple[float, float]
-) -> Regression:
-    """Return rows whose deflection has noise (T,), in (8), (7) and the second (8).
-
-    `levers` are r_L and r_M/N.
-    """
-    H, column = rows.H.copy(), rows.names.index(f"stiffness of {joint}")
-    load, motor, again = (
-        rows.joint == offset * robot.n + robot.index(joint) for offset in range(3)
-    )
-    for part, lever in ((load, -levers[0]), (motor, levers[1]), (again, -levers[0])):
-        H[part, column] += lever * noise[np.searchsorted(rows.time[load], rows.time[part])]
-    return replace(rows, H=H)
-
-
-def test_noise_of_the_deflection_is_in_the_load_side_alone() -> None:
-    """Its columns are clean then, and the motor equation has no spring."""
-    model = model_of(LEG)
-    rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
-    truth, column = truth_of(LEG, model, rows.names), rows.names.index("stiffness of knee_pitch")
-    load = rows.joint == LEG.index("knee_pitch")
-    noise = np.random.default_rng(0).normal(0, 1e-4, len(leg_case(TEST_MASS).time))
-    noisy = with_noise_of_deflection(rows, LEG, "knee_pitch", noise, (0.036, 0.02 / 86))
-    found = whitened(LEG, noisy, truth)
-    rows, noisy = (x.at(x.joint < 2 * LEG.n) for x in (rows, noisy))
-    load, motor = (found.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
-    assert np.max(np.abs(found.H[load] - rows.H[load])) < 1e-12
-    assert found.y[load] - found.H[load] @ truth == pytest.approx(
-        noisy.y[load] - noisy.H[load] @ truth, abs=1e-9
-    )
-    assert np.max(np.abs(found.y[load] - rows.y[load])) > 0.1
-    assert np.max(np.abs(found.H[motor, column])) < 1e-12
-    assert found.y[motor] == pytest.approx(found.H[motor] @ truth, abs=1e-12)
 
 
 def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> None:
@@ -323,61 +271,18 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, band=1.2)
 
 
-@pytest.mark.slow  # 1 s
-def test_each_joint_has_its_part_of_the_estimate() -> None:
-    rows, _, _, _, found = free_foot()
-    drives, base = found.by_owner(), found.of_names(model_of(IN_MOTION).expressions)
-    assert {*drives} == {*IN_MOTION.joint_names}
-    assert drives["knee_pitch"].names == (
-        "viscous_friction",
-        "coulomb_friction",
-        "stiffness",
-        "spring_offset",
-    )
-    assert drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
-    assert drives["knee_pitch"].units == ("N m s/rad", "N m", "N/m", "N")
-    for joint, drive in drives.items():
-        for name in drive.names:
-            column = rows.names.index(f"{name} of {joint}")
-            assert drive.value(name) == found.values[column]
-            assert drive.standard_error(name) == found.standard_errors[column]
-    assert bool(drive_findings("ankle_pitch", drives["ankle_pitch"])) == any(
-        drives["ankle_pitch"].relative_standard_errors[:3] > 0.1
-    )
-    assert np.array_equal(base.covariance, found.covariance[12:41, 12:41])
-    stiffness = rows.names.index("stiffness of knee_pitch")
-    assert np.max(np.abs(found.covariance[stiffness, 12:41])) > 0.0
-
-
-def test_logs_of_one_robot_add_up() -> None:
-    robot, model = two_springs(), model_of(two_springs())
-    one = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
-    both = stacked([one, one])
-    truth = truth_of(robot, model, one.names)
-    found, _ = settled(robot, both, 1.3 * truth, OLS)
-    assert scaled_error(found.values, one, truth) < 1e-6
-
-
-def test_spring_whose_torque_is_measured_keeps_its_own_equations() -> None:
-    motion, model = leg_case(TEST_MASS), model_of(LEG)
-    rows = simultaneous_regression(LEG, motion, model, ("hip_pitch", "ankle_pitch"))
-    truth = truth_of(LEG, model, rows.names)
-    assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9
-    knee, column = LEG.index("knee_pitch"), rows.names.index("stiffness of knee_pitch")
-    assert not np.any(rows.H[rows.joint == knee, column])
-    assert np.any(rows.H[rows.joint == LEG.n + knee, column])
-    found, _ = settled(LEG, rows, 1.5 * truth, OLS)
-    assert scaled_error(found.values, rows, truth) < 1e-6
-
-
-@pytest.mark.parametrize("springs", [ELASTIC, ("hip_pitch", "ankle_pitch")])
-def test_spring_torque_without_motor_torque(springs: tuple[str, ...]) -> None:
-    """(4b) stands for (7), by itself or freed of the spring by (8)."""
+@pytest.mark.parametrize(
+    ("springs", "is_blind"),
+    [(ELASTIC, True), (("hip_pitch", "ankle_pitch"), True), (("hip_pitch", "ankle_pitch"), False)],
+)
+def test_a_spring_whose_torque_is_measured(springs: tuple[str, ...], is_blind: bool) -> None:
+    """(4b) stands for (7) without a motor torque, by itself or freed of the spring by (8)."""
     motor_torque = leg_case(TEST_MASS).motor_torque.copy()
-    motor_torque[:, LEG.index("knee_pitch")] = np.nan
-    blind = replace(leg_case(TEST_MASS), motor_torque=motor_torque)
-    rows = simultaneous_regression(LEG, blind, model_of(LEG), springs)
-    assert "viscous_friction of knee_pitch" not in rows.names
+    if is_blind:
+        motor_torque[:, LEG.index("knee_pitch")] = np.nan
+    motion = replace(leg_case(TEST_MASS), motor_torque=motor_torque)
+    rows = simultaneous_regression(LEG, motion, model_of(LEG), springs)
+    assert ("viscous_friction of knee_pitch" not in rows.names) == is_blind
     truth = truth_of(LEG, model_of(LEG), rows.names)
     assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9 * np.max(np.abs(rows.H * truth))
     found, _ = settled(LEG, rows, 1.5 * truth, OLS)
@@ -476,18 +381,6 @@ def knee_torque(change: Callable[[Array, Array], Array]) -> Log:
     return replace(log, motor_torque=torque)
 
 
-@pytest.mark.usefixtures("estimates_only")
-def test_a_torque_offset_is_found_with_the_springs() -> None:
-    """b_0 is what (7) has next to the spring offset of (8)."""
-    known, off_Nm = leg(TEST_MASS).without_nominal(), 0.004
-    shifted = identify(known, knee_torque(lambda x, _: x + off_Nm), method="simultaneous")
-    plain = identify(known, leg_log(), method="simultaneous")
-    for name, change in (("torque_offset", off_Nm), ("spring_offset", 0.0), ("stiffness", 0.0)):
-        drives = shifted.drives["knee_pitch"], plain.drives["knee_pitch"]
-        moved = drives[0].value(name) - drives[1].value(name)
-        assert abs(moved - change) < 0.1 * drives[1].standard_error(name), name
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     quick_first(
@@ -514,24 +407,3 @@ def test_springs_that_cannot_be_shared_are_identified_in_turn() -> None:
     by_data = identify(known.with_drives({"knee_pitch": knee}), leg_log())
     assert by_data.method == "two-step"
     assert "the spring of knee_pitch has cubic" in by_data.not_shared
-
-
-def test_estimates_without_errors_contradict_nothing() -> None:
-    """Without noise and rounding there is no standard error to measure a difference by."""
-    exact = Estimate(("h",), np.ones(1), np.zeros((1, 1)), ("kg m",), 0.0, 1.0)
-    noisy = replace(exact, covariance=np.eye(1) * 0.01)
-    other = replace(exact, values=np.full(1, 2.0))
-    factors = QRFactor(("h",), ("kg m",), (0,), (3,), np.eye(2)[None], np.zeros((1, 1, 0)))
-    fit = FittedRows(exact, factors, None, None)
-
-    def of(load: Estimate) -> RobotEstimate:
-        return RobotEstimate({}, load, load, {}, {}, {}, fit)
-
-    assert _contradiction(of(exact), of(other)) == ""
-    assert "h by 10 standard errors" in _contradiction(of(noisy), of(other))
-
-
-def test_findings_of_a_whole_robot_are_named_without_a_joint() -> None:
-    assert _named([("drift", "knee"), ("few-rows", ""), ("drift", "knee")]) == (
-        "drift at knee, few-rows"
-    )
