@@ -18,17 +18,13 @@ from seaid._arrays import Array
 from seaid.checks import CODES
 from seaid.checks.experiment import experiment_of, fitted
 from seaid.checks.setup import MISTAKES, transforms
-from seaid.errors import Finding, SeaidError, by_severity
 from seaid.estimation import fitted_slope
 from seaid.identification.checking import check
-from seaid.legged import load_robot
 from seaid.log.log import Log
-from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     LEG_SENSORS,
-    MODELS,
     TEST_MASS,
     arm,
     arm_log,
@@ -292,66 +288,6 @@ def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
     other = robot.with_values(100 * robot.parameters, robot.drives)
     warnings = seaid.check(other, leg_log()).warnings
     assert [(one.code, one.severity) for one in warnings] == [("nominal-values", "note")]
-
-
-@pytest.mark.slow  # two identifications of the leg
-def test_identify_has_the_findings_and_a_verdict() -> None:
-    wrong = of_joint(leg_log(), 3, motor_torque=-1.0)
-    found = seaid.identify(leg(TEST_MASS), wrong)
-    assert found.warnings[0].code == "sign"
-    assert found.verdict.level == "do not use"
-    assert found.verdict.sentence.startswith("do not use this result: sign (knee_pitch)")
-    right = seaid.identify(leg(TEST_MASS), leg_log())
-    assert right.verdict.level == "good"
-    assert max(one.identified for one in right.joint_fits.values()) < 0.1
-    assert max(one.blocks for one in right.joint_fits.values()) < 0.25
-    content = seaid.export.content_of(right)
-    assert content["verdict"]["level"] == "good"
-    assert [one["code"] for one in content["warnings"]] == [one.code for one in right.warnings]
-
-
-def test_the_numbers_of_the_joints_are_read_only_and_say_which_joints_there_are() -> None:
-    joints = seaid.check(leg(TEST_MASS), leg_log()).joints
-    assert joints["knee_pitch"].encoder_slope == pytest.approx(1.0, abs=0.05)
-    with pytest.raises(KeyError, match="no joint is named 'knee'"):
-        joints["knee"]
-    with pytest.raises(TypeError, match="does not support item assignment"):
-        joints["knee"] = joints["knee_pitch"]  # type: ignore[index]
-
-
-def test_findings_are_sorted_and_their_codes_are_known() -> None:
-    notes = [Finding("holes", "a", severity="note"), Finding("sign", "b", severity="wrong")]
-    assert [one.code for one in by_severity([*notes, notes[0]])] == ["sign", "holes"]
-    assert str(notes[0]) == "a"
-    with pytest.raises(
-        SeaidError, match="no code of a finding is named 'sine'; did you mean 'sign'"
-    ):
-        CODES["sine"]
-    assert all(code == code.lower() and " " not in code for code in CODES)
-
-
-def test_joints_that_move_by_a_radian_are_not_in_degrees() -> None:
-    """In degrees they would hardly move, so that bodies in the fit explain less, not more."""
-    log = of_joint(leg_log(), 2, motor_torque=1000.0)
-    given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), log)])
-    messages = [one.message for one in transforms(given, MISTAKES, [])]
-    assert not [one for one in messages if "positions" in one and one.endswith(" in deg")]
-    slow = of_joint(leg_log(), 2, motor_position=180 / np.pi, joint_position=180 / np.pi)
-    given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), slow)])
-    assert "the positions of hip_pitch are in deg" in [
-        one.message for one in transforms(given, MISTAKES, [])
-    ]
-
-
-@pytest.mark.slow  # several checks of the leg or the arm
-def test_values_are_judged_only_by_bodies_that_explain_the_torques() -> None:
-    """Bodies of a robot file that leave more than the whole torque contradict any value."""
-    robot = load_robot(MODELS / "hebi_arm_5.urdf", MODELS / "hebi_arm_5.toml")
-    log = MODELS / "logs" / "hebi_arms" / "capstone_repeat_waypoints.npz"
-    whole = seaid.read_log(log, robot, description=MODELS / "logs" / "hebi_csv_5_deflection.toml")
-    later = whole.between(float(np.mean(whole.time[[0, -1]])), np.inf)
-    found = check(robot, later).warnings
-    assert not {"torque-scale", "payload", "geometry"} & {one.code for one in found}
 
 
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:

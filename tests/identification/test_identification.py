@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import pickle
-import re
+from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
@@ -14,20 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import Orthonormal, orthonormal
-from seaid.estimation.qr_factor import QRFactor
-from seaid.export import content_of, write_parameters
-from seaid.identification import Method
-from seaid.identification.identification import cross_validate, identify, validate
+from seaid.identification.identification import cross_validate, identify
 from seaid.identification.result import Identification
 from seaid.legged import load_robot
 from seaid.log.long_log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.regressor import joint_torques
-from seaid.robot.inertia import is_physical
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ARM_SENSORS,
@@ -55,43 +47,6 @@ def changed(field: str, joint: str, value: float) -> Log:
     values = getattr(leg_log(), field).copy()
     values[:, KNOWN.index(joint)] = value
     return replace(leg_log(), **{field: values})
-
-
-def standing(joint: str) -> Log:
-    return replace(
-        changed("motor_position", joint, 0.3),
-        joint_position=changed("joint_position", joint, 0.1).joint_position,
-    )
-
-
-@pytest.mark.usefixtures("estimates_only")
-def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    settled: list[int] = []
-
-    def counted(qr_factor: QRFactor, theta: Array) -> Orthonormal:
-        settled.append(len(theta))
-        return orthonormal(qr_factor, theta)
-
-    monkeypatch.setattr("seaid.estimation.least_squares.orthonormal", counted)
-    identify(KNOWN, leg_log())
-    assert len(settled) == len(ELASTIC) + 1
-
-
-def test_result_has_what_the_design_says() -> None:
-    assert tuple(found().drives) == KNOWN.joint_names
-    for joint in ELASTIC:
-        assert found().drives[joint].names == (
-            "viscous_friction",
-            "coulomb_friction",
-            "stiffness",
-            "spring_offset",
-            "torque_offset",
-        )
-    assert found().drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
-    assert len(found().load.values) == len(found().base.columns) == 29
-    assert found().load.names == found().model.expressions
-    assert found().known is KNOWN
-    assert set(found().excluded) == {*ELASTIC, "load"}
 
 
 def test_found_robot_has_the_found_values() -> None:
@@ -142,118 +97,16 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
     assert worst[1] < 3.5
 
 
-def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
-    path = tmp_path / "parameters.json"
-    write_parameters(found(), path, validate(found(), leg_log(2)))
-    content = json.loads(path.read_text())
-    assert content["robot"] == "tulip_leg"
-    assert content["joints"] == list(KNOWN.joint_names)
-    stiffness = content["drives"]["knee_pitch"]["stiffness"]
-    assert stiffness == {
-        "value": found().drives["knee_pitch"].value("stiffness"),
-        "standard_error": found().drives["knee_pitch"].standard_error("stiffness"),
-        "interval_95": found().drives["knee_pitch"].interval()[2].tolist(),
-        "unit": "N/m",
-    }
-    assert len(content["load"]) == len(content["base_columns"]) == len(content["grouping"]) == 29
-    assert set(content["load"][0]) == {
-        *("expression", "value", "standard_error", "interval_95", "unit"),
-    }
-    assert [entry["value"] for entry in content["load"]] == found().load.values.tolist()
-    assert np.array(content["grouping"]).shape == (29, 50)
-    assert content["validation"]["load"]["knee_pitch"]["relative_error"] < 0.05
-    assert content["validation"]["actuator"]["hip_yaw"]["relative_error"] is None
-    assert list(tmp_path.iterdir()) == [path]
-    assert content_of(found())["validation"] == {}
-    json.dumps(content_of(found()), allow_nan=False)
-
-
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        ({"estimator": "wsl"}, "no estimator is named 'wsl'; did you mean 'wls'"),
-        ({"estimator": "kalman"}, "no estimator is named 'kalman'; allowed: .*ols"),
-        ({"method": "two-stp"}, "no method is named 'two-stp'; did you mean 'two-step'"),
-    ],
-)
-def test_unknown_choice_names_the_nearest(option: dict[str, str], words: str) -> None:
-    with pytest.raises(IdentificationError, match=words):
-        identify(KNOWN, leg_log(), **option)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("rows", "kind", "words"),
-    [
-        (("knee",), RobotError, "no joint is named 'knee'; did you mean 'knee_pitch'"),
-        ((), ExcitationError, "torque_joints= names no joint: give those whose torque is known"),
-    ],
-)
-def test_rows_that_tell_nothing(rows: tuple[str, ...], kind: type[Exception], words: str) -> None:
-    with pytest.raises(kind, match=words):
-        identify(KNOWN, leg_log(), torque_joints=rows)
-
-
-def test_robot_that_stands_still() -> None:
-    still = leg_log()
-    for joint in KNOWN.joint_names:
-        one = standing(joint)
-        still = replace(
-            still,
-            motor_position=np.where(
-                np.array(KNOWN.joint_names) == joint, one.motor_position, still.motor_position
-            ),
-            joint_position=np.where(
-                np.array(KNOWN.joint_names) == joint, one.joint_position, still.joint_position
-            ),
-        )
-    with pytest.raises(ExcitationError, match="no joint moves in the log"):
-        identify(KNOWN, still)
-    rng = np.random.default_rng(0)
-    noisy = replace(
-        still, motor_position=still.motor_position + rng.normal(0, 1e-3, still.motor_position.shape)
-    )
-    with pytest.raises(ExcitationError, match="no joint moves in the log"):
-        identify(KNOWN, noisy)
-
-
-def test_log_that_lacks_a_joint_or_a_torque() -> None:
-    fewer = Log(
-        time=leg_log().time,
-        joint_names=KNOWN.joint_names[:4],
-        motor_position=leg_log().motor_position[:, :4],
-        joint_position=leg_log().joint_position[:, :4],
-        motor_torque=leg_log().motor_torque[:, :4],
-    )
-    with pytest.raises(LogError, match="the log has no joint ankle_pitch of 'tulip_leg'"):
-        identify(KNOWN, fewer)
-    with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):
-        identify(KNOWN, changed("motor_torque", "knee_pitch", np.nan))
-    with pytest.raises(LogError, match="no torque in the log at hip_yaw; name the others with"):
-        identify(
-            KNOWN,
-            changed("motor_torque", "hip_yaw", np.nan),
-            torque_joints=("hip_yaw", "hip_pitch"),
-        )
-
-
-@pytest.mark.slow  # 0.8 s
-def test_logs_with_other_sensors_do_not_go_together() -> None:
-    torque = np.full_like(leg_log().motor_torque, np.nan)
-    torque[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]
-    other = replace(changed("motor_torque", "knee_pitch", np.nan), joint_torque=torque)
-    with pytest.raises(LogError, match="the logs must have the same torque sensors"):
-        identify(KNOWN, [leg_log(), other])
-
-
 # identify: both sides at once, possible bodies, files, executors, checks, cross-validation.
 
 
-TRUTH = leg(TEST_MASS)
+KNOWN_STD = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
 
 
 @cache
 def found_with(**options: Any) -> Identification:
-    return identify(KNOWN, leg_log(), encoder_offset_std=0.002, **{"method": "two-step", **options})
+    options = {"method": "two-step", "known_std": KNOWN_STD, **options}
+    return identify(KNOWN, leg_log(), encoder_offset_std=0.002, **options)
 
 
 def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None:
@@ -264,54 +117,15 @@ def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None
     np.testing.assert_allclose(one.standard_errors, other.standard_errors, rtol=1e-6)
 
 
-def truth_of(identified: Identification) -> Any:
-    return identified.base.project(TRUTH.parameters)
-
-
-@pytest.mark.slow  # several identifications of the leg
-def test_both_sides_at_once_tell_the_springs_better() -> None:
-    both = found_with(method="simultaneous")
-    for joint in ELASTIC:
-        true = TRUTH.drives[joint].stiffness  # type: ignore[union-attr]
-        error = both.drives[joint].standard_error("stiffness")
-        assert true is not None
-        assert abs(both.drives[joint].value("stiffness") - true) < 3 * error
-        assert error < found_with().drives[joint].standard_error("stiffness")
-    z = (both.load.values - truth_of(both)) / both.load.standard_errors
-    assert np.sqrt(np.mean(z**2)) < 1.5
-    assert both.load.names == found_with().load.names
-    assert tuple(both.checks) == ("both",)
-    assert validate(both, leg_log(2)).load.relative_error[2:].max() < 0.02
-
-
-@pytest.mark.slow  # 1.5 s
-def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
-    possible = found_with(feasible=True)
-    bodies = possible.robot.parameters.reshape(-1, 10)
-    assert all(is_physical(body, 0.0) for body in bodies)
-    assert possible.feasible is not None
-    assert possible.feasible.robot is possible.robot
-    projected = possible.base.project(possible.robot.parameters)
-    np.testing.assert_allclose(
-        projected, possible.feasible.values[: len(projected)], rtol=1e-9, atol=1e-9
-    )
-    off = (projected - possible.load.values) / possible.load.standard_errors
-    assert np.sqrt(np.mean(off**2)) < 2.0
-    assert_same(possible.load, found_with().load)
-    assert not all(is_physical(body) for body in found_with().robot.parameters.reshape(-1, 10))
-    text = possible.summary()
-    assert "physically consistent parameters: chi-square" in text
-    assert "a ball of 1 kg replaces" in text
-
-
 @pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("suffix", quick_first([".csv", ".npz"]))
 def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"log{suffix}"
     write_log(leg_log(), path)
-    whole = identify(KNOWN, str(path), encoder_offset_std=0.002)
+    options: dict[str, Any] = {"encoder_offset_std": 0.002, "known_std": KNOWN_STD}
+    whole = identify(KNOWN, str(path), **options)
     opened = open_long_log(path, KNOWN, cutoff_hz=found_with().cutoff_hz, chunk_samples=3000)
-    pieces = identify(KNOWN, opened, encoder_offset_std=0.002)
+    pieces = identify(KNOWN, opened, **options)
     for one in (whole, pieces):
         assert one.cutoff_hz == found_with().cutoff_hz
         assert one.excluded == found_with().excluded
@@ -356,10 +170,88 @@ def test_checks_say_that_each_term_is_worth_having() -> None:
         assert set(checks[joint].whiteness) == {joint}
     assert len(checks["load"].terms) == 4
     assert set(checks["load"].whiteness) == set(KNOWN.joint_names)
-    text = found_with().summary()
-    assert "Terms of the drives: support by the data" in text
-    assert "coulomb_friction of knee_pitch" in text
-    assert re.search(rf"load side +{checks['load'].condition_number:.3g} ", text)
+
+
+REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
+    ({"estimator": "wsl"}, IdentificationError, "no estimator is named 'wsl'; did you mean 'wls'"),
+    ({"estimator": "kalman"}, IdentificationError, "no estimator is .* 'kalman'; allowed: .*ols"),
+    ({"method": "two-stp"}, IdentificationError, "is named 'two-stp'; did you mean 'two-step'"),
+    ({"torque_joints": ("knee",)}, RobotError, "is named 'knee'; did you mean 'knee_pitch'"),
+    ({"torque_joints": ()}, ExcitationError, "names no joint: give those whose torque is known"),
+    *(
+        ({"encoder_offset_std": std}, IdentificationError, "must be from 0 to 1000 rad or m")
+        for std in (-0.1, float("nan"), float("inf"), 1e200)
+    ),
+    ({"known_std": {"mass": 0.1}}, IdentificationError, "no constant is named 'mass'"),
+    ({"known_std": {"torque": 2.0}}, IdentificationError, "of 'torque' must be a relative stand"),
+]
+
+
+@pytest.mark.parametrize(("option", "kind", "words"), REFUSED)
+def test_options_that_cannot_be_are_refused(
+    option: dict[str, Any], kind: type[Exception], words: str
+) -> None:
+    """Before anything is computed, with the values that are allowed."""
+    with pytest.raises(kind, match=words):
+        identify(KNOWN, leg_log(), **option)
+
+
+def without_joint(log: Log) -> Log:
+    """Return the log without the last joint."""
+    sides = ("motor_position", "joint_position", "motor_torque")
+    columns = {side: getattr(log, side)[:, :4] for side in sides}
+    return replace(log, joint_names=log.joint_names[:4], is_prismatic=(False,) * 4, **columns)
+
+
+def still(noise_rad: float) -> Log:
+    """Return the log of a robot that stands still, with noise of the motor encoders."""
+    noise = noise_rad * np.random.default_rng(0).normal(size=leg_log().motor_position.shape)
+    return replace(leg_log(), motor_position=0.3 + noise, joint_position=0.1 + 0.0 * noise)
+
+
+def sensed_at_knee() -> Log:
+    """Return the log with a torque sensor at the knee in the place of that of its motor."""
+    sensed = np.full_like(leg_log().motor_torque, np.nan)
+    sensed[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]
+    return replace(changed("motor_torque", "knee_pitch", np.nan), joint_torque=sensed)
+
+
+without = partial(changed, "motor_torque", value=np.nan)
+SOME = ("hip_yaw", "hip_pitch")
+LOGS: list[tuple[Callable[[], Any], tuple[str, ...] | None, type[Exception], str]] = [
+    (lambda: [], None, IdentificationError, "identify needs a log, found none"),
+    (lambda: [3.0], None, IdentificationError, "must be a Log, .* or a list .*list with 3.0"),
+    (lambda: without_joint(leg_log()), None, LogError, "has no joint ankle_pitch of 'tulip_leg'"),
+    (lambda: without(joint="knee_pitch"), None, LogError, "joint 'knee_pitch' has no torque in"),
+    (lambda: without(joint="hip_yaw"), SOME, LogError, "no torque in the log at hip_yaw; name the"),
+    (lambda: [leg_log(), sensed_at_knee()], None, LogError, "must have the same torque sensors"),
+    (lambda: still(0.0), None, ExcitationError, "no joint moves in the log"),
+    (lambda: still(1e-3), None, ExcitationError, "no joint moves in the log"),
+    *(
+        (
+            partial(changed, field, joint, 0.4),
+            None,
+            LogError,
+            f"{field.replace('_', ' ')} of '{joint}' is 0.4 all .* moves: a dead channel",
+        )
+        for field, joint in (
+            ("joint_position", "knee_pitch"),
+            ("joint_position", "hip_roll"),
+            ("motor_torque", "knee_pitch"),
+            ("motor_torque", "hip_yaw"),
+            ("motor_position", "hip_yaw"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("logs", "rows", "kind", "words"), LOGS)
+def test_logs_without_an_answer_are_refused(
+    logs: Callable[[], Any], rows: tuple[str, ...] | None, kind: type[Exception], words: str
+) -> None:
+    """The error names the joint and the channel."""
+    with pytest.raises(kind, match=words):
+        identify(KNOWN, logs(), torque_joints=rows)
 
 
 def test_a_term_that_is_not_there_is_not_worth_having() -> None:
@@ -386,46 +278,3 @@ def test_cross_validation_over_parts_and_logs() -> None:
             cross_validate(KNOWN, leg_log(), parts=bad)  # type: ignore[arg-type]
     with pytest.raises(LogError, match="too short"):
         cross_validate(KNOWN, leg_log(), parts=12)
-
-
-def test_an_identification_can_be_sent_to_a_process() -> None:
-    again = pickle.loads(pickle.dumps(found_with()))
-    assert again.load.names == found_with().load.names
-
-
-@pytest.mark.parametrize(
-    ("logs", "words"),
-    [
-        ([], "identify needs a log, found none"),
-        ([3.0], "logs= must be a Log, a LongLog, a path or a list of these, found a list with 3.0"),
-    ],
-)
-def test_what_is_no_log(logs: Any, words: str) -> None:
-    with pytest.raises(IdentificationError, match=words):
-        identify(KNOWN, logs)
-
-
-@pytest.mark.parametrize(
-    ("field", "joint", "words"),
-    [
-        ("joint_position", "knee_pitch", "joint position of 'knee_pitch' is 0.4 all the time"),
-        ("joint_position", "hip_roll", "joint position of 'hip_roll' is 0.4 all the time"),
-        ("motor_torque", "knee_pitch", "motor torque of 'knee_pitch' is 0.4 all the time"),
-        ("motor_torque", "hip_yaw", "motor torque of 'hip_yaw' is 0.4 all the time"),
-        ("motor_position", "hip_yaw", "motor position of 'hip_yaw' is 0.4 all the time"),
-    ],
-)
-@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
-def test_a_dead_channel_is_named(field: str, joint: str, words: str, method: Method) -> None:
-    values = getattr(leg_log(), field).copy()
-    values[:, KNOWN.index(joint)] = 0.4
-    with pytest.raises(LogError, match=f"{words}, while its .* moves: a dead channel"):
-        identify(KNOWN, replace(leg_log(), **{field: values}), method=method)
-
-
-@pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf"), 1e200])
-def test_a_standard_deviation_of_zeros_that_is_none_is_refused(std: float) -> None:
-    with pytest.raises(
-        IdentificationError, match="encoder_offset_std must be from 0 to 1000 rad or m"
-    ):
-        identify(KNOWN, leg_log(), encoder_offset_std=std)

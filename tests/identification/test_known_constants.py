@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,7 @@ from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
 from seaid.legged import load_robot
-from seaid.log.long_log import open_long_log
-from seaid.log.reading import Log, write_log
+from seaid.log.reading import Log
 from seaid.report.html_experiment import settings_facts
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
@@ -86,21 +84,6 @@ def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
     ]
     everything = replace(plain, exact_constants={})
     assert "taken as exact" not in everything.summary()
-
-
-@pytest.mark.parametrize(
-    ("known_std", "message"),
-    [
-        ({"mass": 0.1}, "known_std=: no constant is named 'mass'"),
-        ({"torque": 2.0}, "known_std of 'torque' must be a relative standard deviation from 0 to"),
-    ],
-)
-@pytest.mark.usefixtures("estimates_only")
-def test_impossible_standard_deviations_are_refused(
-    known_std: dict[str, float], message: str
-) -> None:
-    with pytest.raises(IdentificationError, match=message):
-        found(known_std=known_std)
 
 
 @pytest.mark.parametrize(
@@ -332,22 +315,6 @@ def test_conditions_with_different_standard_deviations_are_refused() -> None:
     pairs = {"cold": (robot, log), "warm": (doubted, log)}
     with pytest.raises(IdentificationError, match=r"'cold' and 'warm' .* gear ratio .*knee_pitch"):
         identify_conditions(pairs, cutoff_hz=4.0)
-
-
-@pytest.mark.slow  # identifications of a log in pieces
-@pytest.mark.usefixtures("estimates_only")
-def test_a_log_in_pieces_has_the_errors_of_one_in_memory(tmp_path: Path) -> None:
-    """A scale of the torques needed logs in memory while it repeated the identification."""
-    robot, log = TRUTH.without_nominal(), measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
-    write_log(log, tmp_path / "log.npz")
-    opened = open_long_log(tmp_path / "log.npz", robot, cutoff_hz=4.0, chunk_samples=3000)
-    known_std = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
-    options: dict[str, Any] = {"method": "two-step", "cutoff_hz": 4.0}
-    pieces, whole = (identify(robot, x, known_std=known_std, **options) for x in (opened, log))
-    np.testing.assert_allclose(pieces.load.standard_errors, whole.load.standard_errors, rtol=1e-6)
-    for joint in ELASTIC:
-        of_pieces, of_whole = pieces.drives[joint], whole.drives[joint]
-        np.testing.assert_allclose(of_pieces.standard_errors, of_whole.standard_errors, rtol=1e-6)
 
 
 @pytest.mark.slow  # refinements of the leg

@@ -13,7 +13,6 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.drives.terms import PARAMETERS
 from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
@@ -22,7 +21,6 @@ from seaid.identification.result import Identification
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
-from seaid.regressor import joint_torques
 from seaid.regressor.regression import motor_regressor, signals
 from seaid.regressor.structural_identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
@@ -493,42 +491,6 @@ def test_an_unknown_rotor_inertia_stays_a_parameter_beside_a_search(joint: str) 
     wanted = found.base.project(truth.parameters)
     wanted[2] += 1600 * 2e-5
     np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
-
-
-@cache
-def behind_the_friction() -> Log:
-    """Return a log whose torque sensors are behind the friction, so that they see none of it."""
-    frictionless = robot(replace(STIFF, friction=()), replace(STIFF, friction=()))
-    motion = exact_motion(frictionless)
-    torque = joint_torques(frictionless, *motion.joint_states)
-    noise = 0.05 * np.random.default_rng(0).normal(size=torque.shape)
-    log = noisy_log(motion, 0.003, 2e-5)
-    return replace(log, motor_torque=np.full_like(torque, np.nan), joint_torque=torque + noise)
-
-
-@pytest.mark.slow  # 1.4 s
-@pytest.mark.parametrize(
-    ("terms", "names"),
-    [
-        (("viscous", "smooth_coulomb"), ("coulomb_width",)),
-        (("viscous", "shifted_coulomb"), ("coulomb_width", "coulomb_shift")),
-        (("viscous", "coulomb", "stribeck"), ("stribeck_speed",)),
-    ],
-)
-@pytest.mark.findings
-def test_friction_that_a_torque_sensor_does_not_see_is_no_crash(
-    terms: Any, names: tuple[str, ...]
-) -> None:
-    drive = replace(STIFF, friction=terms, nominal={}).without_nominal()
-    found = identify(robot(drive, replace(drive, gear_ratio=50.0)), behind_the_friction())
-    for joint, estimate in found.drives.items():
-        told = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-        assert all(told.get(name, 1.0) > 0 for name in names if PARAMETERS[name].is_positive), told
-        of_joint = [str(one) for one in found.warnings if one.joint == joint]
-        assert any(names[0].partition("_")[0] in one for one in of_joint)
-    wanted = found.base.project(robot(STIFF, STIFF).parameters)
-    errors = (found.load.values - wanted)[[0, 1, 3, 4]] / found.load.standard_errors[[0, 1, 3, 4]]
-    assert np.max(np.abs(errors)) < 3.3
 
 
 def test_a_nonlinear_drive_without_values_names_its_joint() -> None:

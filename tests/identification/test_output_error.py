@@ -150,16 +150,6 @@ def test_wrong_start_comes_back() -> None:
     assert np.all(np.abs(other.load.values - one.load.values) < 1e-3 * one.load.standard_errors)
 
 
-@pytest.mark.slow  # 1.6 s
-def test_robot_has_the_refined_values() -> None:
-    one = refined(robot("rail", "shoulder"))
-    for joint, drive in one.robot.drives.items():
-        estimate = one.drives[joint]
-        assert drive.viscous_friction_Nms_per_rad == estimate.value("viscous_friction")
-    assert one.springs["shoulder"][0] == one.drives["shoulder"].value("stiffness")
-    assert one.base.project(one.robot.parameters) == pytest.approx(one.load.values, abs=1e-8)
-
-
 @pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_spring_torque_of_a_sensor_leaves_nothing_to_simulate() -> None:
     sensed = replace(log(), joint_torque=motion().joint_torque)
@@ -173,22 +163,6 @@ def test_spring_torque_of_a_sensor_leaves_nothing_to_simulate() -> None:
 
 
 # What predicts worse than the start is not returned.
-
-
-@cache
-def coarse() -> tuple[Identification, Log]:
-    """Return a log of a stiff joint with a coarse encoder, identified with a wide band."""
-    truth = robot("rail", "shoulder")
-    one = measure(truth, motion(truth), replace(SENSORS, joint_resolution_rad=2 * np.pi / 2**13), 1)
-    return identify(truth.without_nominal(), one, cutoff_hz=12.0), one
-
-
-@pytest.mark.slow  # a refinement of two joints, simulated several times
-def test_noise_in_the_accelerations_of_stiff_joints_does_not_bias() -> None:
-    start, noisy_log = coarse()
-    truth = robot("rail", "shoulder")
-    one = refine(start, noisy_log)
-    assert base_error(one, truth) < 2 * base_error(start, truth)
 
 
 @pytest.mark.slow  # a refinement of two joints, simulated several times

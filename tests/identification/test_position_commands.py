@@ -316,24 +316,6 @@ def test_positions_over_a_gap_are_not_residuals(urdf: Path) -> None:
     assert np.all(residuals.kept[later])
 
 
-@pytest.mark.slow  # 1.0 s
-@pytest.mark.findings
-def test_refine_returns_its_start_where_the_positions_get_worse(
-    urdf: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log = mujoco_log(HARD, 0.01, 5e-4, 0).between(1.0, 5.0)
-    start = seaid.identify(robot_of(urdf, HARD), log)
-    errors = iter([1e-3, 2e-3])  # before and after
-    monkeypatch.setattr(
-        "seaid.identification.output_error._mean_absolute_error", lambda _: next(errors)
-    )
-    found = seaid.refine(start, log, iterations=1)
-    np.testing.assert_array_equal(found.load_side.values, start.load_side.values)
-    (finding,) = (x for x in found.warnings if x.code == "worse-than-start")
-    assert finding.evidence == {"error of the start": 1e-3, "error after": 2e-3}
-    assert "its positions follow the commands more closely" in finding.message
-
-
 @pytest.mark.slow  # 1.1 s
 @pytest.mark.findings
 def test_refine_returns_its_start_where_the_search_stops_far_from_an_optimum(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio
@@ -15,7 +13,6 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.estimation.least_squares import ordinary
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
-from seaid.legged import load_robot
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor import regressor_at_drives
@@ -23,10 +20,9 @@ from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     ARM_SENSORS,
-    ELASTIC,
     LEG_SENSORS,
     TEST_MASS,
     arm,
@@ -37,7 +33,6 @@ from tests.experiments import (
     leg_motion,
     perfect_log,
     true_value,
-    wiggle,
     with_named_friction,
 )
 from tests.representatives import quick_first
@@ -284,45 +279,3 @@ def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
     found = identify(truth.without_nominal(), log)
     expected = identify(truth.without_nominal(), perfect_log(truth, motion))
     assert found.load_side.values == pytest.approx(expected.load_side.values, rel=1e-9)
-
-
-@pytest.mark.slow  # identifications of whole robots
-def test_several_logs_are_one_experiment() -> None:
-    truth, motion, noise = experiments()[0]
-    log = measure(truth, motion, noise, seed=1)
-    parts = [log.between(0.0, 3.0), log.between(3.0, 7.0)]
-    together, *alone = (
-        identify(truth.without_nominal(), logs, cutoff_hz=6.0)
-        for logs in (parts, parts[:1], parts[1:])
-    )
-    assert max(map(abs, drive_errors(together, truth, "stiffness").values())) < 0.02
-    for joint in (*ELASTIC, "load"):
-        assert together.excluded[joint] == sum(one.excluded[joint] for one in alone)
-    for joint in ELASTIC:
-        largest = max(one.drives[joint].standard_error("stiffness") for one in alone)
-        assert together.drives[joint].standard_error("stiffness") < largest
-
-
-@pytest.mark.slow  # identifications of whole robots
-def test_extra_term_is_found_with_its_value(write_chain: Callable[..., Path]) -> None:
-    """A drag with the cube of the motor's speed, as large as the dry friction."""
-    drive = SeriesElasticDrive(
-        gear_ratio=100.0,
-        motor_inertia_kg_m2=4e-6,
-        stiffness_Nm_per_rad=250.0,
-        viscous_friction_Nms_per_rad=8e-5,
-        coulomb_friction_Nm=0.006,
-        extra_terms=("2e-9*theta_M'**3",),
-    )
-    axis = 'revolute <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="9"/>'
-    path = write_chain({"swing": axis})
-    truth = load_robot(path, {"swing": drive})
-    motion = simulate_motion(truth, wiggle(truth, 5.0, (0.0,), (0.9,)))
-    assert np.max(2e-9 * np.abs(motion.motor_velocity) ** 3) > 0.006
-    known = load_robot(path, {"swing": replace(drive, extra_terms=("c*theta_M'**3",))})
-    noise = Noise(motor_resolution_rad=0.003, torque_std_Nm=0.001)
-    found = identify(known.without_nominal(), measure(truth, motion, noise)).drives["swing"]
-    assert found.value("c") == pytest.approx(2e-9, rel=0.05)
-    assert found.units[found.names.index("c")] == "N m/(theta_M_dot**3)"
-    assert found.value("viscous_friction") == pytest.approx(8e-5, rel=0.05)
-    assert found.value("stiffness") == pytest.approx(250.0, rel=0.01)
