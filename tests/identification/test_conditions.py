@@ -1,5 +1,6 @@
 """Several conditions together: what is shared counts once, what is own once a condition."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.identification.conditions import Conditions, identify_conditions
 from seaid.identification.identification import identify
 from seaid.log.reading import Log
+from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,
@@ -137,30 +139,32 @@ def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
     np.testing.assert_allclose(found[0].load.values, found[1].load.values, rtol=1e-6, atol=1e-9)
 
 
-def test_wrong_conditions_are_refused_in_words() -> None:
-    robot, log = arm(), perfect_log(arm(), arm_motion())
-    pairs = {"a": (robot, log), "b": (robot, log)}
-    with pytest.raises(IdentificationError, match="at least two conditions, found 1"):
-        identify_conditions({"a": (robot, log)})
-    with pytest.raises(
-        IdentificationError, match=r"condition_specific=: .*did you mean 'stiffness'"
-    ):
-        identify_conditions(pairs, condition_specific=("stifness",))
-    with pytest.raises(IdentificationError, match="condition_specific=: no joint is named 'knee'"):
-        identify_conditions(pairs, condition_specific=("stiffness of knee",))
-    other = measure(leg(), leg_motion(), Noise())
-    with pytest.raises(
-        IdentificationError, match=r"'b' hip_yaw, .*: they must be one type of robot"
-    ):
-        identify_conditions({"a": (robot, log), "b": (leg(), other)})
-    drives = dict(robot.drives)
-    stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
-    drives[stiff] = replace(drives[stiff], friction=())
-    smooth = robot.with_values(robot.parameters, drives)
-    with pytest.raises(
-        IdentificationError, match="do not have the same base parameters and drives"
-    ):
-        identify_conditions({"a": (robot, log), "b": (smooth, log)})
+def without_friction(robot: Robot) -> Robot:
+    """Return a robot whose first stiff drive has no friction."""
+    joint = next(j for j in robot.joint_names if j not in robot.elastic_joints)
+    return robot.with_drives({joint: replace(robot.drives[joint], friction=())})
+
+
+@pytest.mark.parametrize(
+    ("second", "own", "words"),
+    [
+        (None, (), "at least two conditions, found 1"),
+        (arm, ("stifness",), r"condition_specific=: .*did you mean 'stiffness'"),
+        (arm, ("stiffness of knee",), "condition_specific=: no joint is named 'knee'"),
+        (leg, (), r"'b' hip_yaw, .*: they must be one type of robot"),
+        (lambda: without_friction(arm()), (), "do not have the same base parameters and drives"),
+    ],
+)
+def test_conditions_that_cannot_be_are_refused(
+    second: Callable[[], Robot] | None, own: tuple[str, ...], words: str
+) -> None:
+    """The error names the condition, the parameter or the joint."""
+    pairs = {"a": (arm(), perfect_log(arm(), arm_motion()))}
+    if second is not None:
+        log = perfect_log(leg(), leg_motion()) if second is leg else pairs["a"][1]
+        pairs["b"] = second(), log
+    with pytest.raises(IdentificationError, match=words):
+        identify_conditions(pairs, condition_specific=own)
 
 
 @pytest.mark.slow  # identifications of two logs of the leg

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -281,32 +282,38 @@ def test_known_bodies_that_the_data_contradict_are_named() -> None:
     assert "check known bodies (thigh, foot), " in str(result.warnings[0])
 
 
+def of_last_drive(estimate: Estimate) -> dict[str, Any]:
+    """Return an estimate of a drive that the load side has too."""
+    name, joint = estimate.names[-1].split(" of ")
+    return {"drives": {joint: Estimate((name,), np.ones(1), np.eye(1), ("",), 1.0, 1.0)}}
+
+
+def same(estimate: Estimate) -> Estimate:
+    """Return an estimate as it is."""
+    return estimate
+
+
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("changed", "options", "words"),
     [
-        ({"weight": -1.0}, "weight= must be zero or more and finite .*found -1.0"),
-        ({"weight": np.nan}, "weight= must be zero or more"),
-        ({"white_covariance": np.eye(3)}, "white_covariance must have shape"),
+        (same, lambda _: {"weight": -1.0}, "weight= must be zero or more and finite .*found -1.0"),
+        (same, lambda _: {"weight": np.nan}, "weight= must be zero or more"),
+        (same, lambda _: {"white_covariance": np.eye(3)}, "white_covariance must have shape"),
+        (same, lambda _: {"prior": np.ones(10)}, "prior= must be the 50 standard parameters"),
+        (same, of_last_drive, "estimated twice, in load_side and in drives"),
+        (lambda x: x.part(range(1, 5), x.names[1:5]), lambda _: {}, "lacks .*that has the columns"),
+        (lambda x: replace(x, values=np.nan * x.values), lambda _: {}, "must be finite"),
     ],
 )
-def test_options_that_no_body_can_keep(options: dict[str, object], message: str) -> None:
-    with pytest.raises(IdentificationError, match=message):
-        found(leg(), estimated(leg(), 0.01), **options)
-
-
-def test_estimates_and_priors_that_do_not_fit() -> None:
+def test_estimates_and_options_that_no_body_can_keep_are_refused(
+    changed: Callable[[Estimate], Estimate],
+    options: Callable[[Estimate], dict[str, Any]],
+    words: str,
+) -> None:
+    """The error names the argument."""
     estimate = estimated(leg(), 0.01)
-    with pytest.raises(IdentificationError, match=r"lacks .*give the one that has the columns"):
-        found(leg(), estimate.part(range(1, 5), estimate.names[1:5]))
-    bad = replace(estimate, values=np.full(len(estimate.names), np.nan))
-    with pytest.raises(IdentificationError, match="the estimate must be finite"):
-        found(leg(), bad)
-    name, joint = estimate.names[-1].split(" of ")  # a stiff drive's: part of the load side
-    drive = Estimate((name,), np.ones(1), np.eye(1), ("",), 1.0, 1.0)
-    with pytest.raises(IdentificationError, match="estimated twice, in load_side and in drives"):
-        found(leg(), estimate, drives={joint: drive})
-    with pytest.raises(RobotError, match="prior= must be the 50 standard parameters"):
-        found(leg(), estimated(leg(), 0.01), prior=np.ones(10))
+    with pytest.raises((IdentificationError, RobotError), match=words):
+        found(leg(), changed(estimate), **options(estimate))
 
 
 # Prior bodies

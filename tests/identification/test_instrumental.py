@@ -24,10 +24,9 @@ from seaid.identification.instrumental import (
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
-from seaid.log.rows import in_band
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model, load_regression
-from seaid.regressor.regression import actuator_regression, known_friction, motor_regressor
+from seaid.regressor.regression import actuator_regression
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure, simulate
 from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log, wiggle
@@ -62,30 +61,6 @@ def test_without_noise_the_instruments_are_the_columns() -> None:
     assert rows.H.shape == Z.shape
     off = np.linalg.norm(Z - rows.H, axis=0) / np.linalg.norm(rows.H, axis=0)
     assert np.median(off) < 0.1
-
-
-def test_noise_of_the_motor_encoder_is_not_in_the_instruments_of_a_spring() -> None:
-    robot, _, motion, fitted, _ = noise_free()
-    noise = 1e-2 * np.random.default_rng(0).normal(size=motion.motor_position.shape)
-    noisy = replace(
-        motion,
-        motor_position=motion.motor_position + noise,
-        motor_velocity=motion.motor_velocity + 10 * noise,
-    )
-    joint = robot.elastic_joints[0]
-    one, other = (
-        split_instruments(actuator_with_instruments(robot, each, joint, fitted))
-        for each in (motion, noisy)
-    )
-    common = np.isin(one[0].time, other[0].time), np.isin(other[0].time, one[0].time)
-    assert not np.allclose(one[0].H[common[0]], other[0].H[common[1]], rtol=1e-6)
-    # Both sides are zero at the reversals of the measured motor, which the noise moves.
-    regressor = motor_regressor(robot, joint)
-    known = [known_friction(robot, each, joint, regressor) for each in (motion, noisy)]
-    moved = in_band(motion, np.abs(known[0] - known[1]))[np.isin(motion.time, one[0].time)]
-    same = np.abs(moved[common[0]]) < 1e-12
-    assert np.mean(same) > 0.2
-    assert np.allclose(one[1][common[0]][same], other[1][common[1]][same], rtol=1e-9)
 
 
 def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:

@@ -13,15 +13,13 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
+from seaid.errors import IdentificationError, LogError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
-from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
-from seaid.log.reading import Log, write_log
-from seaid.regressor.regression import motor_regressor, signals
+from seaid.log.reading import Log
 from seaid.regressor.structural_identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import with_named_friction
@@ -491,25 +489,6 @@ def test_an_unknown_rotor_inertia_stays_a_parameter_beside_a_search(joint: str) 
     wanted = found.base.project(truth.parameters)
     wanted[2] += 1600 * 2e-5
     np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
-
-
-def test_a_nonlinear_drive_without_values_names_its_joint() -> None:
-    known = robot(with_terms(STIFF, *FRICTION["smooth"])).without_nominal()
-    by_name = signals(known, plain_motion(), 0)
-    with pytest.raises(RobotError, match=r"drive of 'one' is .* coulomb_friction needs an initial"):
-        motor_regressor(known, "one").evaluate(by_name)
-
-
-def test_a_motor_driven_by_current_that_stands_still_has_no_rows(tmp_path: Path) -> None:
-    drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
-    known = robot(STIFF, drive).without_nominal()
-    log = noisy_log(exact_motion(robot(STIFF, drive)), 0.003, 2e-5)
-    position = log.motor_position.copy()
-    position[:, 1] = 0.1
-    path = tmp_path / "still.npz"
-    write_log(replace(log, motor_position=position), path)
-    with pytest.raises(SeaidError, match=r"0 rows \(.* near standstill\) cannot|does not excite"):
-        identify(known, open_long_log(path, known, cutoff_hz=10.0))
 
 
 @pytest.mark.parametrize(

@@ -19,11 +19,8 @@ from seaid._arrays import Array
 from seaid.checks import drive_findings
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
-from seaid.identification.sensitivity import Fit, _scores
 from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
-from seaid.regressor import signals
-from seaid.robot import nominal_model
 from seaid.simulation import rollout
 from tests.commanded_joint import (
     CHIRP,
@@ -149,31 +146,6 @@ def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None
     assert own.value(delays[0]) != own.value(delays[1])
     # solvers give the equal delays with other rounding
     assert len({drive.command_delay_s for drive in found.robot.drives.values()}) == 1
-
-
-def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -> None:
-    """Others keep the sign of the speed at the samples."""
-    robot = two_joints(tmp_path, (0.0, 0.0))
-    robot = robot.with_drives({"j1": seaid.StiffDrive()})
-    position = np.column_stack([CHIRP, CHIRP])
-    log = replace(
-        log_of(CHIRP),
-        joint_names=("j0", "j1"),
-        joint_position=position,
-        motor_position=np.full_like(position, np.nan),
-        motor_torque=np.column_stack([np.full_like(CHIRP, np.nan), np.zeros_like(CHIRP)]),
-        position_command=np.column_stack([CHIRP, np.full_like(CHIRP, np.nan)]),
-        is_prismatic=(False, False),
-    )
-    motion = seaid.reconstruct_motion(robot, log)
-    own, other = (signals(robot, motion, index)["theta_M_sign"] for index in (0, 1))
-    np.testing.assert_array_equal(other, np.sign(motion.motor_velocity[:, 1]))
-    assert motion.friction_known is not None
-    known = motion.friction_known[:, 0] == 1
-    assert np.all(np.isnan(motion.friction_known[:, 1]))
-    reversals = np.sum(np.diff(other) != 0)
-    assert 0 < np.sum(~known) < 20 * reversals
-    np.testing.assert_allclose(own[known], other[known], atol=0.05)
 
 
 @pytest.mark.slow  # 0.8 s
@@ -593,38 +565,6 @@ def test_what_a_motor_of_mujoco_cannot_be_is_said(urdf: Path, tmp_path: Path) ->
         assert "dcmotor" not in (tmp_path / "one.xml").read_text().partition("<mujoco")[2]
 
 
-def test_short_names_of_positions_and_commands_are_read(urdf: Path, tmp_path: Path) -> None:
-    file = tmp_path / "short.csv"
-    rows = np.column_stack([TIME, CHIRP, 2 * CHIRP])
-    head = "time_s,j.position_rad,j.command_rad"
-    np.savetxt(file, rows, delimiter=",", header=head, comments="")
-    log = seaid.read_log(file, robot_of(urdf, SOFT))
-    np.testing.assert_array_equal(log.joint_position[:, 0], CHIRP)
-    assert log.position_command is not None
-    np.testing.assert_allclose(log.position_command[:, 0], 2 * CHIRP, rtol=1e-15)
-
-
-def test_a_mujoco_model_is_the_nominal_one_with_its_dynamics(urdf: Path, tmp_path: Path) -> None:
-    model = tmp_path / "one.xml"
-    model.write_text(
-        """<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0" armature="0.02"
-        damping="0.3" frictionloss="0.1"/><inertial pos="0.1 0 0" mass="2" diaginertia="1 1 1"/>
-        </body></worldbody></mujoco>"""
-    )
-    robot = robot_of(urdf, SOFT)
-    geared = replace(robot.drives["j"], gear_ratio=2.0)
-    nominal = nominal_model(model, robot.with_drives({"j": geared}))
-    values = nominal.drives["j"].values  # at the motor
-    assert values["motor_inertia"] == pytest.approx(0.02 / 4)
-    assert values["viscous_friction"] == pytest.approx(0.3 / 4)
-    assert values["coulomb_friction"] == pytest.approx(0.1 / 2)
-    assert nominal.parameters[0] == 2.0
-    assert nominal.drives["j"].controller == geared.controller
-    drives = tmp_path / "nominal.toml"
-    seaid.write_drives({"j": replace(geared, motor_inertia_kg_m2=0.01)}, drives)
-    assert nominal_model(drives, robot).drives["j"].motor_inertia_kg_m2 == 0.01
-
-
 def test_identifiability_says_what_a_gain_set_determines(urdf: Path) -> None:
     soft, hard = robot_of(urdf, SOFT), robot_of(urdf, HARD)
     (text,) = seaid.identifiability(soft).commands
@@ -711,16 +651,6 @@ def test_parameters_behind_any_law_of_a_controller(urdf: Path, law: str) -> None
     assert np.sqrt(np.mean(error**2)) < {"velocity alone": 5e-3, "all commands": 2e-4}.get(
         law, 1.5e-3
     )
-
-
-@pytest.mark.slow  # 3.0 s
-def test_refine_takes_all_commands(urdf: Path) -> None:
-    """Positions, velocities and torques are one command of the simulated loop."""
-    log = driven_log("all commands")
-    start = seaid.identify(robot_with(urdf, FED), log)
-    values = values_of(seaid.refine(start, log, iterations=1))
-    for name, truth in TRUTH.items():
-        assert values[name][0] == pytest.approx(truth, rel=0.02), name
 
 
 @pytest.mark.parametrize(
@@ -811,40 +741,6 @@ def test_gains_in_units_of_the_drive(urdf: Path) -> None:
     assert "gain_scale" not in free.robot.drives["j"].known
 
 
-@pytest.mark.parametrize(("std_s", "delays"), [(0.005, 1), (1e-7, 0)], ids=["own", "stated"])
-@pytest.mark.findings
-def test_compared_cutoffs_share_the_delay_as_the_estimate_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, std_s: float, delays: int
-) -> None:
-    """With a delay for each joint both fits are so loose that no difference of them counts."""
-    both = joined([mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)])
-    robot = two_joints(tmp_path, (0.008, 0.008))
-    drives = {
-        joint: replace(drive, std={"command_delay_s": std_s})
-        for joint, drive in robot.drives.items()
-    }
-    compared: list[tuple[Estimate, Fit]] = []
-
-    def recorded(fits: list[Fit], estimate: Estimate, propagated: Array | None) -> Array:
-        compared.append((estimate, fits[0]))
-        return _scores(fits, estimate, propagated)
-
-    monkeypatch.setattr("seaid.identification.sensitivity._scores", recorded)
-    seaid.identify(robot.with_drives(drives), both)
-    assert len(compared) == 2  # of estimators, and of cutoffs
-    for estimate, fit in compared:
-        names = list(map(str, fit.rows.names))
-        places = [list(map(str, estimate.names)).index(name) for name in names]
-        errors = estimate.standard_errors[places]
-        assert np.max(np.abs(fit.values - estimate.values[places]) / errors) < 1e-3
-        # The influences of the rows on the delays of both joints: equal ones, or none.
-        of_delays = [k for k, name in enumerate(names) if name.startswith("command_delay")]
-        scaled = fit.inverse / np.outer(errors, errors)
-        assert len(of_delays) == 2
-        tolerance = 1e-6 * float(np.max(np.abs(scaled)))
-        assert np.linalg.matrix_rank(scaled[of_delays], tol=tolerance) == delays
-
-
 @pytest.mark.slow  # a rollout of 40 s in which two joints stick
 @pytest.mark.parametrize("coulomb_friction_Nm", [0.8, 8.0])
 def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
@@ -886,25 +782,6 @@ def test_friction_that_holds_joints_at_reversals_does_not_bias_a_delay(
         assert values["motor_inertia"] == pytest.approx(0.9, rel=0.03)
         assert values["viscous_friction"] == pytest.approx(6.0, rel=0.05)
         assert values["coulomb_friction"] == pytest.approx(coulomb_friction_Nm, rel=0.01)
-
-
-@pytest.mark.slow  # an identification of two joints
-def test_the_delay_of_a_bus_is_one_parameter_that_moves_all_of_its_joints(tmp_path: Path) -> None:
-    log = joined([mujoco_log(SOFT, 0.008, 5e-4, seed) for seed in (1, 2)]).between(0, 3)
-    start = seaid.identify(two_joints(tmp_path, (None, None)), log)
-    drive = start.known.drives["j1"]
-    other = replace(drive, command_delay_s=(drive.command_delay_s or 0.0) + 1e-12)
-    apart = replace(start, known=start.known.with_drives({"j1": other}))
-    shared, alone = (commanded_point(x, [log]) for x in (start, apart))
-    assert len(alone.x) == len(shared.x) + 1
-    slopes = []
-    for point in (shared, alone):
-        is_delay = [parameter.quantity == "command_delay" for parameter in point.parameters]
-        slopes.append(np.sum(point.logs[0].residuals.jacobian[..., is_delay], axis=-1))
-    by_shared, by_alone = slopes
-    assert np.any(by_shared)
-    np.testing.assert_allclose(by_shared, by_alone, rtol=1e-6, atol=1e-9 * np.max(abs(by_shared)))
-    assert shared.logs[0].layout.load.max() == len(shared.x) - 1
 
 
 @pytest.mark.parametrize(

@@ -58,22 +58,9 @@ def test_position_commands_alone_give_the_motor_of_a_servo() -> None:
     assert [row.met for row in rows] == [True, True]
 
 
-def test_every_case_has_its_files_and_something_asked() -> None:
-    models = ROOT / "models"
-    for case in CASES:
-        assert (models / case.drives).is_file()
-        assert (models / "logs" / case.description).is_file()
-        assert case.refused or case.weak or case.value or case.torque or case.forward
-        assert "/" in case.robot or (models / case.robot).is_file()
-
-
 def test_robot_of_a_package_that_is_not_installed_is_named() -> None:
     with pytest.raises(seaid.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"):
         real_data.packaged("no-such-robots", "ur10.urdf")
-
-
-def test_names_of_cases_are_their_own() -> None:
-    assert len({case.name for case in CASES}) == len(CASES)
 
 
 def test_shipped_logs_are_small_and_keep_their_licences() -> None:

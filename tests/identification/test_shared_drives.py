@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -222,13 +222,13 @@ def test_conditions_share_what_their_drives_share() -> None:
 
 
 def test_methods_that_cannot_share_refuse() -> None:
+    """By default those with a shared parameter are identified in turn."""
     robot, log = plant(120.0, 120.0), log_of(120.0, 120.0)
-    identified = partial(found, robot, log, *JOINTS[:2])
-    with pytest.raises(IdentificationError, match=r'method="simultaneous" .*\(calf_motor\)'):
-        identified(method="simultaneous")
-    with pytest.raises(IdentificationError, match=r'estimator="iv" .*\(calf_motor\)'):
-        identified(estimator="iv")
-    result = identified(method="auto")
+    for option in ({"method": "simultaneous"}, {"estimator": "iv"}):
+        ((name, value),) = option.items()
+        with pytest.raises(IdentificationError, match=rf'{name}="{value}" .*\(calf_motor\)'):
+            found(robot, log, *JOINTS[:2], **option)
+    result = found(robot, log, *JOINTS[:2], method="auto")
     assert result.method == "two-step"
     assert result.not_shared == "drives share parameters (calf_motor)"
     with pytest.raises(IdentificationError, match="of ankle, which shares parameters"):

@@ -105,15 +105,6 @@ def test_noise_of_the_joint_encoders_stays_outside() -> None:
     assert np.all(np.std(accelerated, axis=0)[joints] < 0.01 * 10.0)
 
 
-@pytest.mark.slow  # simulates joints in windows of a log
-def test_without_springs_only_the_encoder_is_chosen() -> None:
-    robot, model, motion, sides = noise_free()
-    made = driven_motion(robot, motion, FittedModel(model, sides.load_side.values, {}))
-    chosen = finer_side(robot, motion)
-    assert np.array_equal(made.joint_position, chosen.joint_position)
-    assert np.array_equal(made.joint_acceleration, chosen.joint_acceleration)
-
-
 @pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("side", quick_first(["joint", "motor"]))
 def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:

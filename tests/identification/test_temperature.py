@@ -104,14 +104,6 @@ def test_without_a_temperature_no_such_term_is_compared() -> None:
         )
 
 
-@pytest.mark.parametrize("last", [31.4, 31.0])
-@pytest.mark.usefixtures("estimates_only")
-def test_a_temperature_that_does_not_change_is_named_with_its_range(last: float) -> None:
-    text = rf"ranges from 31 to {last:g} degC: friction by temperature needs a range of 2 K"
-    with pytest.raises(IdentificationError, match=text):
-        seaid.identify(robot_of(), log_at(ramp(31.0, last)))
-
-
 @pytest.mark.slow  # 1 s
 @pytest.mark.usefixtures("estimates_only")
 def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
@@ -121,10 +113,34 @@ def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
     assert abs(estimate.value(name) - SLOPES[name]) < 3 * estimate.standard_error(name)
 
 
+LIKE = r"ranges from 31 to {} degC: .* needs a range of 2 K"
+HEATED: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up")
+
+
+@pytest.mark.parametrize(
+    ("terms", "warmth", "is_long", "words"),
+    [
+        (TERMS, (31.0, 31.4), False, LIKE.format(31.4)),
+        (TERMS, (31.0, 31.0), False, LIKE.format(31)),
+        (TERMS, (31.0, 31.4), True, LIKE.format(31.4)),
+        (TERMS, None, False, "or remove its terms viscous_temperature"),
+        (HEATED, (31.0, 50.0), True, "in pieces: read it with read_log"),
+    ],
+)
 @pytest.mark.usefixtures("estimates_only")
-def test_a_log_without_the_temperature_is_refused() -> None:
-    with pytest.raises(IdentificationError, match="or remove its terms viscous_temperature"):
-        seaid.identify(robot_of(), replace(log_at(ramp()), motor_temperature=None))
+def test_logs_that_show_no_such_friction_are_refused(
+    tmp_path: Path,
+    terms: tuple[FrictionTerm, ...],
+    warmth: tuple[float, float] | None,
+    is_long: bool,
+    words: str,
+) -> None:
+    """In memory or in pieces, where a warm-up is not searched for."""
+    log = log_at(ramp(*(warmth or (18.0, 48.0))))
+    log = log if warmth else replace(log, motor_temperature=None)
+    seaid.write_log(log, tmp_path / "log.npz")
+    with pytest.raises(SeaidError, match=words):
+        seaid.identify(robot_of(terms), tmp_path / "log.npz" if is_long else log)
 
 
 # The drive at one temperature
@@ -163,16 +179,6 @@ def test_the_log_of_a_simulation_has_the_temperature_and_replays_with_it(tmp_pat
     assert errors[0] < 0.1 * errors[1]
     with pytest.raises(LogError, match="the log has no motor temperature of 'arm'"):
         seaid.replay(robot, replace(log, motor_temperature=None))
-
-
-def test_the_drive_of_one_temperature_has_its_friction() -> None:
-    drive = warming(leg().drives[KNEE])
-    at = drive.at_temperature(45.0)
-    assert at.friction == ("viscous", "coulomb")
-    assert at.values["viscous_friction"] == pytest.approx(8e-5 - 20 * 0.96e-6)
-    assert at.values["coulomb_friction"] == pytest.approx(2.68e-3 - 20 * 1.1e-5)
-    assert drive.at_temperature().values == leg().drives[KNEE].values
-    assert at.at_temperature(90.0) is at
 
 
 def test_export_states_the_temperature_of_the_friction(tmp_path: Path) -> None:
@@ -313,15 +319,3 @@ def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(tmp_path: Pa
     assert "friction of arm of a warm motor" in (
         " ".join(seaid.write_mjcf(robot, tmp_path / "arm.xml").notes)
     )
-
-
-@pytest.mark.usefixtures("estimates_only")
-def test_long_logs_have_the_range_of_their_temperature_and_no_search_of_a_warm_up(
-    tmp_path: Path,
-) -> None:
-    log = log_at(ramp(31.0, 31.4))
-    seaid.write_log(log, tmp_path / "log.npz")
-    with pytest.raises(IdentificationError, match=r"ranges from 31 to 31.4 degC"):
-        seaid.identify(robot_of(), tmp_path / "log.npz")
-    with pytest.raises(IdentificationError, match="read in pieces: read it with read_log"):
-        seaid.identify(robot_of(WARM_UP), tmp_path / "log.npz")
