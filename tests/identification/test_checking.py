@@ -170,21 +170,6 @@ def test_a_remedy_replaces_what_a_description_says_of_the_channel(
     assert seaid.check(robot, seaid.read_log(path, robot, description=wrong)).warnings == ()
 
 
-@pytest.mark.slow  # several checks of the leg or the arm
-def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path) -> None:
-    robot, (path, right) = leg(TEST_MASS), custom(tmp_path, leg_log())
-    wrong = deepcopy(right)
-    names = ["hip_pitch", "knee_pitch"]
-    for own, other in (names, names[::-1]):
-        wrong["joints"][own] = right["joints"][other]
-    finding = worst(robot, seaid.read_log(path, robot, description=wrong))
-    assert finding.code == "swapped-joints"
-    assert tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"] == {
-        one: right["joints"][one] | {"motor_position": {"column": f"m{robot.index(one)}"}}
-        for one in names
-    }
-
-
 def with_gravity(robot: Robot, *gravity: float) -> Robot:
     model = robot.model.copy()
     model.gravity.linear = np.array(gravity)

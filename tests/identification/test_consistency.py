@@ -47,19 +47,6 @@ def true_values(robot: Robot, model: LoadModel) -> Array:
     return np.asarray(values + np.sum(0.1 * model.absorption, axis=1))
 
 
-def test_a_spring_at_a_joint_whose_torque_is_not_used_is_in_no_equation() -> None:
-    robot = arm()
-    *used, last = robot.joint_names
-    sprung = replace(robot.drives[last], parallel_spring=("linear", "preload"))
-    robot = replace(robot, drives={**robot.drives, last: sprung})
-    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-    assert not [drive for drive in (*model.drives, *model.absorbed) if drive[0] == last]
-    values = true_values(robot, model)
-    errors = np.diag((1e-3 * (np.abs(values) + 1e-3)) ** 2)
-    estimate = Estimate(model.names, values, errors, model.units, 1.0, 1.0)
-    assert_possible(feasible_parameters(robot, model, estimate))
-
-
 def estimated(robot: Robot, relative: float, seed: int = 0, correlated: bool = True) -> Estimate:
     """Return the truth with errors of some part of each value, as they are said to be."""
     model, rng = model_of(robot), np.random.default_rng(seed)
@@ -317,12 +304,6 @@ def test_estimates_and_options_that_no_body_can_keep_are_refused(
 
 
 # Prior bodies
-
-
-def test_bodies_of_the_file_stay_as_they_are() -> None:
-    bodies, notes = prior_bodies(leg(), leg().parameters)
-    assert np.array_equal(bodies.ravel(), leg().parameters)
-    assert notes == ()
 
 
 @pytest.mark.parametrize(

@@ -156,22 +156,6 @@ def test_the_corrected_log_is_shorter_and_says_why() -> None:
     assert np.array_equal(repaired.joint_position, late.joint_position[: len(repaired.time)])
 
 
-def test_a_delay_that_is_not_significant_is_left() -> None:
-    log = late_log({})
-    delays = [
-        Delay("knee_pitch", "motor_torque", "the motion", 0.001, 0.0005),
-        Delay("knee_pitch", "motor_position", "joint position", 0.0, math.inf),
-    ]
-    same = correct_delays(log, delays)
-    assert np.array_equal(same.motor_torque, log.motor_torque)
-    assert same.report == log.report
-    assert [str(one) for one in delays] == [
-        "knee_pitch: its motor_torque is 1 ms late against the motion (standard error 0.5 ms, not "
-        "significant)",
-        "knee_pitch: delay of its motor_position against joint position not determined",
-    ]
-
-
 @pytest.mark.slow  # estimates of delays in long logs
 def test_a_delay_beyond_the_range_is_not_told() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008})
@@ -187,28 +171,3 @@ def test_what_cannot_be_asked() -> None:
         correct_delays(log, [Delay("knee", "motor_torque", "the motion", 0.01, 0.001)])
     with pytest.raises(LogError, match="no channel is named 'joint_torque'"):
         correct_delays(log, [Delay("knee_pitch", "joint_torque", "the motion", 0.01, 0.001)])
-
-
-@pytest.mark.slow  # estimates of delays in long logs
-def test_the_gear_ratio_between_encoders_is_that_of_the_robot_and_not_of_the_drives() -> None:
-    """Five motions of each joint: scores are of unit size for springs, smaller for stiff gears."""
-    drives = {
-        joint: replace(drive, gear_ratio=1.01 * drive.ratio)
-        for joint, drive in known().drives.items()
-    }
-    wrong = known().with_drives(drives)
-    scores = []
-    for seed in range(5):
-        log = measure(leg(), leg_motion(seed=seed), LEG_SENSORS, seed)
-        experiment = experiment_of(wrong, [reconstruct_motions(wrong, log)])
-        scores.append(
-            [
-                (value - leg().drives[joint].ratio) / error
-                for joint, (value, error) in zip(
-                    leg().joint_names, experiment.encoder_ratios.values(), strict=True
-                )
-            ]
-        )
-    squares = np.mean(np.square(scores), axis=0)
-    assert np.all(squares[:2] < 1)
-    assert 0.4 < np.mean(squares[2:]) < 2

@@ -20,7 +20,6 @@ from seaid.identification.output_error import refine
 from seaid.identification.result import Identification
 from seaid.legged import load_robot
 from seaid.log.reading import Log
-from seaid.report.html_experiment import settings_facts
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
@@ -69,23 +68,6 @@ def test_errors_of_constants_and_of_encoder_offsets_add_up(method: str) -> None:
     assert np.max(np.abs(rest)) < 1e-3  # both sides at once settle to so many standard errors
 
 
-@pytest.mark.slow  # 0.9 s
-def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
-    stated, plain = found(known_std={"torque": 0.05, "payload": 0.02}), found()
-    radii = {"motor_pulley_radius_m": 0.005, "load_pulley_radius_m": 0.005}
-    rest = {"motor_inertia_kg_m2": 0.05, "gear_ratio": 0.001, **radii}
-    assert stated.exact_constants == rest
-    assert plain.exact_constants == {"torque": 0.03, "payload": 0.01, **rest}
-    option = "--known-std torque=0.03,payload=0.01,motor_inertia_kg_m2=0.05,gear_ratio=0.001,"
-    assert sum(option in line for line in plain.summary().splitlines()) == 1
-    assert [text for name, text in settings_facts(plain) if name == "Constants"] == [
-        f"taken as exact; to include typical tolerances: {option}"
-        "motor_pulley_radius_m=0.005,load_pulley_radius_m=0.005"
-    ]
-    everything = replace(plain, exact_constants={})
-    assert "taken as exact" not in everything.summary()
-
-
 @pytest.mark.parametrize(
     ("std", "message"),
     [
@@ -99,50 +81,57 @@ def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], messa
         StiffDrive(gear_ratio=10.0, std=std)
 
 
-@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.slow  # 0.9 s
+def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
+    """With the option that includes typical tolerances."""
+    stated, plain = found(known_std={"torque": 0.05, "payload": 0.02}), found()
+    rest = {"motor_inertia_kg_m2": 0.05, "gear_ratio": 0.001}
+    rest |= {"motor_pulley_radius_m": 0.005, "load_pulley_radius_m": 0.005}
+    assert stated.exact_constants == rest
+    assert plain.exact_constants == {"torque": 0.03, "payload": 0.01, **rest}
+    option = "--known-std torque=0.03,payload=0.01,motor_inertia_kg_m2=0.05,gear_ratio=0.001,"
+    assert sum(option in line for line in plain.summary().splitlines()) == 1
+    assert "taken as exact" not in replace(plain, exact_constants={}).summary()
+
+
+def driven_by_currents(constants: Array, noise_A: float = 0.0) -> tuple[Robot, Log]:
+    """Return the UR10 with known bodies and the log of its currents, of motors with constants."""
+    log = geared_arm_log()
+    noise = noise_A * np.random.default_rng(1).normal(size=log.motor_torque.shape)
+    unknown = np.full_like(log.motor_torque, np.nan)
+    log = replace(log, motor_torque=unknown, motor_current=log.motor_torque / constants + noise)
+    drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
+    return load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies="all"), log
+
+
+@pytest.mark.slow  # several identifications of the arm
 def test_constants_of_motors_are_as_well_known_as_the_bodies() -> None:
     """Each body has a scale of its own: the constant of the last joint has that of the last one."""
-    log = geared_arm_log()
-    unknown = np.full_like(log.motor_torque, np.nan)
-    given = replace(log, motor_torque=unknown, motor_current=log.motor_torque / 10.0)
-    drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
-    bodies = load_robot("ur10", snap_tolerance_rad=0).body_names
-    robot = load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies=bodies)
-    plain, stated = identify(robot, given), identify(robot, given, known_std={"bodies": 0.05})
-    notes = [one for one in plain.warnings if one.code == "torque-scale"]
-    assert [one.severity for one in notes] == ["note"]
-    assert "rest on the known bodies" in notes[0].message
+    robot, log = driven_by_currents(np.full(6, 10.0))
+    plain, stated = identify(robot, log), identify(robot, log, known_std={"bodies": 0.05})
+    assert [x.severity for x in plain.warnings if x.code == "torque-scale"] == ["note"]
     assert plain.exact_constants["bodies"] == 0.05
     assert not {"bodies", "torque"} & set(stated.exact_constants)
     assert not [one for one in stated.warnings if one.code == "torque-scale"]
     for joint in log.joint_names[1:4]:
-        drive = stated.drives[joint]
-        np.testing.assert_allclose(drive.values, plain.drives[joint].values)
-        added = (
-            drive.standard_error("torque_constant") ** 2
-            - plain.drives[joint].standard_error("torque_constant") ** 2
-        )
-        relative = np.sqrt(added) / drive.value("torque_constant")
-        assert 0.05 / np.sqrt(len(bodies)) < relative < 0.07
+        drive, before = stated.drives[joint], plain.drives[joint]
+        np.testing.assert_allclose(drive.values, before.values)
+        errors = [x.standard_error("torque_constant") for x in (drive, before)]
+        relative = np.sqrt(errors[0] ** 2 - errors[1] ** 2) / drive.value("torque_constant")
+        assert 0.05 / np.sqrt(len(robot.body_names)) < relative < 0.07
 
 
-@pytest.mark.slow  # several identifications of the leg
+@pytest.mark.slow  # identifications of the arm
 @pytest.mark.parametrize("estimator", ["wls", "huber"])
 @pytest.mark.usefixtures("estimates_only")
 def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) -> None:
     """The currents of the wrist are mostly friction and noise; robust weights are biased."""
-    log, constants = geared_arm_log(), np.array([13.0, 13.2, 9.5, 7.4, 7.3, 7.5])
-    current = log.motor_torque / constants
-    current += 0.02 * np.random.default_rng(1).normal(size=current.shape)
-    unknown = np.full_like(current, np.nan)
-    given = replace(log, motor_torque=unknown, motor_current=current)
-    drives = dict.fromkeys(log.joint_names, StiffDrive(gear_ratio=1.0, motor_input="current"))
-    bodies = load_robot("ur10", snap_tolerance_rad=0).body_names
-    robot = load_robot("ur10", drives, snap_tolerance_rad=0, known_bodies=bodies)
-    result = identify(robot, given, estimator=estimator)
+    constants = np.array([13.0, 13.2, 9.5, 7.4, 7.3, 7.5])
+    robot, log = driven_by_currents(constants, 0.02)
+    drives = identify(robot, log, estimator=estimator).drives
     scores = [
-        (result.drives[joint].value("torque_constant") - constant)
-        / result.drives[joint].standard_error("torque_constant")
+        (drives[joint].value("torque_constant") - constant)
+        / drives[joint].standard_error("torque_constant")
         for joint, constant in zip(log.joint_names[:5], constants, strict=False)
     ]
     assert (np.max(np.abs(scores)) < 4) == (estimator == "wls")

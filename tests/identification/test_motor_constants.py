@@ -13,13 +13,11 @@ import seaid
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
-from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import identify
 from seaid.legged import load_robot
 from seaid.log.log import Log
 from seaid.project import load_project, write_first_project
 from seaid.project.first_project import _drives_text, inferred_drives
-from seaid.robot.inertia import is_physical
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
@@ -39,13 +37,6 @@ from tests.representatives import quick_first
 
 CONSTANTS = {"hip_pitch": 0.03, "knee_pitch": 0.026, "ankle_pitch": 0.04}
 SENSOR_STD_NM = 0.02
-BOUNDS = {
-    "stiffness": 6.4e-6,
-    "viscous_friction": 2.6e-3,
-    "coulomb_friction": 7e-3,
-    "motor_inertia": 4.8e-3,
-}
-"""Relative errors without noise: those of friction near standstill, at 6 Hz."""
 
 
 @cache
@@ -74,38 +65,6 @@ def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
     sensed[:, places] = leg_motion(TEST_MASS).joint_torque[:, places] + noise
     torque[:, places] = np.nan
     return replace(log, motor_torque=torque, motor_current=current, joint_torque=sensed)
-
-
-def by_current_alone(log: Log) -> Log:
-    """Return a log with currents in place of the torques of the elastic joints."""
-    return replace(with_sensors(log), joint_torque=None)
-
-
-def with_and_without_mass(seed: int | None) -> dict[str, tuple[Robot, Log]]:
-    """Return the leg with a bare foot and with the test mass, and its logs of currents."""
-    found = dict[str, tuple[Robot, Log]]()
-    for name, payloads in (("bare", []), ("loaded", [TEST_MASS])):
-        drives = dict(by_current().drives)
-        robot = load_robot(MODELS / "tulip_leg.urdf", drives, payloads=payloads)
-        plant, motion = leg(*payloads), leg_motion(*payloads)
-        log = perfect_log(plant, motion)
-        if seed is not None:
-            log = measure(plant, motion, LEG_SENSORS, seed + 100 * len(found))
-        found[name] = robot, by_current_alone(log)
-    return found
-
-
-@pytest.mark.slow  # 0.5 s
-def test_without_noise_all_parameters_of_the_drives_are_exact() -> None:
-    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
-    result = identify(by_current(), log, cutoff_hz=6.0)
-    for joint in ELASTIC:
-        found = result.drives[joint]
-        assert found.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=3.3e-3)
-        for name, error in BOUNDS.items():
-            true = true_value(truth(), joint, name)
-            assert found.value(name) == pytest.approx(true, rel=error), (joint, name)
-    assert not {"unused-channel"} & {one.code for one in result.warnings}
 
 
 @pytest.mark.slow  # ten identifications of the leg
@@ -147,26 +106,6 @@ def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> 
             CONSTANTS[joint], rel=6e-3
         )
     assert not [one for one in result.warnings if one.code == "no-fit"]
-
-
-@pytest.mark.slow  # identifications of two logs of the leg
-@pytest.mark.usefixtures("estimates_only")
-def test_a_test_mass_in_one_of_two_logs_gives_the_constants_of_springs() -> None:
-    """The currents alone leave every torque up to scale, in each log."""
-    both = identify_conditions(
-        with_and_without_mass(None), torque_joints=ELASTIC, feasible=True, cutoff_hz=6.0
-    )
-    found = both.identifications["bare"].drives
-    for joint in ELASTIC:
-        one = found[joint]
-        assert one.value("torque_constant") == pytest.approx(CONSTANTS[joint], rel=7e-4)
-        for name, error in BOUNDS.items():
-            true = true_value(truth(), joint, name)
-            assert one.value(name) == pytest.approx(true, rel=max(error, 4.6e-3)), (joint, name)
-    for each in both.identifications.values():
-        bodies = each.robot.parameters.reshape(-1, 10)
-        assert all(is_physical(body) for body in bodies)
-    assert set(both.differences) == {f"spring_offset of {joint}" for joint in ELASTIC}
 
 
 @pytest.mark.usefixtures("estimates_only")

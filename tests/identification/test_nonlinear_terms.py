@@ -28,7 +28,6 @@ from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
     STIFF,
-    TIME,
     arm,
     exact_motion,
     free_stretch,
@@ -451,67 +450,32 @@ def test_refine_says_what_it_does_not_simulate() -> None:
         refine(found, noisy("plain"))
 
 
-def together(one: Drive, known: Drive) -> Identification:
-    """Return what two conditions tell together, with a payload and without."""
-    conditions = {}
-    for name, payloads in (("with", (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)), ("without", ())):
-        log = noisy_log(exact_motion(robot(one, one, payloads=payloads)), 0.003, 1e-6)
-        conditions[name] = robot(known, known, payloads=payloads).without_nominal(), log
-    return identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
-
-
-def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
-    drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
-    found = together(drive, replace(drive, motor_inertia_kg_m2=None))
-    for estimate in found.drives.values():
-        assert estimate.value("torque_constant") == pytest.approx(0.05, rel=2e-3)
-
-
-@pytest.mark.slow  # 0.5 s
-def test_conditions_share_what_bends() -> None:
-    drive = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
-    found = together(drive, drive)
-    for estimate in found.drives.values():
-        assert estimate.value("coulomb_width") == pytest.approx(10.0, rel=0.05)
-
-
-@pytest.mark.parametrize("joint", ["one", "two"])
-def test_an_unknown_rotor_inertia_stays_a_parameter_beside_a_search(joint: str) -> None:
-    one = with_terms(STIFF, *FRICTION["smooth"])
-    two = with_terms(ELASTIC, *FRICTION["stribeck"])
-    truth = robot(one, two)
-    unknown = robot(replace(one, motor_inertia_kg_m2=None), replace(two, motor_inertia_kg_m2=None))
-    found = identified(unknown, exact_motion(truth))
-    assert found.known.drives[joint].motor_inertia_kg_m2 is None
-    assert found.drives["two"].value("motor_inertia") == pytest.approx(1e-5, rel=1e-6)
-    assert found.drives["two"].standard_error("motor_inertia") > 0
-    assert any("1600 motor_inertia_one" in name for name in found.load.names)
-    wanted = found.base.project(truth.parameters)
-    wanted[2] += 1600 * 2e-5
-    np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
+WIDE = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
+COMES = ("with", ALWAYS["payloads"]), ("without", ())
 
 
 @pytest.mark.parametrize(
-    ("joint", "field", "words"),
-    [
-        ("one", "friction", "friction has hysteresis .*, and the angle of the motor"),
-        ("two", "friction", "friction has hysteresis .*, and the angle of the motor"),
-        ("two", "spring", "spring has hysteresis .*, and the deflection"),
-    ],
+    ("drive", "name", "rel"),
+    quick_first(
+        [
+            (ONE, "torque_constant", 2e-3),
+            (TWO, "torque_constant", 2e-3),
+            (WIDE, "coulomb_width", 0.05),
+        ]
+    ),
 )
-def test_hysteresis_without_reversals_is_named(joint: str, field: str, words: str) -> None:
-    terms = {"spring": ("linear", "dahl")} if field == "spring" else {"friction": ("dahl",)}
-    known = robot(**{joint: with_terms(STIFF if joint == "one" else ELASTIC, terms, {})})
-    one_way = 0.2 * TIME + 0.01 * np.sin(TIME)
-    stretch = 0.01 * one_way if field == "spring" else np.zeros_like(TIME)
-    motion = exact_motion(robot(), {"two": free_stretch(0.1)})
-    angle, joints = motion.motor_position.copy(), motion.joint_position.copy()
-    place = known.index(joint)
-    joints[:, place] = one_way
-    angle[:, place] = known.drives[joint].ratio * (one_way + stretch)
-    motion = replace(motion, motor_position=angle, joint_position=joints)
-    with pytest.raises(IdentificationError, match=rf"{words}.*turns back.*motion with reversals"):
-        identified(known, motion)
+def test_conditions_determine_together_what_one_does_not(
+    drive: Drive, name: str, rel: float
+) -> None:
+    """A payload that comes and goes gives the scale of currents, and laws are searched for once."""
+    conditions = {}
+    for condition, payloads in COMES:
+        log = noisy_log(exact_motion(robot(drive, drive, payloads=payloads)), 0.003, 1e-6)
+        unknown = replace(drive, motor_inertia_kg_m2=None) if drive is not WIDE else drive
+        conditions[condition] = robot(unknown, unknown, payloads=payloads).without_nominal(), log
+    found = identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
+    for estimate in found.drives.values():
+        assert estimate.value(name) == pytest.approx(drive.values[name], rel=rel)
 
 
 @pytest.mark.slow  # 0.9 s
