@@ -21,91 +21,10 @@ from seaid.project.first_project import _drives_text, inferred_drives
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
-    ELASTIC,
-    LEG_SENSORS,
-    MODELS,
-    TEST_MASS,
     arm,
     arm_motion,
-    leg,
-    leg_motion,
-    perfect_log,
-    true_value,
 )
 from tests.plants import write_columns
-from tests.representatives import quick_first
-
-CONSTANTS = {"hip_pitch": 0.03, "knee_pitch": 0.026, "ankle_pitch": 0.04}
-SENSOR_STD_NM = 0.02
-
-
-@cache
-def truth() -> Robot:
-    return leg(TEST_MASS)
-
-
-@cache
-def by_current() -> Robot:
-    robot = truth().without_nominal()
-    return robot.with_drives(
-        {
-            joint: replace(robot.drives[joint], motor_input="current", motor_inertia_kg_m2=None)
-            for joint in ELASTIC
-        }
-    )
-
-
-def with_sensors(log: Log, std_Nm: float = 0.0, seed: int = 0) -> Log:
-    """Return a log with currents and torque sensors at the elastic joints."""
-    places = [log.joint_names.index(joint) for joint in ELASTIC]
-    torque, unknown = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)
-    current, sensed = unknown.copy(), unknown.copy()
-    current[:, places] = torque[:, places] / [CONSTANTS[joint] for joint in ELASTIC]
-    noise = std_Nm * np.random.default_rng(seed).normal(size=(len(log.time), len(places)))
-    sensed[:, places] = leg_motion(TEST_MASS).joint_torque[:, places] + noise
-    torque[:, places] = np.nan
-    return replace(log, motor_torque=torque, motor_current=current, joint_torque=sensed)
-
-
-@pytest.mark.slow  # ten identifications of the leg
-@pytest.mark.usefixtures("estimates_only")
-def test_standard_errors_contain_those_of_the_sensor() -> None:
-    """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
-    scores = []
-    for seed in range(10):
-        log = measure(truth(), leg_motion(TEST_MASS), LEG_SENSORS, seed)
-        result = identify(by_current(), with_sensors(log, SENSOR_STD_NM, seed), cutoff_hz=6.0)
-        for joint, constant in CONSTANTS.items():
-            found, true = result.drives[joint], {"torque_constant": constant}
-            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
-                true[name] = true_value(truth(), joint, name)
-            scores += [(found.value(x) - true[x]) / found.standard_error(x) for x in true]
-    assert 0.88 < np.sqrt(np.mean(np.square(scores))) < 1.3
-
-
-def with_known_bodies() -> Robot:
-    return load_robot(
-        MODELS / "tulip_leg.urdf",
-        dict(by_current().drives),
-        payloads=[TEST_MASS],
-        known_bodies=truth().body_names,
-    )
-
-
-@pytest.mark.parametrize("is_sensed", quick_first([False, True]))
-def test_known_bodies_count_in_the_torque_that_is_explained(is_sensed: bool) -> None:
-    """The load side has no parameter then; what it explains is the torque of the known bodies."""
-    log = with_sensors(perfect_log(truth(), leg_motion(TEST_MASS)))
-    given = log if is_sensed else replace(log, joint_torque=None)
-    result = identify(with_known_bodies(), given, cutoff_hz=6.0, torque_joints=ELASTIC)
-    assert len(result.load.values) == 0
-    for joint in ELASTIC:
-        fit = result.joint_fits[joint]
-        assert fit.own < 0.01, joint
-        assert result.drives[joint].value("torque_constant") == pytest.approx(
-            CONSTANTS[joint], rel=6e-3
-        )
-    assert not [one for one in result.warnings if one.code == "no-fit"]
 
 
 @pytest.mark.usefixtures("estimates_only")
