@@ -68,6 +68,11 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
         assert distance(cold, name, truth[name]) < 4
     assert distance(cold, "viscous_friction", truth["viscous_friction"]) < 4
     assert distance(warmed, "viscous_friction", (1 - WARM) * truth["viscous_friction"]) < 4
+    differences = together().differences
+    own = {("viscous_friction", joint) for joint in leg().joint_names}
+    own |= {("spring_offset", joint) for joint in ELASTIC}
+    assert {*differences} == {f"{name} of {joint}" for name, joint in own}
+    assert differences[f"viscous_friction of {joint}"].bic > 0
 
 
 @pytest.mark.slow  # 60 identifications of two logs
@@ -87,23 +92,6 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
         loads.append((cold.load.values - exact) / cold.load.standard_errors)
     check_scores(drives, 1.13, band=1.2)
     check_scores(loads, band=1.2)
-
-
-@pytest.mark.slow  # identifications of two logs of the leg
-def test_what_differs_is_said_and_what_does_not_too() -> None:
-    differences = together().differences
-    assert all(differences[f"viscous_friction of {joint}"].bic > 0 for joint in ELASTIC)
-    specific = ("viscous_friction", "spring_offset", "coulomb_friction of knee_pitch")
-    alike = together(specific).differences
-    assert set(alike) == {
-        *(f"viscous_friction of {joint}" for joint in leg().joint_names),
-        *(f"spring_offset of {joint}" for joint in ELASTIC),
-        "coulomb_friction of knee_pitch",
-    }
-    text = together().summary()
-    assert "2 conditions: condition-specific parameters" in text
-    line = next(line for line in text.splitlines() if "viscous_friction of hip_pitch" in line)
-    assert line.split()[-1] == "yes"
 
 
 @pytest.mark.slow  # 0.5 s

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -10,19 +13,25 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.terms import ParameterName
+from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import ordinary
-from seaid.identification.identification import identify
+from seaid.estimation.qr_factor import qr_factor_of
+from seaid.identification.identification import identify, validate
+from seaid.identification.problem import Method
 from seaid.identification.result import Identification
+from seaid.identification.stacked_fits import TORQUE_OFFSET, FitsInTurn, identifiable_offsets
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor import regressor_at_drives
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
-from seaid.regressor.regression import actuator_regression
+from seaid.regressor.regression import Regression, actuator_regression
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     ARM_SENSORS,
+    ELASTIC,
     LEG_SENSORS,
     TEST_MASS,
     arm,
@@ -279,3 +288,95 @@ def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
     found = identify(truth.without_nominal(), log)
     expected = identify(truth.without_nominal(), perfect_log(truth, motion))
     assert found.load_side.values == pytest.approx(expected.load_side.values, rel=1e-9)
+
+
+# Torque offsets of drives on springs, which the load side tells from spring offsets.
+
+
+OFFSETS = {"hip_pitch": 2e-3, "knee_pitch": -2e-3, "ankle_pitch": 5e-4}
+
+
+@cache
+def log_with(with_offsets: bool) -> Log:
+    truth = leg(TEST_MASS)
+    plain = measure(truth, leg_motion(TEST_MASS), LEG_SENSORS, 3)
+    offsets = [OFFSETS.get(joint, 0.0) * with_offsets for joint in plain.joint_names]
+    return replace(plain, motor_torque=plain.motor_torque + offsets)
+
+
+@cache
+def found_with(with_offsets: bool, method: Method = "two-step") -> Identification:
+    known = leg(TEST_MASS).without_nominal()
+    return identify(known, log_with(with_offsets), cutoff_hz=4.0, method=method)
+
+
+@pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
+def test_an_offset_moves_nothing_but_itself(method: Method) -> None:
+    """The equations are linear: the constant is in one column, whatever the data are."""
+    plain, off = found_with(False, method), found_with(True, method)
+    assert off.load.values == pytest.approx(plain.load.values, rel=1e-3, abs=1e-4)
+    for joint, offset in OFFSETS.items():
+        before, after = plain.drives[joint], off.drives[joint]
+        assert after.value(TORQUE_OFFSET) - before.value(TORQUE_OFFSET) == pytest.approx(
+            offset, rel=1e-3
+        )
+        for name in ("stiffness", "viscous_friction", "coulomb_friction", "spring_offset"):
+            change = after.value(name) - before.value(name)
+            assert abs(change) < 1e-2 * before.standard_error(name)
+        error = before.value(TORQUE_OFFSET) / before.standard_error(TORQUE_OFFSET)
+        assert abs(error) < 3.0  # no offset in truth
+
+
+@pytest.mark.slow  # 1 s
+def test_a_large_offset_is_a_finding_and_none_is_not() -> None:
+    codes = [(one.code, one.joint) for one in found_with(True).warnings]
+    assert ("torque-offset", "knee_pitch") in codes
+    assert "torque-offset" not in {one.code for one in found_with(False).warnings}
+    finding = next(one for one in found_with(True).warnings if one.joint == "knee_pitch")
+    assert finding.evidence["offset_Nm"] == pytest.approx(-2e-3, rel=0.3)
+
+
+def test_the_motor_side_is_predicted_with_its_offset() -> None:
+    with_offset = validate(found_with(True), log_with(True)).actuator.rms_error
+    without = validate(found_with(False), log_with(False)).actuator.rms_error
+    elastic = [leg().index(joint) for joint in ELASTIC]
+    assert with_offset[elastic] == pytest.approx(without[elastic], rel=1e-2)
+
+
+def test_a_constant_that_gravity_explains_is_not_identifiable() -> None:
+    angle = np.random.default_rng(0).normal(size=400)
+    for reach, expected in ((1.0, ("a",)), (0.05, ())):
+        columns = np.column_stack([np.cos(reach * angle), np.ones(400)])
+        zeros = np.zeros(400)
+        rows = Regression(
+            ("gravity", "offset"), ("", ""), columns, angle, zeros, zeros, zeros, 0, columns[:, :0]
+        )
+        assert identifiable_offsets(qr_factor_of(rows), ["a"]) == expected
+
+
+# Fits in turn as one estimate: errors that several values have in common are correlated.
+
+
+JOINTS = ("hip_pitch", "knee_pitch")
+SPRING = ("stiffness", "spring_offset")
+UNIT, OF_UNIT = np.array([[80.0, 3.0], [60.0, -2.0]]), np.diag([0.5, 0.1])
+CONSTANTS, OF_CONSTANTS = np.array([2.0, 3.0]), np.array([[4e-4, 3e-4], [3e-4, 9e-4]])
+
+
+def fit_of(names: tuple[str, ...], values: Array, covariance: Array) -> Any:
+    """Return a fit with an estimate, which the propagated springs do not move."""
+    estimate = Estimate(names, values, covariance, ("",) * len(names), 0.1, 1.0)
+    return SimpleNamespace(estimate=estimate, sensitivity=np.zeros((len(names), 4)))
+
+
+def test_springs_that_one_load_scales_share_the_errors_of_their_constants() -> None:
+    """k = K k_1 for a constant K by the load: cov(k, k') = k_1 k_1' cov(K, K')."""
+    names = tuple(ParameterName("torque_constant", joint) for joint in JOINTS)
+    motors = {joint: fit_of(SPRING, x, OF_UNIT) for joint, x in zip(JOINTS, UNIT, strict=True)}
+    scales = fit_of(names, CONSTANTS, OF_CONSTANTS)
+    constants = dict(zip(JOINTS, names, strict=True))
+    drives = FitsInTurn(leg(), motors, JOINTS, constants, by_load=scales).drives
+    springs = drives.of_names([ParameterName("stiffness", joint) for joint in JOINTS])
+    assert springs.values == pytest.approx(CONSTANTS * UNIT[:, 0])
+    shared = np.outer(UNIT[:, 0], UNIT[:, 0]) * OF_CONSTANTS
+    assert springs.covariance == pytest.approx(shared + np.diag(CONSTANTS**2 * OF_UNIT[0, 0]))
