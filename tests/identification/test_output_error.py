@@ -185,15 +185,6 @@ def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch)
     assert finding.evidence["error after"] > 1.5 * finding.evidence["error before"]
 
 
-@pytest.mark.slow  # a refinement of two joints, simulated several times
-def test_warnings_about_the_motion_stay() -> None:
-    weak = Finding("weak-spring", "hardly loaded", "shoulder")
-    poor = Finding("poorly-identified", "of the start", "shoulder")
-    one = refine(replace(found(), findings=(*found().findings, weak, poor)), log())
-    assert weak in one.findings
-    assert poor not in one.findings
-
-
 # The derivatives are those of the simulation.
 
 

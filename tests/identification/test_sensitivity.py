@@ -16,10 +16,10 @@ from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
 from seaid.identification.identification import CutoffSensitivity, cutoff_sensitivity, identify
 from seaid.identification.result import Identification
-from seaid.identification.sensitivity import _influences, difference, fit_of
+from seaid.identification.sensitivity import difference, fit_of
 from seaid.legged import load_robot
 from seaid.log.reading import Log
-from seaid.regressor.regression import Regression, stacked
+from seaid.regressor.regression import Regression
 from seaid.report import save_sensitivity_figure
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
@@ -167,19 +167,6 @@ def test_difference_is_as_large_as_its_standard_errors_say(
         change, errors = difference(fits, np.eye(2))
         scores.append(change / errors)
     check_scores(scores, band=1.2)
-
-
-def test_the_instants_of_two_logs_are_apart() -> None:
-    """Their times may interleave by less than a microsecond, which is no step of either."""
-    first = rows(0, 1)
-    later = replace(first, time=first.time + 3e-7, run=np.ones(len(first.run)))
-    fits = [fit_of(stacked([first, later]), weights) for weights in (WEIGHTED, EQUAL)]
-    for run in (0.0, 1.0):
-        assert len(_influences(fits, run)) == 600
-    change, errors = difference(fits, None)
-    alone = difference([fit_of(first, weights) for weights in (WEIGHTED, EQUAL)], None)
-    assert change == pytest.approx(alone[0])
-    assert errors == pytest.approx(alone[1] / np.sqrt(2), rel=0.05)
 
 
 # Estimates over the pass band: flat where the model is right, and not where noise is.

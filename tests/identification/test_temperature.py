@@ -162,25 +162,6 @@ def test_a_plant_at_one_temperature_is_that_of_the_friction_there() -> None:
         np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
-@pytest.mark.slow  # a long simulation of a warming motor
-def test_the_log_of_a_simulation_has_the_temperature_and_replays_with_it(tmp_path: Path) -> None:
-    drive = StiffDrive(gear_ratio=5.0, motor_inertia_kg_m2=1e-4, friction=TERMS)
-    values = {"viscous_friction": 0.02, "coulomb_friction": 0.02}
-    values |= {"viscous_temperature_slope": -4e-4, "coulomb_temperature_slope": -4e-4}
-    robot = one_joint(tmp_path).with_drives({"arm": drive.with_values(values)})
-    plan = wiggle(robot, 1.0, (0.0,), (1.0,), seed=1)
-    log = seaid.simulate(robot, plan, rate_hz=500.0, temperature_degC={"arm": (20.0, 60.0)})
-    assert log.motor_temperature is not None
-    np.testing.assert_allclose(log.motor_temperature[:, 0], np.linspace(20.0, 60.0, 501))
-    errors = [
-        np.max(np.abs(seaid.replay(one, log).joint_position - log.joint_position))
-        for one in (robot, robot.at_temperature(40.0))
-    ]
-    assert errors[0] < 0.1 * errors[1]
-    with pytest.raises(LogError, match="the log has no motor temperature of 'arm'"):
-        seaid.replay(robot, replace(log, motor_temperature=None))
-
-
 def test_export_states_the_temperature_of_the_friction(tmp_path: Path) -> None:
     robot = leg(TEST_MASS)
     warm = robot.with_drives({KNEE: warming(robot.drives[KNEE])})
@@ -298,24 +279,32 @@ def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_p
     assert not selection.recommended
 
 
-@pytest.mark.slow  # a long simulation of a warming motor
-def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(tmp_path: Path) -> None:
+@pytest.mark.slow  # long simulations of a warming motor
+@pytest.mark.parametrize("terms", [TERMS, WARM_UP], ids=["temperature", "time"])
+def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(
+    tmp_path: Path, terms: tuple[FrictionTerm, ...]
+) -> None:
     """A motor that is cold all the time, and one that is warm, move otherwise."""
-    robot = cold_arm(tmp_path)
-    drive = robot.drives["arm"].with_values({"warm_up_time": 0.7})
-    robot = robot.with_drives({"arm": drive})
-    log = seaid.simulate(robot, wiggle(robot, 1.5, (0.0,), (1.0,), seed=1), rate_hz=500.0)
-    warm = robot.with_drives({"arm": robot.drives["arm"].at_temperature()})
-    cold = (
-        robot.drives["arm"]
-        .at_temperature()
-        .with_values({"viscous_friction": 0.05, "coulomb_friction": 0.07})
-    )
+    is_time = terms is WARM_UP
+    drive = StiffDrive(gear_ratio=5.0, motor_inertia_kg_m2=1e-4, friction=terms)
+    slopes = {"viscous_temperature_slope": -4e-4, "coulomb_temperature_slope": -4e-4}
+    bent = {**COLD, "warm_up_time": 0.7} if is_time else slopes
+    robot = one_joint(tmp_path).with_drives({"arm": drive.with_values({**FRICTION, **bent})})
+    plan = wiggle(robot, 1.5, (0.0,), (1.0,), seed=1)
+    heated = None if is_time else {"arm": (20.0, 60.0)}
+    log = seaid.simulate(robot, plan, rate_hz=500.0, temperature_degC=heated)
+    warm = robot.drives["arm"].at_temperature(40.0)
+    cold = warm.with_values({"viscous_friction": 0.05, "coulomb_friction": 0.07})
     errors = [
         np.max(np.abs(seaid.replay(one, log).joint_position - log.joint_position))
-        for one in (robot, warm, robot.with_drives({"arm": cold}))
+        for one in (robot, *(robot.with_drives({"arm": same}) for same in (warm, cold)))
     ]
     assert errors[0] < 0.1 * min(errors[1:])
-    assert "friction of arm of a warm motor" in (
-        " ".join(seaid.write_mjcf(robot, tmp_path / "arm.xml").notes)
-    )
+    if is_time:
+        notes = " ".join(seaid.write_mjcf(robot, tmp_path / "arm.xml").notes)
+        assert "friction of arm of a warm motor" in notes
+        return
+    assert log.motor_temperature is not None
+    np.testing.assert_allclose(log.motor_temperature[:, 0], np.linspace(20.0, 60.0, 751))
+    with pytest.raises(LogError, match="the log has no motor temperature of 'arm'"):
+        seaid.replay(robot, replace(log, motor_temperature=None))
