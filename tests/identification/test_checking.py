@@ -15,9 +15,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.checks import CODES
-from seaid.checks.experiment import experiment_of, fitted
-from seaid.checks.setup import MISTAKES, transforms
+from seaid.checks.experiment import fitted
 from seaid.estimation import fitted_slope
 from seaid.identification.checking import check
 from seaid.log.log import Log
@@ -31,7 +29,6 @@ from tests.experiments import (
     leg,
     leg_log,
     leg_motion,
-    leg_trajectory,
 )
 from tests.mistakes import CASES, changed, described, of_joint, worst
 from tests.one_joint import one_joint
@@ -174,19 +171,6 @@ def with_gravity(robot: Robot, *gravity: float) -> Robot:
     model = robot.model.copy()
     model.gravity.linear = np.array(gravity)
     return replace(robot, model=model)
-
-
-def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
-    """A vertical slide has the weight as a constant torque, like a friction offset."""
-    robot, log = arm(), arm_log()
-    given = experiment_of(with_gravity(robot, 9.81, 0, 0), [[seaid.reconstruct_motion(robot, log)]])
-    penalties = {
-        one.remedy: one.penalty
-        for one in transforms(given, MISTAKES, [])
-        if one.code == CODES["gravity"]
-    }
-    down = "option: --gravity 0,0,-9.81"
-    assert all(penalties[down] < one for remedy, one in penalties.items() if remedy != down)
 
 
 @pytest.mark.slow  # several checks of the leg or the arm
@@ -338,18 +322,3 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02
-
-
-@pytest.mark.slow  # 3 s
-def test_declared_parallel_springs_belong_to_the_set_up() -> None:
-    """They carry as much as gravity does: without them the torque of the knee is 25 % too large."""
-    sprung: dict[str, Any] = {}
-    for joint, stiffness, preload in (("hip_pitch", 60.0, 12.0), ("knee_pitch", 40.0, -10.0)):
-        drive: Any = leg().drives[joint]
-        values = {"parallel_stiffness": stiffness, "parallel_preload": preload}
-        drive = replace(drive, parallel_spring=("linear", "preload"))
-        sprung[joint] = drive.with_values({**leg().drives[joint].values, **values})
-    robot = leg(TEST_MASS).with_drives(sprung)
-    log = seaid.simulate(robot, leg_trajectory(), noise=LEG_SENSORS, seed=1)
-    assert check(robot, log).warnings == ()
-    assert seaid.identify(robot, log).verdict.level == "good"

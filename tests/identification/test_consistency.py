@@ -111,16 +111,6 @@ def test_what_the_data_leave_open_is_that_of_the_file(robot: Robot) -> None:
     assert result.notes == ()
 
 
-def test_noise_makes_the_plain_estimate_impossible_and_the_result_is_possible(
-    robot: Robot,
-) -> None:
-    result = found(robot.without_nominal(), estimated(robot, 2.0, seed=2))
-    assert result.nearest_chi_square > 0.01
-    assert result.chi_square >= result.nearest_chi_square
-    assert "a ball of 1 kg replaces" in result.notes[0]
-    assert_possible(result)
-
-
 @pytest.mark.parametrize("weight", [0.0, None])
 def test_active_bounds_are_those_of_the_returned_bodies(weight: float | None) -> None:
     robot = leg()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.drives import SeriesElasticDrive, drive_table, drives_from_mapping
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import EstimatorName
 from seaid.identification.conditions import identify_conditions
@@ -59,15 +59,6 @@ def test_springs_and_gears_are_in_series() -> None:
         gear_stiffness_Nm_per_rad=100.0,
     )
     assert drive.values["stiffness"] == pytest.approx(1 / (1 / 2e5 + 0.01**2 / 100))
-    table = {
-        "type": "series_elastic",
-        "gear_ratio": 100.0,
-        "stiffness_Nm_per_rad": 300.0,
-        "gear_stiffness_Nm_per_rad": 1500.0,
-    }
-    (read,) = drives_from_mapping({"knee": table}).values()
-    assert drive_table(read) == table
-    assert read.without_nominal().gear_compliance == 1 / 1500
 
 
 @pytest.mark.parametrize("cubic", [3e4, -1e4])

@@ -115,13 +115,6 @@ def log_of(seed: int, noise: float) -> seaid.Log:
     )
 
 
-@pytest.mark.usefixtures("estimates_only")
-def test_a_current_is_scaled_by_the_mass_that_the_spring_moves(urdf: Path) -> None:
-    found = seaid.identify(robot_of(urdf), log_of(0, 0.0), cutoff_hz=8.0).drives["x_axis"]
-    for name, value in TRUTH.items():
-        assert found.value(name) == pytest.approx(value, rel=3e-3), name
-
-
 @pytest.mark.slow  # 1.7 s
 @pytest.mark.usefixtures("estimates_only")
 def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Path) -> None:

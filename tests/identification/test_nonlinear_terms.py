@@ -388,16 +388,6 @@ def test_values_of_the_search_are_no_nominal_ones() -> None:
     assert found.nominal.drives["two"].own_values == known.drives["two"].own_values
 
 
-def test_possible_bodies_beside_friction_at_the_joint() -> None:
-    truth = robot(STIFF, with_terms(ELASTIC, *SMOOTH_JOINT), known_bodies=("upper",))
-    log = noisy_log(exact_motion(truth), 0.003, 2e-5)
-    found = identify(truth, log, feasible=True, cutoff_hz=10.0)
-    assert found.feasible is not None
-    np.testing.assert_array_equal(found.feasible.parameters[:10], truth.parameters[:10])
-    told = found.robot.drives["two"].values["joint_viscous_friction"]
-    assert told == pytest.approx(0.3, rel=0.1)
-
-
 @pytest.mark.parametrize("option", quick_first([{"method": "simultaneous"}, {"estimator": "iv"}]))
 def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str, str]) -> None:
     drive = with_terms(ELASTIC, *SMOOTH_JOINT)
@@ -476,19 +466,3 @@ def test_conditions_determine_together_what_one_does_not(
     found = identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
     for estimate in found.drives.values():
         assert estimate.value(name) == pytest.approx(drive.values[name], rel=rel)
-
-
-@pytest.mark.slow  # 0.9 s
-def test_a_law_of_known_shape_is_refined() -> None:
-    """Its level is estimated, and the width stays."""
-    shape = {"presliding_angle": 0.4}
-    drive = with_terms(ELASTIC, {"friction": ("viscous", "dahl")}, shape)
-    truth = robot(STIFF, drive)
-    log = noisy_log(exact_motion(truth), 0.003, 2e-5)
-    known = robot(STIFF, replace(drive, known=("presliding_angle",))).without_nominal()
-    found = identify(known, log, cutoff_hz=10.0)
-    assert "presliding_angle" not in found.drives["two"].names
-    refined = refine(found, log)
-    check_intervals(found, truth, "two")
-    told, level = refined.drives["two"], truth.drives["two"].values["coulomb_friction"]
-    assert told.value("coulomb_friction") == pytest.approx(level, rel=0.02)

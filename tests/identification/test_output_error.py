@@ -510,13 +510,3 @@ def test_errors_of_the_gear_are_refined() -> None:
             for kind, amplitude in zip(("cos", "sin"), amplitudes, strict=True):
                 name = f"transmission_error_{place}_{order}_{kind}"
                 assert refined.value(name) == pytest.approx(amplitude, abs=2e-6)
-
-
-@pytest.mark.slow  # a refinement of a joint with other terms
-def test_a_speed_without_its_friction_is_fixed() -> None:
-    truth = with_drive(SPRINGS, "shoulder", *CASES["stribeck"])
-    plain = measured(SPRINGS, 0)
-    refined = refine(identify(truth.without_nominal(), plain), plain)
-    codes = [one.code for one in refined.warnings if one.joint == "shoulder"]
-    assert {"unidentifiable", "poorly-identified"} & {*codes}
-    assert np.isfinite(refined.drives["shoulder"].standard_errors).all()

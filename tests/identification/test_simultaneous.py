@@ -219,41 +219,20 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
     assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
 
 
-def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
-    """Return the sequential estimate of all columns, and its standard errors."""
-    found = identify(robot, log, method="two-step")
-    drives = [found.drives[joint] for joint in robot.elastic_joints]
-    shared = [one.part(range(4), one.names[:4]) for one in drives]  # without torque offsets
-    parts = [*shared, found.load_side]
-    return (
-        np.concatenate([part.values for part in parts]),
-        np.concatenate([part.standard_errors for part in parts]),
-    )
-
-
-@cache
-def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
-    """Return rows, truth, sequential values and errors, and the joint estimate of a noisy log."""
-    log = measure(
-        IN_MOTION, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_offset_rad=0.0), 3
-    )
-    known, model = IN_MOTION.without_nominal(), model_of(IN_MOTION)
-    rows = simultaneous_regression(known, reconstruct_motion(known, log), model, ELASTIC)
-    start, errors = start_of(known, log)
-    found, _ = settled(known, rows, start, WLS)
-    return rows, truth_of(IN_MOTION, model, rows.names), start, errors, found
-
-
 @pytest.mark.slow  # iterations of both sides of the leg
+@pytest.mark.usefixtures("estimates_only")
 def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
-    rows, truth, start, errors, found = free_foot()
-    ankle = rows.names.index("stiffness of ankle_pitch")
-    assert found.standard_errors[ankle] < 0.2 * errors[ankle]
-    assert abs(found.values[ankle] / truth[ankle] - 1) < 0.02
-    assert abs(start[ankle] / truth[ankle] - 1) > 0.02
+    """In turn, the motor equation alone has to show the stiffness of the ankle."""
+    sensors = replace(LEG_SENSORS, motor_offset_rad=0.0)
+    log = measure(IN_MOTION, leg_case(rate_hz=1000.0), sensors, 3)
+    known = IN_MOTION.without_nominal()
+    in_turn = identify(known, log, method="two-step").drives
+    at_once = identify(known, log, method="simultaneous").drives
+    errors = [x["ankle_pitch"].standard_error("stiffness") for x in (at_once, in_turn)]
+    assert errors[0] < 0.2 * errors[1]
     for joint in ELASTIC:
-        column = rows.names.index(f"stiffness of {joint}")
-        assert abs(found.values[column] - truth[column]) < 3 * found.standard_errors[column]
+        error = at_once[joint].value("stiffness") - true_value(IN_MOTION, joint, "stiffness")
+        assert abs(error) < 3 * at_once[joint].standard_error("stiffness")
 
 
 @pytest.mark.slow  # a hundred estimates from twelve seconds

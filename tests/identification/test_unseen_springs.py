@@ -148,20 +148,6 @@ def test_the_angle_by_the_motor_equation_is_the_true_one() -> None:
         assert error < 0.05 * size
 
 
-@pytest.mark.slow  # 1.5 s
-def test_stiffness_and_resonance_from_the_motor_alone(found: Identification) -> None:
-    error = errors(ANYDRIVE, found)
-    assert abs(error["k"]) < 0.03
-    assert abs(error["resonance"]) < 0.02
-    assert abs(error["J"]) < 0.02
-    assert abs(error["score"]) < 3.0
-    drive = found.drives["arm"]
-    assert drive.value("viscous_friction") == pytest.approx(ANYDRIVE.viscous, rel=0.03)
-    assert drive.value("coulomb_friction") == pytest.approx(ANYDRIVE.coulomb, rel=0.05)
-    # a pendulum that hangs down: its first moment is along -z
-    assert found.load.value("mz_body") == pytest.approx(-ANYDRIVE.mass * ANYDRIVE.length, rel=0.1)
-
-
 @pytest.mark.slow  # a plant of 10 s in Python
 def test_the_result_is_that_of_a_refinement_and_says_so(found: Identification) -> None:
     """A second refinement changes nothing."""

@@ -9,19 +9,14 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
-from seaid.excitation.trajectory import load_trajectory
 from seaid.identification.identification import identify, validate
 from seaid.identification.result import Identification, Validation
 from seaid.identification.validation import compared, verdict_with
 from seaid.log.rows import row_samples
 from seaid.regressor.regression import known_friction, motor_regressor
-from seaid.report.formats import explained_as
-from seaid.report.html import runs_of
-from seaid.report.tables import error_rows
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
     LEG_SENSORS,
-    MODELS,
     TEST_MASS,
     arm,
     arm_found,
@@ -94,24 +89,6 @@ def test_a_motor_that_never_moves_has_no_error() -> None:
             assert np.isnan(errors[joint])
         assert fit.relative_error_with_standstill[joint] > 0
         assert np.isfinite(fit.whole_relative_error)
-
-
-@pytest.mark.slow  # 10 s
-def test_a_motor_that_sticks_half_of_the_time_is_predicted() -> None:
-    """The spring of the ankle has little load without a test mass: its motor often stands.
-
-    With the samples at which it does, the error of the motor torque was 26 %.
-    """
-    plan = load_trajectory(MODELS / "tulip_plan.json")
-    found = identify(leg(), perfect_log(leg(), simulate_motion(leg(), plan)))
-    (motion,) = found.motions
-    ankle, fit = leg().index("ankle_pitch"), compared(found, motion).actuator
-    assert fit.counted_share[ankle] < 0.6
-    assert fit.relative_error[ankle] < 0.03
-    assert fit.relative_error_with_standstill[ankle] > 0.2
-    errors = error_rows(runs_of(found, []), found.robot)
-    assert len(errors) == 8
-    assert all(explained_as(row.relative_error) == "good" for row in errors)
 
 
 def test_other_encoder_zeros_of_the_motor_are_not_forgiven() -> None:
