@@ -80,6 +80,20 @@ def with_terms(drive: Any, terms: Mapping[str, Any], values: Mapping[str, float]
     return replace(drive, **terms).with_values(values)
 
 
+Case = tuple[dict[str, Any], dict[str, float]]
+"""What a drive then has, and the true values that it brings."""
+
+
+def friction(*terms: str, **values: float) -> Case:
+    """Return viscous friction with more terms, and their values."""
+    return {"friction": ("viscous", *terms)}, values
+
+
+def spring(*terms: str, **values: float) -> Case:
+    """Return a linear spring with more terms, and their values."""
+    return {"spring": ("linear", *terms)}, values
+
+
 def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed: int = 1) -> Motion:
     """Return the motion of the true robot, its cutoff infinite: nothing is filtered.
 

@@ -119,15 +119,6 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     check_scores(scores, 1.3, band=1.2)
 
 
-@pytest.mark.slow  # 1.6 s
-@pytest.mark.parametrize("torque_std", quick_first([5e-4, 5e-3]))
-def test_no_delay_is_not_found(torque_std: float) -> None:
-    for seed in range(6):
-        found = estimate_delays(known(), late_log({}, seed, torque_std))
-        assert len(found) == 10
-        assert [str(one) for one in found if one.is_significant] == []
-
-
 def test_a_torque_sensor_at_the_spring_tells_both() -> None:
     late = {("knee_pitch", "joint_torque"): 0.008}
     found = estimate_delays(known(), late_log(late, with_springs=True))

@@ -37,11 +37,6 @@ from tests.representatives import quick_first
 KNOWN = leg(TEST_MASS).without_nominal()
 
 
-@cache
-def found() -> Identification:
-    return identify(KNOWN, leg_log())
-
-
 def changed(field: str, joint: str, value: float) -> Log:
     """Return the log with one signal of one joint held at a value."""
     values = getattr(leg_log(), field).copy()
@@ -50,13 +45,15 @@ def changed(field: str, joint: str, value: float) -> Log:
 
 
 def test_found_robot_has_the_found_values() -> None:
-    robot = found().robot
-    assert found().base.project(robot.parameters) == pytest.approx(found().load.values, abs=1e-9)
+    robot = found_with().robot
+    assert found_with().base.project(robot.parameters) == pytest.approx(
+        found_with().load.values, abs=1e-9
+    )
     for joint in ELASTIC:
         stiffness = robot.drives[joint].stiffness  # type: ignore[union-attr]
-        assert stiffness == found().drives[joint].value("stiffness")
+        assert stiffness == found_with().drives[joint].value("stiffness")
     friction = robot.drives["hip_yaw"].viscous_friction_Nms_per_rad
-    assert friction == found().drives["hip_yaw"].value("viscous_friction")
+    assert friction == found_with().drives["hip_yaw"].value("viscous_friction")
 
 
 @pytest.mark.usefixtures("estimates_only")

@@ -28,46 +28,32 @@ from tests.standard_errors import check_scores
 from tests.terms import (
     ELASTIC,
     STIFF,
+    Case,
     arm,
     exact_motion,
     free_stretch,
+    friction,
     identified,
     noisy_log,
+    spring,
     with_terms,
 )
 
 pytestmark = pytest.mark.usefixtures("estimates_only")
 
-Case = tuple[dict[str, Any], dict[str, float]]
-
 FRICTION: dict[str, Case] = {
-    "smooth": ({"friction": ("viscous", "smooth_coulomb")}, {"coulomb_width": 1.5}),
-    "shifted": (
-        {"friction": ("viscous", "shifted_coulomb")},
-        {"coulomb_width": 1.5, "coulomb_shift": 0.4},
-    ),
-    "dahl": ({"friction": ("viscous", "dahl")}, {"presliding_angle": 0.4}),
-    "dahl under load": (
-        {"friction": ("viscous", "dahl", "load")},
-        {"presliding_angle": 0.4, "load_friction": 0.1},
-    ),
-    "asymmetric": (
-        {"friction": ("viscous", "coulomb", "asymmetric")},
-        {"asymmetric_friction": 1e-4},
-    ),
-    "quadratic": (
-        {"friction": ("viscous", "coulomb", "quadratic")},
-        {"quadratic_friction": 2e-6},
-    ),
+    "smooth": friction("smooth_coulomb", coulomb_width=1.5),
+    "shifted": friction("shifted_coulomb", coulomb_width=1.5, coulomb_shift=0.4),
+    "dahl": friction("dahl", presliding_angle=0.4),
+    "dahl under load": friction("dahl", "load", presliding_angle=0.4, load_friction=0.1),
+    "asymmetric": friction("coulomb", "asymmetric", asymmetric_friction=1e-4),
+    "quadratic": friction("coulomb", "quadratic", quadratic_friction=2e-6),
     "position": (
         {"friction": ("viscous", "coulomb", "coulomb_position"), "reference_position_rad": 0.2},
         {"coulomb_position_slope": 0.01, "coulomb_position_curvature": 0.004},
     ),
-    "load": ({"friction": ("viscous", "coulomb", "load")}, {"load_friction": 0.1}),
-    "stribeck": (
-        {"friction": ("viscous", "coulomb", "stribeck")},
-        {"stribeck_friction": 0.02, "stribeck_speed": 8.0},
-    ),
+    "load": friction("coulomb", "load", load_friction=0.1),
+    "stribeck": friction("coulomb", "stribeck", stribeck_friction=0.02, stribeck_speed=8.0),
     "warm-up": (
         {"friction": ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")},
         {"cold_viscous_friction": 2e-4, "cold_coulomb_friction": 0.01, "warm_up_time": 2.5},
@@ -85,62 +71,39 @@ FRICTION: dict[str, Case] = {
 """{term: what a drive then has, and the true values}."""
 
 SPRINGS: dict[str, Case] = {
-    "cubic": (
-        {"spring": ("linear", "cubic")},
-        {"cubic_stiffness": 4000.0, "deflection_zero": 0.02},
-    ),
-    "fifth": (
-        {"spring": ("linear", "fifth")},
-        {"fifth_stiffness": 4e5, "deflection_zero": 0.02},
-    ),
-    "dead zone": (
-        {"spring": ("linear", "dead_zone")},
-        {"dead_zone": 0.02, "deflection_zero": 0.01},
-    ),
+    "cubic": spring("cubic", cubic_stiffness=4000.0, deflection_zero=0.02),
+    "fifth": spring("fifth", fifth_stiffness=4e5, deflection_zero=0.02),
+    "dead zone": spring("dead_zone", dead_zone=0.02, deflection_zero=0.01),
     "smooth dead zone": (
         {"spring": ("linear", "smooth_dead_zone")},
         {"dead_zone": 0.02, "dead_zone_rounding": 0.003, "deflection_zero": 0.01},
     ),
-    "dahl": (
-        {"spring": ("linear", "dahl")},
-        {"hysteresis_force": 2.0, "hysteresis_deflection": 0.02},
-    ),
-    "damping": ({"spring": ("linear", "damping")}, {"spring_damping": 3.0}),
-    "preload": ({"spring": ("linear", "preload")}, {"spring_offset": 1.5}),
+    "dahl": spring("dahl", hysteresis_force=2.0, hysteresis_deflection=0.02),
+    "damping": spring("damping", spring_damping=3.0),
+    "preload": spring("preload", spring_offset=1.5),
     "cubic and preload": (
         {"spring": ("linear", "cubic", "preload")},
         {"cubic_stiffness": 4000.0, "deflection_zero": 0.02, "spring_offset": 1.5},
     ),
 }
 
-STIFF_FRICTION: dict[str, Case] = {
-    **FRICTION,
-    "offset": (
-        {"friction": ("viscous", "coulomb", "offset")},
-        {"friction_offset": 0.01},
-    ),
-    "parallel spring": (
-        {"parallel_spring": ("linear", "preload")},
-        {"parallel_stiffness": 6.0, "parallel_preload": 2.0},
-    ),
-}
-
-JOINT_FRICTION: Case = (
-    {"joint_friction": ("viscous", "coulomb"), "parallel_spring": ("linear", "preload")},
-    {
-        "joint_viscous_friction": 0.3,
-        "joint_coulomb_friction": 0.2,
-        "parallel_stiffness": 5.0,
-        "parallel_preload": 1.0,
-    },
-)
-
-
+PARALLEL = {"parallel_spring": ("linear", "preload")}
 SMOOTH_JOINT: Case = (
-    {"joint_friction": ("viscous",), "parallel_spring": ("linear", "preload")},
+    {"joint_friction": ("viscous",), **PARALLEL},
     {"joint_viscous_friction": 0.3, "parallel_stiffness": 5.0, "parallel_preload": 1.0},
 )
-"""The same without steps of the deflection, which derivatives of a log cannot follow."""
+"""At the joint, without steps of the deflection, which derivatives of a log cannot follow."""
+
+JOINT_FRICTION: Case = (
+    {"joint_friction": ("viscous", "coulomb"), **PARALLEL},
+    {**SMOOTH_JOINT[1], "joint_coulomb_friction": 0.2},
+)
+
+STIFF_FRICTION: dict[str, Case] = {
+    **FRICTION,
+    "offset": friction("coulomb", "offset", friction_offset=0.01),
+    "parallel spring": (PARALLEL, {"parallel_stiffness": 6.0, "parallel_preload": 2.0}),
+}
 
 
 @cache

@@ -36,7 +36,7 @@ from tests.experiments import (
 )
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
-from tests.terms import ELASTIC, STIFF, arm, exact_motion, with_terms
+from tests.terms import ELASTIC, STIFF, Case, arm, exact_motion, friction, spring, with_terms
 
 DRIVE = ("stiffness", "viscous_friction", "coulomb_friction")
 REACH = {"rail": (0.0, 0.4), "shoulder": (0.3, 0.8), "telescope": (0.15, 0.2), "wrist": (0.0, 0.9)}
@@ -356,28 +356,20 @@ def test_rows_where_dry_friction_turns_back_are_excluded(
 # refine: drives with springs and friction beyond the plain ones, on known truth.
 
 
-Case = tuple[Mapping[str, tuple[str, ...]], Mapping[str, float]]
-
 CASES: dict[str, Case] = {
     "plain": ({}, {}),
-    "cubic": ({"spring": ("linear", "cubic")}, {"cubic_stiffness": 5e4, "deflection_zero": 0.01}),
-    "damping": ({"spring": ("linear", "damping")}, {"spring_damping": 1.25}),
-    "dead zone": ({"spring": ("linear", "dead_zone")}, {"dead_zone": 5e-3, "deflection_zero": 0.0}),
-    "smooth": ({"friction": ("viscous", "smooth_coulomb")}, {"coulomb_width": 3.0}),
-    "stribeck": (
-        {"friction": ("viscous", "coulomb", "stribeck")},
-        {"stribeck_friction": 0.012, "stribeck_speed": 20.0},
-    ),
-    "presliding": ({"friction": ("viscous", "dahl")}, {"presliding_angle": 0.4}),
-    "load": ({"friction": ("viscous", "coulomb", "load")}, {"load_friction": 0.1}),
+    "cubic": spring("cubic", cubic_stiffness=5e4, deflection_zero=0.01),
+    "damping": spring("damping", spring_damping=1.25),
+    "dead zone": spring("dead_zone", dead_zone=5e-3, deflection_zero=0.0),
+    "smooth": friction("smooth_coulomb", coulomb_width=3.0),
+    "stribeck": friction("coulomb", "stribeck", stribeck_friction=0.012, stribeck_speed=20.0),
+    "presliding": friction("dahl", presliding_angle=0.4),
+    "load": friction("coulomb", "load", load_friction=0.1),
     "beside": (
         {"joint_friction": ("viscous",), "parallel_spring": ("linear", "preload")},
         {"joint_viscous_friction": 0.3, "parallel_stiffness": 5.0, "parallel_preload": 1.0},
     ),
-    "spring, dahl": (
-        {"spring": ("linear", "dahl")},
-        {"hysteresis_force": 1.0, "hysteresis_deflection": 4e-3},
-    ),
+    "spring, dahl": spring("dahl", hysteresis_force=1.0, hysteresis_deflection=4e-3),
     "dry joint": ({"joint_friction": ("coulomb",)}, {"joint_coulomb_friction": 0.3}),
 }
 """{case: terms of the shoulder's drive, and the values that they bring}."""

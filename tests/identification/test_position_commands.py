@@ -27,6 +27,7 @@ from tests.commanded_joint import (
     SOFT,
     TIME,
     TRUTH,
+    URDF,
     driven,
     log_of,
     mujoco_log,
@@ -88,13 +89,6 @@ def test_reversals_between_samples_do_not_bias_the_delay(
         assert values["motor_inertia"][0] == pytest.approx(truth["motor_inertia"][draw], rel=1e-4)
 
 
-TWO = """<robot name="two"><link name="base"/>{}</robot>"""
-ARM = """<link name="arm{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
-<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j{0}" type="revolute"><parent link="base"/><child link="arm{0}"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
-
-
 def two_joints(
     tmp_path: Path,
     nominal_s: tuple[float | None, float | None],
@@ -102,7 +96,9 @@ def two_joints(
 ) -> seaid.Robot:
     """Return two arms side by side, with their gains and nominal delays."""
     path = tmp_path / "two.urdf"
-    path.write_text(TWO.format(ARM.format(0) + ARM.format(1)))
+    arm = URDF[URDF.index('<link name="arm">') : URDF.index("</robot>")]
+    arms = [arm.replace('"arm"', f'"arm{k}"').replace('"j"', f'"j{k}"') for k in (0, 1)]
+    path.write_text(f'<robot name="two"><link name="base"/>{"".join(arms)}</robot>')
     drives = {
         f"j{k}": seaid.StiffDrive(
             motor_input="position_command",
