@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,7 +12,7 @@ from mujoco.rollout import rollout as mujoco_rollout
 
 import seaid
 from seaid._arrays import Array
-from tests.plants import kept
+from tests.plants import kept, log_with
 
 URDF = """<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/>
 <mass value="1.5"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -55,17 +54,8 @@ def robot_of(
 
 def log_of(position: Array, time: Array = TIME, **commands: Array) -> seaid.Log:
     """Return the log of positions (T,) and commands (T,), CHIRP if none is given."""
-    unknown = np.full((len(time), 1), np.nan)
-    given = commands or {"position_command": CHIRP}
-    columns: dict[str, Any] = {name: values[:, None] for name, values in given.items()}
-    return seaid.Log(
-        time=time,
-        joint_names=("j",),
-        joint_position=position[:, None],
-        motor_position=unknown,
-        motor_torque=unknown,
-        **columns,
-    )
+    sent = commands or {"position_command": CHIRP}
+    return log_with("j", time, joint_position=position, **sent)
 
 
 def mujoco_log(
@@ -167,7 +157,7 @@ def driven(
     fed += np.interp(ticks, time, torque) + law.feedforward_Nm
     of_tick = np.maximum(np.floor(ticks * 200.0 + 1e-9).astype(int), 0)
     held = position[of_tick] if law.is_held else np.interp(ticks, time, position)
-    share = np.ones(len(time)) if supply_V is None else supply_V / law.nominal_supply_V
+    share = np.ones(len(time)) if supply_V is None else supply_V / (law.nominal_supply_V or 1.0)
     factor = np.interp(ticks + delay_s, time, share)
     limit, no_load = law.torque_limit_Nm, law.no_load_speed_rad_per_s
     gains = np.array([law.position_gain_Nm_per_rad, law.velocity_gain_Nms_per_rad])

@@ -8,7 +8,7 @@ import os
 import pickle
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.log.log import Log
 from seaid.regressor.regression import Regression
 
 ROOT = Path(__file__).parents[1]
@@ -75,6 +76,15 @@ def write_columns(path: Path, columns: Mapping[str, Array], fmt: str = "%.12g") 
     table, header = np.column_stack([*columns.values()]), ",".join(columns)
     np.savetxt(path, table, fmt=fmt, delimiter=",", header=header, comments="")
     return path
+
+
+def log_with(joints: str | Sequence[str], time: Array, **columns: Array) -> Log:
+    """Return the log of one or several joints with columns (T,) or (T, n), others not logged."""
+    names = (joints,) if isinstance(joints, str) else tuple(joints)
+    unknown = np.full((len(time), len(names)), np.nan)
+    needed = dict.fromkeys(("joint_position", "motor_position", "motor_torque"), unknown)
+    given: dict[str, Any] = {name: x.reshape(unknown.shape) for name, x in columns.items()}
+    return Log(time=time, joint_names=names, **(needed | given))
 
 
 def regression(H: Array, y: Array, *, unit: str = "kg", **more: Any) -> Regression:

@@ -30,6 +30,7 @@ from tests.experiments import (
 )
 from tests.mistakes import CASES, changed, described, of_joint, worst
 from tests.one_joint import one_joint
+from tests.plants import log_with
 from tests.representatives import quick_first, quick_only
 
 
@@ -268,13 +269,7 @@ def test_a_motor_that_sticks_leaves_no_torque_unexplained(tmp_path: Path) -> Non
     speed = np.gradient(ratio * angle, time)
     friction_torque = coulomb * np.interp(time, time[known], sign[known]) + 4e-5 * speed
     torque = (inertia + 1 / ratio**2) * np.gradient(speed, time) + friction_torque
-    sensed = Log(
-        time=time,
-        joint_names=robot.joint_names,
-        joint_position=angle[:, None],
-        motor_position=np.full((len(time), 1), np.nan),
-        motor_torque=torque[:, None],
-    )
+    sensed = log_with(robot.joint_names, time, joint_position=angle, motor_torque=torque)
     found = check(robot, sensed)
     assert not found.warnings
     assert max(found.joints["arm"].bodies, found.joints["arm"].nominal) < 0.02

@@ -24,7 +24,7 @@ from tests.experiments import (
     arm,
     arm_motion,
 )
-from tests.plants import write_columns
+from tests.plants import log_with, write_columns
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -103,16 +103,8 @@ def signals(seed: int, noise: float) -> tuple[Array, Array, Array]:
 
 def log_of(seed: int, noise: float) -> seaid.Log:
     angle, position, current = signals(seed, noise)
-    unknown = np.full((len(TIME), 1), np.nan)
-    return seaid.Log(
-        time=TIME,
-        joint_names=("x_axis",),
-        joint_position=position[:, None],
-        motor_position=angle[:, None],
-        motor_torque=unknown,
-        motor_current=current[:, None],
-        is_prismatic=(True,),
-    )
+    columns = {"joint_position": position, "motor_position": angle, "motor_current": current}
+    return replace(log_with("x_axis", TIME, **columns), is_prismatic=(True,))
 
 
 @pytest.mark.slow  # 1.7 s

@@ -21,6 +21,7 @@ from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
 from seaid.robot.robot import Robot
+from tests.plants import log_with
 from tests.representatives import quick_first, quick_only
 
 PENDULUM = """
@@ -56,16 +57,7 @@ def torque(robot: Robot) -> Array:
 
 
 def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
-    nothing = np.full((len(time), 1), np.nan)
-    columns: dict[str, Any] = {name: values[:, None] for name, values in sensors.items()}
-    return Log(
-        time=time,
-        joint_names=("hinge",),
-        motor_position=nothing,
-        joint_position=angle[:, None],
-        motor_torque=columns.pop("motor_torque", nothing),
-        **columns,
-    )
+    return log_with("hinge", time, joint_position=angle, **sensors)
 
 
 @pytest.mark.parametrize("value", [1e155, -1e300, 2e12])
@@ -171,15 +163,9 @@ def two_pendulums(folder: Path, drives: dict[str, Any], upper: float = 3.0) -> R
 def log_of_two(
     robot: Robot, angles: Sequence[Any], torques: Sequence[Any], **sensors: Array
 ) -> Log:
-    nothing = np.full((len(TIME), 2), np.nan)
-    columns: dict[str, Any] = {"motor_position": nothing, **sensors}
-    return Log(
-        time=TIME,
-        joint_names=robot.joint_names,
-        joint_position=np.column_stack(angles),
-        motor_torque=np.column_stack(torques),
-        **columns,
-    )
+    positions, pulls = (np.column_stack(sides) for sides in (angles, torques))
+    sensors = {"joint_position": positions, "motor_torque": pulls, **sensors}
+    return log_with(robot.joint_names, TIME, **sensors)
 
 
 WITH_FRICTION = StiffDrive(gear_ratio=1.0, friction=("viscous", "coulomb"))

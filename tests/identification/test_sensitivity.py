@@ -24,7 +24,7 @@ from seaid.report import save_sensitivity_figure
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
-from tests.plants import regression
+from tests.plants import log_with, regression
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -62,14 +62,11 @@ def swing() -> tuple[Array, Array]:
 def undriven(noise_rad: float, seed: int = 0) -> Log:
     rng = np.random.default_rng(seed)
     q, torque = swing()
-    none = np.full_like(q, np.nan)
-    return Log(
-        time=np.arange(len(q)) / RATE_HZ,
-        joint_names=("Joint1", "Joint2"),
-        motor_position=none,
+    return log_with(
+        ("Joint1", "Joint2"),
+        np.arange(len(q)) / RATE_HZ,
         joint_position=q + noise_rad * rng.normal(size=q.shape),
         motor_torque=(torque + 5e-3 * rng.normal(size=q.shape)) / 6,
-        joint_torque=none,
     )
 
 

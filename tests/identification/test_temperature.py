@@ -23,6 +23,7 @@ from seaid.simulation.plant import plant_of, warmed
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_trajectory, wiggle
 from tests.one_joint import one_joint
+from tests.plants import log_with
 from tests.representatives import quick_first
 
 KNEE = "knee_pitch"
@@ -224,12 +225,12 @@ def cold_log(robot: Robot, duration: float = 62.0, seed: int = 1) -> Log:
     coulomb = values["coulomb_friction"] + values["cold_coulomb_friction"] * cold
     torque = a / drive.ratio + 1e-4 * w_dot + viscous * w + coulomb * np.sign(w)
     noise = np.random.default_rng(seed).normal(size=(3, len(time)))
-    return Log(
-        time=time,
-        joint_names=("arm",),
-        joint_position=(q + 1e-5 * noise[0])[:, None],
-        motor_position=(motor + 1e-4 * noise[1])[:, None],
-        motor_torque=(torque + 0.005 * noise[2])[:, None],
+    return log_with(
+        "arm",
+        time,
+        joint_position=q + 1e-5 * noise[0],
+        motor_position=motor + 1e-4 * noise[1],
+        motor_torque=torque + 0.005 * noise[2],
     )
 
 
