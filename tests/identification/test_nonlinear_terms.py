@@ -412,9 +412,10 @@ COMES = ("with", ALWAYS["payloads"]), ("without", ())
     quick_first(
         [
             (ONE, "torque_constant", 2e-3),
-            (TWO, "torque_constant", 2e-3),
             (WIDE, "coulomb_width", 0.05),
-        ]
+            (TWO, "torque_constant", 2e-3),
+        ],
+        2,
     ),
 )
 def test_conditions_determine_together_what_one_does_not(

@@ -20,6 +20,7 @@ from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
+from seaid.regressor import signals
 from seaid.simulation import rollout
 from tests.commanded_joint import (
     CHIRP,
@@ -35,6 +36,7 @@ from tests.commanded_joint import (
     stepped,
     values_of,
 )
+from tests.plants import log_with
 from tests.representatives import quick_only
 
 pytestmark = pytest.mark.usefixtures("estimates_only")
@@ -114,15 +116,9 @@ def two_joints(
 
 def joined(logs: list[seaid.Log]) -> seaid.Log:
     """Return one log of two joints."""
-    return replace(
-        logs[0],
-        joint_names=("j0", "j1"),
-        joint_position=np.hstack([one.joint_position for one in logs]),
-        motor_position=np.hstack([one.motor_position for one in logs]),
-        motor_torque=np.hstack([one.motor_torque for one in logs]),
-        position_command=np.hstack([CHIRP[:, None], CHIRP[:, None]]),
-        is_prismatic=(False, False),
-    )
+    positions = np.hstack([one.joint_position for one in logs])
+    commands = np.column_stack([CHIRP, CHIRP])
+    return log_with(("j0", "j1"), TIME, joint_position=positions, position_command=commands)
 
 
 @pytest.mark.slow  # 1.4 s
@@ -141,6 +137,23 @@ def test_drives_with_one_nominal_delay_share_their_delay(tmp_path: Path) -> None
     assert own.value(delays[0]) != own.value(delays[1])
     # solvers give the equal delays with other rounding
     assert len({drive.command_delay_s for drive in found.robot.drives.values()}) == 1
+
+
+def test_directions_are_those_of_drives_with_position_commands(tmp_path: Path) -> None:
+    """Others keep the sign of the speed at the samples."""
+    robot = two_joints(tmp_path, (0.0, 0.0)).with_drives({"j1": seaid.StiffDrive()})
+    unknown, both = np.full_like(CHIRP, np.nan), np.column_stack([CHIRP, CHIRP])
+    columns = {"motor_torque": np.column_stack([unknown, CHIRP])}
+    columns["position_command"] = np.column_stack([CHIRP, unknown])
+    log = log_with(("j0", "j1"), TIME, joint_position=both, **columns)
+    motion = seaid.reconstruct_motion(robot, log)
+    own, other = (signals(robot, motion, index)["theta_M_sign"] for index in (0, 1))
+    np.testing.assert_array_equal(other, np.sign(motion.motor_velocity[:, 1]))
+    assert motion.friction_known is not None
+    assert np.all(np.isnan(motion.friction_known[:, 1]))
+    known = motion.friction_known[:, 0] == 1
+    assert 0 < np.sum(~known) < 20 * np.sum(np.diff(other) != 0)
+    np.testing.assert_allclose(own[known], other[known], atol=0.05)
 
 
 @pytest.mark.slow  # 0.8 s

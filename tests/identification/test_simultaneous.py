@@ -230,6 +230,8 @@ def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
     at_once = identify(known, log, method="simultaneous").drives
     errors = [x["ankle_pitch"].standard_error("stiffness") for x in (at_once, in_turn)]
     assert errors[0] < 0.2 * errors[1]
+    true = true_value(IN_MOTION, "ankle_pitch", "stiffness")
+    assert at_once["ankle_pitch"].value("stiffness") == pytest.approx(true, rel=0.02)
     for joint in ELASTIC:
         error = at_once[joint].value("stiffness") - true_value(IN_MOTION, joint, "stiffness")
         assert abs(error) < 3 * at_once[joint].standard_error("stiffness")
