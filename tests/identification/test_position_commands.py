@@ -523,15 +523,9 @@ def test_what_a_motor_of_mujoco_cannot_be_is_said(urdf: Path, tmp_path: Path) ->
         no_load_speed_rad_per_s=5.0,
         feedforward_Nm=1.0,
     )
+    truth = robot_of(urdf, SOFT).drives["j"].with_values({**TRUTH, "friction_offset": 0.0})
     for delay_s, words in ((-0.002, "it would act 2 ms early, which no model can"), (1e-13, "")):
-        drive = seaid.StiffDrive(
-            motor_inertia_kg_m2=0.01,
-            viscous_friction_Nms_per_rad=0.1,
-            coulomb_friction_Nm=0.1,
-            motor_input="position_command",
-            command_delay_s=delay_s,
-            controller=law,
-        )
+        drive = replace(truth, controller=law, command_delay_s=delay_s)
         robot = seaid.load_robot(urdf, {"j": drive})
         notes = " ".join(seaid.write_mjcf(robot, tmp_path / "one.xml").notes)
         assert "excluded: its torque limit falls with the speed, to zero at 5, and is con" in notes

@@ -292,11 +292,6 @@ def test_a_file_without_joint_position_is_read(robot: Robot, tmp_path: Path) -> 
 
 
 @pytest.mark.slow  # a search for a stiffness behind a motor
-def test_a_right_set_up_is_checked_without_a_finding(robot: Robot) -> None:
-    assert seaid.check(robot, log_of(ANYDRIVE)).warnings == ()
-
-
-@pytest.mark.slow  # a search for a stiffness behind a motor
 def test_bodies_are_physically_consistent_if_wanted(robot: Robot, tmp_path: Path) -> None:
     result = identify(robot, log_of(ANYDRIVE), feasible=True)
     assert result.feasible is not None
