@@ -1,44 +1,21 @@
 """Measured logs of real robots: every figure of the table, and what is shipped of them."""
 
-import importlib.util
-import sys
 import warnings
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import seaid
+from scripts import real_data
 from tests.measured import LOGS
 
-ROOT = Path(__file__).parents[2]
-
-
-def script(name: str) -> ModuleType:
-    """Import a script as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-real_data = script("real_data")
 CASES = real_data.read_cases()
 
 
 @pytest.mark.slow  # friction that is searched for, or simulated sample by sample
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, id=case.name)
-        for case in CASES
-        if not case.forward  # long: the script's
-    ],
-)
-def test_every_figure_of_a_measured_set_is_reached(case: ModuleType, tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", [x for x in CASES if not x.forward], ids=lambda case: case.name)
+def test_every_figure_of_a_measured_set_is_reached(case: real_data.Case, tmp_path: Path) -> None:
+    """Those of a simulation sample by sample are long: the script has them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", seaid.SeaidWarning)
         rows = list(real_data.rows_of(case, LOGS, tmp_path))
