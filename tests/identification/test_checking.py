@@ -115,12 +115,6 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     assert seaid.check(robot, right).warnings == ()
 
 
-def with_gravity(robot: Robot, *gravity: float) -> Robot:
-    model = robot.model.copy()
-    model.gravity.linear = np.array(gravity)
-    return replace(robot, model=model)
-
-
 def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
     """Return the robot with masses that are off by up to 15 %."""
     factors = np.repeat(np.random.default_rng(seed).uniform(0.85, 1.15, robot.n), 10)
@@ -132,7 +126,9 @@ def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
 def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(seed: int) -> None:
     nominal, angle = with_masses_of_cad(arm(), seed), np.deg2rad(4.0)
     assert seaid.check(nominal, arm_log(seed)).warnings == ()
-    tilted = with_gravity(nominal, 9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle))
+    model = nominal.model.copy()
+    model.gravity.linear = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    tilted = replace(nominal, model=model)
     (finding,) = seaid.check(tilted, arm_log(seed)).warnings
     assert (finding.code, finding.severity) == ("gravity", "doubtful")
     assert finding.evidence["standard errors"] > 6

@@ -25,7 +25,7 @@ from seaid.identification.consistency import (
 )
 from seaid.identification.identification import identify
 from seaid.legged import load_robot
-from seaid.log.reading import Log, read_log
+from seaid.log.reading import read_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
@@ -224,11 +224,6 @@ def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
 # Assumptions that the data contradict
 
 
-@cache
-def log_of_a_leg_without_payload() -> Log:
-    return measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
-
-
 @pytest.mark.slow  # 1.8 s
 @pytest.mark.parametrize("known", quick_first(["file", "nothing"]))
 @pytest.mark.parametrize(
@@ -237,7 +232,8 @@ def log_of_a_leg_without_payload() -> Log:
 )
 def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str) -> None:
     robot = leg(payload) if known == "file" else leg(payload).without_nominal()
-    result = identify(robot, log_of_a_leg_without_payload(), feasible=True)
+    log = measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
+    result = identify(robot, log, feasible=True)
     assert result.feasible is not None
     assert_possible(result.feasible)
     (flag,) = result.feasible.warnings

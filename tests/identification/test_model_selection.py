@@ -1,7 +1,6 @@
 """Which terms the data support: what is there is recommended, what is not is not."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from scripts.benchmarks import contact_backlash, hysteresis
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification.identification import identify
-from seaid.identification.model_selection import TermSelection, compare_terms
+from seaid.identification.model_selection import compare_terms
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
@@ -20,32 +19,23 @@ from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with
 ROBOT = leg(TEST_MASS).without_nominal()
 
 
-@cache
 def plain_log() -> Log:
     return leg_log(3)
 
 
-@cache
-def with_stribeck() -> TermSelection:
-    """Return what is said of a knee that sticks more than it slides."""
+def test_a_term_that_is_there_is_recommended_alone() -> None:
+    """A knee that sticks more than it slides."""
     torque, speed = plain_log().motor_torque.copy(), leg_motion(TEST_MASS).motor_velocity[:, 3]
     torque[:, 3] += 0.02 * np.exp(-((speed / 60.0) ** 2)) * np.sign(speed)
     terms = {"friction": ("stribeck", "quadratic", "asymmetric"), "spring": ("cubic",)}
     log = replace(plain_log(), motor_torque=torque)
-    return compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
-
-
-def test_a_term_that_is_there_is_recommended_alone() -> None:
-    found = with_stribeck()
+    found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
     assert dict(found.recommended) == {"knee_pitch": (("friction", "stribeck"),)}
     assert found.robot.drives["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
     first = [one for one in found.comparisons if one.step == 0]
     assert [one.term for one in first] == ["stribeck", "quadratic", "asymmetric", "cubic"]
-    assert {one.term for one in found.comparisons if one.step == 1} == {
-        "quadratic",
-        "asymmetric",
-        "cubic",
-    }
+    later = {one.term for one in found.comparisons if one.step == 1}
+    assert later == {"quadratic", "asymmetric", "cubic"}
     assert [one.term for one in found.comparisons if one.selected] == ["stribeck"]
     text = str(found)
     assert "knee_pitch: add 'stribeck' to friction; identify(selection.robot, ...)" in text
