@@ -11,7 +11,6 @@ from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.conditions import Conditions, identify_conditions
 from seaid.identification.identification import identify
-from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import (
@@ -32,26 +31,18 @@ WARM = 0.4
 """Part of the viscous friction that a warm leg lacks."""
 
 
-def warm(log: Log, seed: int | None = None) -> Log:
-    """Return the log of a leg with less viscous friction: the same motion takes less torque."""
-    speed = leg_motion(TEST_MASS).motor_velocity
-    friction = [leg().drives[joint].values["viscous_friction"] for joint in leg().joint_names]
-    return replace(log, motor_torque=log.motor_torque - WARM * np.array(friction) * speed)
-
-
 @cache
-def together(
-    own: tuple[str, ...] = ("spring_offset", "viscous_friction"), seed: int = 1
-) -> Conditions:
-    """Return the leg cold with its bare foot, warm with a test mass."""
+def together(seed: int = 1) -> Conditions:
+    """Return the leg cold with its bare foot, and with a test mass and less friction when warm."""
+    cold = measure(leg(), leg_motion(), LEG_SENSORS, seed=seed)
+    warm = measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=seed + 1)
+    friction = [leg().drives[joint].values["viscous_friction"] for joint in leg().joint_names]
+    lacking = WARM * np.array(friction) * leg_motion(TEST_MASS).motor_velocity
+    warm = replace(warm, motor_torque=warm.motor_torque - lacking)
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
-    logs = (
-        measure(leg(), leg_motion(), LEG_SENSORS, seed=seed),
-        warm(measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=seed + 1)),
-    )
-    return identify_conditions(
-        {"cold": (bare, logs[0]), "warm": (loaded, logs[1])}, condition_specific=own
-    )
+    own = ("spring_offset", "viscous_friction")
+    pairs = {"cold": (bare, cold), "warm": (loaded, warm)}
+    return identify_conditions(pairs, condition_specific=own)
 
 
 def distance(estimate: Estimate, name: str, truth: float) -> float:

@@ -21,36 +21,22 @@ from tests.experiments import LEG_SENSORS, leg, leg_motion
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
-QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
-
 
 @cache
 def known() -> Robot:
     return leg().without_nominal()
 
 
-def late_log(
-    late: dict[tuple[str, str], float],
-    seed: int = 0,
-    torque_std: float = 5e-4,
-    *,
-    with_springs: bool = False,
-) -> Log:
+def late_log(late: dict[tuple[str, str], float], torque_std: float = 5e-4) -> Log:
     """Return a log of the leg at 500 Hz whose channels {(joint, field): s} are late."""
     motion = leg_motion()
-    moved = {}
-    for field in ("motor_position", "joint_position", "motor_torque", "joint_torque"):
-        values = getattr(motion, field).copy()
-        for (joint, of), delay in late.items():
-            if of == field:
-                index = leg().index(joint)
-                before = CubicSpline(motion.time, values[:, index])
-                values[:, index] = before(motion.time - delay)
-        moved[field] = values
-    noise = replace(QUIET, torque_std_Nm=torque_std)
-    log = measure(leg(), replace(motion, **moved), noise, seed)
-    if with_springs:
-        log = replace(log, joint_torque=moved["joint_torque"])
+    for (joint, field), delay in late.items():
+        values, index = getattr(motion, field).copy(), leg().index(joint)
+        values[:, index] = CubicSpline(motion.time, values[:, index])(motion.time - delay)
+        motion = replace(motion, **{field: values})
+    log = measure(leg(), motion, replace(LEG_SENSORS, torque_std_Nm=torque_std), 0)
+    if "joint_torque" in {field for _, field in late}:
+        log = replace(log, joint_torque=motion.joint_torque)
     return at_500_hz(log)
 
 
@@ -121,7 +107,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 
 def test_a_torque_sensor_at_the_spring_tells_both() -> None:
     late = {("knee_pitch", "joint_torque"): 0.008}
-    found = estimate_delays(known(), late_log(late, with_springs=True))
+    found = estimate_delays(known(), late_log(late))
     torque = of(found, "knee_pitch", "joint_torque")
     assert torque.delay_s == pytest.approx(0.008, abs=2e-4)
     motor = of(found, "knee_pitch", "motor_position")

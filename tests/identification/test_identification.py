@@ -45,15 +45,13 @@ def changed(field: str, joint: str, value: float) -> Log:
 
 
 def test_found_robot_has_the_found_values() -> None:
-    robot = found_with().robot
-    assert found_with().base.project(robot.parameters) == pytest.approx(
-        found_with().load.values, abs=1e-9
-    )
+    robot = found().robot
+    assert found().base.project(robot.parameters) == pytest.approx(found().load.values, abs=1e-9)
     for joint in ELASTIC:
         stiffness = robot.drives[joint].stiffness  # type: ignore[union-attr]
-        assert stiffness == found_with().drives[joint].value("stiffness")
+        assert stiffness == found().drives[joint].value("stiffness")
     friction = robot.drives["hip_yaw"].viscous_friction_Nms_per_rad
-    assert friction == found_with().drives["hip_yaw"].value("viscous_friction")
+    assert friction == found().drives["hip_yaw"].value("viscous_friction")
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -101,8 +99,8 @@ KNOWN_STD = {"torque": 0.03, "payload": 0.1, "gear_ratio": 0.001}
 
 
 @cache
-def found_with(**options: Any) -> Identification:
-    options = {"method": "two-step", "known_std": KNOWN_STD, **options}
+def found() -> Identification:
+    options: dict[str, Any] = {"method": "two-step", "known_std": KNOWN_STD}
     return identify(KNOWN, leg_log(), encoder_offset_std=0.002, **options)
 
 
@@ -121,16 +119,16 @@ def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) 
     write_log(leg_log(), path)
     options: dict[str, Any] = {"encoder_offset_std": 0.002, "known_std": KNOWN_STD}
     whole = identify(KNOWN, str(path), **options)
-    opened = open_long_log(path, KNOWN, cutoff_hz=found_with().cutoff_hz, chunk_samples=3000)
+    opened = open_long_log(path, KNOWN, cutoff_hz=found().cutoff_hz, chunk_samples=3000)
     pieces = identify(KNOWN, opened, **options)
     for one in (whole, pieces):
-        assert one.cutoff_hz == found_with().cutoff_hz
-        assert one.excluded == found_with().excluded
-        assert_same(one.load, found_with().load, 1e-7)
+        assert one.cutoff_hz == found().cutoff_hz
+        assert one.excluded == found().excluded
+        assert_same(one.load, found().load, 1e-7)
         for joint in ELASTIC:
-            assert_same(one.drives[joint], found_with().drives[joint], 1e-7)
+            assert_same(one.drives[joint], found().drives[joint], 1e-7)
         assert not one.checks["load"].whiteness  # its rows are not kept
-        assert one.warnings == found_with().warnings
+        assert one.warnings == found().warnings
 
 
 @pytest.mark.slow  # 0.6 s
@@ -145,7 +143,7 @@ def test_a_long_log_in_another_pass_band_is_opened_anew(tmp_path: Path) -> None:
 @pytest.mark.parametrize("executor", quick_first([ThreadPoolExecutor, ProcessPoolExecutor]))
 def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path) -> None:
     write_log(leg_log(2), tmp_path / "second.npz")
-    cutoff_hz = found_with().cutoff_hz
+    cutoff_hz = found().cutoff_hz
     in_turn = partial(identify, KNOWN, cutoff_hz=cutoff_hz, method="two-step")
     here = in_turn([leg_log(), leg_log(2)])
     with executor(2) as pool:  # type: ignore[call-arg]
@@ -156,7 +154,7 @@ def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path)
 
 
 def test_checks_say_that_each_term_is_worth_having() -> None:
-    checks = found_with().checks
+    checks = found().checks
     assert set(checks) == {*ELASTIC, "load"}
     for joint in ELASTIC:
         assert {term.terms[0] for term in checks[joint].terms} == {

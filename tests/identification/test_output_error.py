@@ -84,11 +84,6 @@ def refined(truth: Robot = SPRINGS) -> Identification:
     return refine(found(truth), log(truth))
 
 
-@cache
-def noisy(seed: int = 0) -> Log:
-    return measure(SPRINGS, motion(), SENSORS, seed)
-
-
 def base_error(one: Identification, truth: Robot) -> float:
     true = one.base.project(truth.parameters)
     return float(np.linalg.norm(one.load.values - true) / np.linalg.norm(true))
@@ -176,9 +171,10 @@ def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch)
         end.__dict__["step"] = replace(start.step, change=np.zeros_like(x))
         return end, False
 
-    start = identify(SPRINGS.without_nominal(), noisy())
+    noisy = measure(SPRINGS, motion(), SENSORS, 0)
+    start = identify(SPRINGS.without_nominal(), noisy)
     monkeypatch.setattr(output_error, "gauss_newton_search", spoiled)
-    one = refine(start, noisy())
+    one = refine(start, noisy)
     assert_same(start, one, rel=0.0)
     (finding,) = [warning for warning in one.warnings if warning.code == "worse-than-start"]
     assert finding.message.startswith("refine returns the values of its start, because the error")

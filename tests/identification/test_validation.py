@@ -28,11 +28,6 @@ from tests.experiments import (
 )
 
 
-def inside() -> slice:
-    trim = round(1000.0 / arm_found().cutoff_hz)
-    return slice(trim, -trim)
-
-
 def test_unseen_motion_is_predicted() -> None:
     assert np.nanmax(arm_result().load.relative_error) < 0.05
     assert np.nanmax(arm_result().actuator.relative_error) < 0.10
@@ -44,6 +39,9 @@ def test_unseen_motion_is_predicted() -> None:
 
 
 def test_numbers_are_those_of_the_traces() -> None:
+    """Without the ends of the log, where filters swing in."""
+    trim = round(1000.0 / arm_found().cutoff_hz)
+    inside = slice(trim, -trim)
     for fit, joints in ((arm_result().actuator, (1, 2)), (arm_result().load, (0, 1, 2, 3))):
         for joint in joints:
             counted = fit.counted[:, joint]
@@ -56,10 +54,10 @@ def test_numbers_are_those_of_the_traces() -> None:
             assert fit.r_squared[joint] == pytest.approx(
                 1 - np.var(error) / np.var(measured), abs=1e-3
             )
-            measured, computed = (x[inside(), joint] for x in (fit.measured, fit.computed))
+            measured, computed = (x[inside, joint] for x in (fit.measured, fit.computed))
             relative = np.linalg.norm(measured - computed) / np.linalg.norm(measured)
             assert fit.relative_error_with_standstill[joint] == pytest.approx(relative)
-            assert fit.counted_share[joint] == pytest.approx(np.mean(counted[inside()]))
+            assert fit.counted_share[joint] == pytest.approx(np.mean(counted[inside]))
 
 
 def test_errors_count_the_samples_that_identification_uses() -> None:
