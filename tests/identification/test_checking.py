@@ -19,15 +19,7 @@ from seaid.identification.checking import check
 from seaid.log.log import Log
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
-from tests.experiments import (
-    LEG_SENSORS,
-    TEST_MASS,
-    arm,
-    arm_log,
-    leg,
-    leg_log,
-    leg_motion,
-)
+from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_log, leg, leg_log, leg_motion
 from tests.mistakes import CASES, changed, described, of_joint, worst
 from tests.one_joint import one_joint
 from tests.plants import log_with

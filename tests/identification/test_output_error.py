@@ -27,13 +27,7 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
-from tests.experiments import (
-    DATA,
-    drive_errors,
-    perfect_log,
-    wiggle,
-    with_named_friction,
-)
+from tests.experiments import DATA, drive_errors, perfect_log, wiggle, with_named_friction
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 from tests.terms import ELASTIC, STIFF, Case, arm, exact_motion, friction, spring, with_terms

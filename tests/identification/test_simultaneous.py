@@ -19,12 +19,7 @@ from seaid.estimation.fitting import estimator_named
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
-from seaid.identification.simultaneous import (
-    estimation,
-    settled,
-    simultaneous_regression,
-    whitened,
-)
+from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
