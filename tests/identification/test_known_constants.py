@@ -37,9 +37,8 @@ from tests.representatives import quick_first
 TRUTH = leg(TEST_MASS)
 
 
-def found(scale: float = 1.0, **options: Any) -> Identification:
+def found(**options: Any) -> Identification:
     log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
-    log = replace(log, motor_torque=scale * log.motor_torque)
     return identify(TRUTH.without_nominal(), log, cutoff_hz=4.0, **options)
 
 

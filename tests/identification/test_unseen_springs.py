@@ -160,15 +160,25 @@ def test_the_result_is_that_of_a_refinement_and_says_so(found: Identification) -
     assert np.all(np.abs(error) <= 0.1 * found.drives["arm"].standard_errors + 1e-12)
 
 
-def test_a_known_stiffness_or_another_term_is_refused(robot: Robot) -> None:
-    drive = robot.drives["arm"]
-    assert isinstance(drive, SeriesElasticDrive)
-    drive = replace(drive, joint_friction=("viscous",))
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ({"joint_friction": ("viscous",)}, {}, "parallel spring or joint friction"),
+        # they once gave the result of two steps and of "wls" without a word
+        ({}, {"method": "simultaneous"}, 'remove method="simultaneous"'),
+        ({}, {"estimator": "iv"}, 'remove estimator="iv"'),
+    ],
+)
+def test_what_such_a_refinement_does_not_use_is_refused(
+    robot: Robot, change: dict[str, Any], options: dict[str, Any], words: str
+) -> None:
+    """Before the log is looked at for long."""
+    drive = replace(robot.drives["arm"], **change)
     time = np.arange(0.0, 4.0, 1e-3)
     swing = np.sin(9.0 * time)[:, None]
-    swinging = Log(time, ("arm",), motor_position=swing, motor_torque=swing)
-    with pytest.raises(IdentificationError, match="parallel spring or joint friction"):
-        identify(robot.with_values(robot.parameters, {"arm": drive}), swinging)
+    log = Log(time, ("arm",), motor_position=swing, motor_torque=swing)
+    with pytest.raises(IdentificationError, match=words):
+        identify(robot.with_drives({"arm": drive}), log, **options)
 
 
 def with_damping(joint: Joint, folder: Path, **nominal: float) -> Robot:
@@ -248,21 +258,6 @@ def test_a_torque_that_is_mostly_noise_is_doubted(found: Identification) -> None
     (finding,) = noisy_springs({"arm": 0.62})
     assert (finding.code, finding.joint, finding.severity) == ("motor-side", "arm", "doubtful")
     assert finding.message.startswith("62% of the torque on the spring of arm")
-
-
-@pytest.mark.parametrize(
-    ("options", "name"),
-    [
-        ({"method": "simultaneous"}, 'method="simultaneous"'),
-        ({"estimator": "iv"}, 'estimator="iv"'),
-    ],
-)
-def test_options_that_a_refinement_does_not_use_are_refused(
-    robot: Robot, options: dict[str, Any], name: str
-) -> None:
-    """They once gave the result of two steps and of "wls" without a word."""
-    with pytest.raises(IdentificationError, match="remove " + name):
-        identify(robot, log_of(ANYDRIVE), **options)
 
 
 @pytest.mark.slow  # no start ends at the noise, so that all are tried
