@@ -36,21 +36,10 @@ def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
 CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
 
 
-def flipped(j: int, channels: str) -> Callable[[Log], Log]:
-    """Return what turns the sign of channels of joint j."""
-    return lambda log: of_joint(log, j, **{CHANNELS[one]: -1.0 for one in channels})
-
-
-def in_degrees(j: int, channels: str) -> Callable[[Log], Log]:
-    """Return what writes the angles of joint j in degrees."""
-    return lambda log: of_joint(log, j, **{CHANNELS[one]: 180 / np.pi for one in channels})
-
-
-def in_unit(factor: float, j: int | None = None) -> Callable[[Log], Log]:
-    """Return what writes torques in another unit, of joint j or of all."""
-    if j is None:
-        return lambda log: changed(log, {"motor_torque": factor})
-    return lambda log: of_joint(log, j, motor_torque=factor)
+def times(factor: float, channels: str, j: int | None = None) -> Callable[[Log], Log]:
+    """Return what multiplies channels of joint j, or of all."""
+    factors = {CHANNELS[one]: factor for one in channels}
+    return lambda log: changed(log, factors) if j is None else of_joint(log, j, **factors)
 
 
 def exchanged(i: int, j: int, channels: str) -> Callable[[Log], Log]:
@@ -66,12 +55,12 @@ def exchanged(i: int, j: int, channels: str) -> Callable[[Log], Log]:
 
 PLANTED: list[tuple[str, str, int | None, Callable[[Log], Log]]] = [
     # each channel of a spring and each kind of joint: code, joint, and what is done to the log
-    *(("leg", "sign", j, flipped(j, x)) for j, x in ((2, "t"), (2, "q"), (2, "m"), (2, "tqm"))),
-    *(("leg", "sign", j, flipped(j, x)) for j, x in ((0, "t"), (4, "q"))),
-    *(("arm", "sign", j, flipped(j, x)) for j, x in ((1, "t"), (2, "m"), (3, "tqm"))),
-    *((case, "unit", 2, in_unit(factor, 2)) for case in CASES for factor in (1e3, 1e-3)),
-    *((case, "unit", None, in_unit(factor)) for case in CASES for factor in (1e3, 1e-3)),
-    *(("leg", "unit", j, in_degrees(j, x)) for j, x in ((3, "q"), (3, "m"), (0, "qm"))),
+    *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((2, "t"), (2, "q"), (2, "m"), (2, "tqm"))),
+    *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((0, "t"), (4, "q"))),
+    *(("arm", "sign", j, times(-1.0, x, j)) for j, x in ((1, "t"), (2, "m"), (3, "tqm"))),
+    *((case, "unit", 2, times(factor, "t", 2)) for case in CASES for factor in (1e3, 1e-3)),
+    *((case, "unit", None, times(factor, "t")) for case in CASES for factor in (1e3, 1e-3)),
+    *(("leg", "unit", j, times(180 / np.pi, x, j)) for j, x in ((3, "q"), (3, "m"), (0, "qm"))),
     *(
         ("leg", "swapped-joints", None, exchanged(*places))
         for places in ((0, 1, "t"), (2, 3, "t"), (2, 3, "qm"), (1, 4, "tqm"))
