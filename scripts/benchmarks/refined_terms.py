@@ -15,7 +15,13 @@ import seaid
 from scripts.short_form import words
 from seaid.report import table
 from seaid.report.formats import percent
-from tests.identification.test_refined_terms import CASES, errors, log_of, robot, scores
+from tests.identification.test_output_error import (
+    CASES,
+    errors,
+    measured,
+    scores,
+    with_terms_of,
+)
 
 INSIDE = 1.96
 """Standard errors from the estimate to the end of a 95 % interval of a normal distribution."""
@@ -23,9 +29,9 @@ INSIDE = 1.96
 
 def rows_of(case: str, draws: int) -> list[list[str]]:
     """Return a row of the table per added parameter and one of the bodies."""
-    truth, found = robot(case), []
+    truth, found = with_terms_of(case), []
     for seed in range(draws):
-        log = log_of(truth, seed)
+        log = measured(truth, seed)
         start = seaid.identify(truth.without_nominal(), log)
         found.append((start, seaid.refine(start, log)))
     names = [name for name, value in CASES[case][1].items() if value and name != "deflection_zero"]
@@ -57,7 +63,8 @@ def main() -> None:
     """Print the table."""
     given = words()
     draws = int(given[0]) if given else 20
-    rows = [row for case in given[1:] or CASES for row in rows_of(case, draws)]
+    cases = given[1:] or [case for case, (terms, _) in CASES.items() if terms]
+    rows = [row for case in cases for row in rows_of(case, draws)]
     print(table(f"Median errors, {draws} draws", ["", "identify", "refine"], rows))
 
 
