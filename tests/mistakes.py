@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 import seaid
 from seaid._arrays import Array
+from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
 from seaid.log.log import Log
 from seaid.log.repair.channels import unwrapped
@@ -55,3 +56,62 @@ def described(log: Log, remedy: str, number: int = 0) -> Log:
             values = factor * column + source.get("offset", 0.0)
             found[quantity][:, log.joint_names.index(joint)] = values
     return replace(log, **found)
+
+
+def repaired(robot: Robot, log: Log, remedy: str) -> tuple[Robot, Log]:
+    """Return a robot and a log with the lines of a remedy, of the drives file or of the log."""
+    head, text = remedy.split("\n", 1)
+    if not head.endswith("in the drives file:"):
+        return robot, described(log, remedy)
+    tables = {
+        joint: {**drive_table(robot.drives[joint]), **lines}
+        for joint, lines in tomllib.loads(text).items()
+    }
+    return robot.with_drives(drives_from_mapping(tables)), log
+
+
+def lines_of(finding: Finding, joint: str) -> dict[str, Any]:
+    """Return the lines that the remedy of a finding has for a joint."""
+    tables = tomllib.loads(finding.remedy.partition("\n")[2])
+    return dict(tables.get("joints", tables)[joint])
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A robot and a log with one mistake, and what is found of it.
+
+    `found` is the code, the severity and the joint. Expected values may be approximate: those of
+    the evidence, of the lines that the remedy has for the joint, and of the joint's estimates
+    after the repair.
+    """
+
+    make: Callable[[], tuple[Robot, Log]]
+    found: tuple[str, str, str]
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+    lines: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
+    """Codes of findings that may stand beside it."""
+
+
+def check_planted(planted: Planted) -> tuple[Finding, seaid.Identification, seaid.Identification]:
+    """Check that a mistake is the only finding above a note, and that its remedy repairs it.
+
+    Returns
+    -------
+    finding, before, after
+        The finding, and the identifications before and after the repair.
+    """
+    robot, log = planted.make()
+    before = seaid.identify(robot, log)
+    above = (x for x in before.warnings if x.severity != "note")
+    (finding,) = (x for x in above if x.code not in planted.beside)
+    joint = finding.joint
+    assert (finding.code, finding.severity, joint) == planted.found
+    assert {name: finding.evidence[name] for name in planted.evidence} == planted.evidence
+    lines = lines_of(finding, joint) if planted.lines else {}
+    assert {name: lines.get(name) for name in planted.lines} == planted.lines
+    after = seaid.identify(*repaired(robot, log, finding.remedy))
+    assert after.verdict.level == "good", after.warnings
+    assert {x: after.drives[joint].value(x) for x in planted.values} == planted.values
+    return finding, before, after
