@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -16,7 +17,7 @@ import pinocchio as pin
 import pytest
 
 import seaid
-from scripts.example_robots import example_urdf, example_urdfs
+from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.legged import floating_model
@@ -35,6 +36,7 @@ from seaid.legged.load_side import stances_of
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
 from tests.regressor.stances import columns_of_stances
+from tests.representatives import quick_first
 
 DOWN = np.array([0.0, 0.0, -9.81])
 _UNITREE = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
@@ -78,33 +80,10 @@ FLYING = (
     *("alex_nub_hands.urdf", "alex_psyonic_hands.urdf", "alex_sake_hands.urdf", "quadruped.urdf"),
 )
 """Robots that nothing holds without feet in their file."""
-_TRAVELS = "stands on wheels, whose contacts roll"
-_ON_BASE = "its base is bolted to the world"
-LEFT_OUT = {
-    **dict.fromkeys(("pr2.urdf", "tiago.urdf", "tiago_dual.urdf", "tiago_no_hand.urdf"), _TRAVELS),
-    "tiago_pro.urdf": _TRAVELS,
-    **dict.fromkeys(("allegro_left_hand.urdf", "allegro_right_hand.urdf"), "a hand on an arm"),
-    **dict.fromkeys(
-        (
-            *("TwoDofs.urdf", "baxter.urdf", "double_pendulum.urdf", "finger_edu.urdf"),
-            *("double_pendulum_continuous.urdf", "double_pendulum_simple.urdf", "kinova.urdf"),
-            *("panda.urdf", "panda_collision.urdf", "so100.urdf", "so101.urdf"),
-            *("talos_left_arm.urdf", "ur10_joint_limited_robot.urdf", "ur10_robot.urdf"),
-            *("ur3_gripper.urdf", "ur3_joint_limited_robot.urdf", "ur3_robot.urdf"),
-            *("ur5_gripper.urdf", "ur5_joint_limited_robot.urdf", "ur5_robot.urdf"),
-            *("xarm7.urdf", "z1.urdf"),
-        ),
-        _ON_BASE,
-    ),
-}
-"""Robots of example-robot-data that are no free-flyers on feet or in the air, and why."""
 FREE_FLYERS = (*FEET, *SOLES, *FLYING)
-SAME_ROBOT = {
-    "talos_full_v2_box.urdf": "talos_full_v2.urdf",
-    **dict.fromkeys(
-        ("talos_reduced_box.urdf", "talos_reduced_corrected.urdf"), "talos_reduced.urdf"
-    ),
-}
+"""Robots of example-robot-data on feet or in the air; all others are on wheels or a fixed base."""
+
+REPEATED = ("talos_full_v2_box.urdf", "talos_reduced_box.urdf", "talos_reduced_corrected.urdf")
 """Files with the joints and links of another one, which represents them where that takes long."""
 QUICK = ("go2.urdf", "bolt.urdf", "alexander_v1.lowerBodyOnly.urdf", "iris.urdf")
 
@@ -112,12 +91,6 @@ QUICK = ("go2.urdf", "bolt.urdf", "alexander_v1.lowerBodyOnly.urdf", "iris.urdf"
 def of_robots(names: Iterable[str]) -> list[Any]:
     """Return robots as parameters of a test: all slow but for one with each kind of feet."""
     return [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in names]
-
-
-def test_every_robot_is_a_free_flyer_or_has_a_reason() -> None:
-    names = {path.name for path in example_urdfs()}
-    assert names == {*FREE_FLYERS, *LEFT_OUT}
-    assert not {*FREE_FLYERS} & {*LEFT_OUT}
 
 
 def floating(name: str, **options: object) -> Robot:
@@ -198,10 +171,9 @@ def test_rows_without_contact_forces_hold_whatever_the_forces_are() -> None:
 
 
 def test_stances_stand_still() -> None:
-    name = "solo12.urdf"
-    contacts = [Contact(foot) for foot in FEET[name]]
-    robot = floating(name, contacts=contacts)
-    (q, v, _), (w, _, _) = stance_states(robot, FEET[name][:2], 4, 5)
+    contacts = [Contact(foot) for foot in FEET["solo12.urdf"]]
+    robot = floating("solo12.urdf", contacts=contacts)
+    (q, v, _), (w, _, _) = stance_states(robot, FEET["solo12.urdf"][:2], 4, 5)
     J = contact_map(robot, q, contacts[:2]).swapaxes(1, 2)
     # the velocity of the base that keeps both feet at rest exists: J_v v = -J_w w - J_q q'
     moved = np.einsum("tij,tj->ti", J[:, :, 3:], np.hstack([w, v]))
@@ -210,130 +182,112 @@ def test_stances_stand_still() -> None:
         np.testing.assert_allclose(now @ base, -speed, atol=1e-10)
 
 
-def union(robot: Robot, *stances: tuple[str, ...]) -> int:
-    return len(seaid.base_parameters(robot, stances=stances).columns)
+GO2, GO2_MEASURED = FEET["go2.urdf"], {"measured": FEET["go2.urdf"]}
+
+TALOS, TALOS_MEASURED = _SOLES, {"measured": _SOLES}
+
+COUNTS: dict[str, list[tuple[list[tuple[str, ...]], dict[str, Any], int]]] = {
+    # a point mass at a foot that always stands is carried by the ground
+    "go2.urdf": [
+        ([()], {}, 94),
+        *(([GO2[:count]], {}, 94 - count) for count in range(1, 5)),
+        ([(GO2[0], GO2[3]), (GO2[1], GO2[2])], {}, 94),  # a trot
+        ([GO2], GO2_MEASURED, 94),
+    ],
+    # flat feet hide their bodies; those with sensors show their weight
+    "talos_reduced.urdf": [
+        ([()], {}, 234),
+        ([TALOS[:1]], {}, 220),
+        ([TALOS], {}, 206),
+        ([TALOS[:1], TALOS[1:]], {}, 234),
+        ([TALOS], TALOS_MEASURED, 218),
+        ([TALOS, TALOS[:1]], TALOS_MEASURED, 226),
+        ([TALOS[:1], TALOS[1:]], TALOS_MEASURED, 234),
+    ],
+}
+"""{robot: the feet that touch in each stance, options, and the number of base parameters}"""
 
 
-@pytest.mark.parametrize("name", ["go2.urdf", "solo12.urdf"])
-def test_each_foot_that_always_stands_hides_one_parameter(name: str) -> None:
-    feet = FEET[name]
-    robot = floating(name, contacts=feet)
-    in_flight = len(
-        seaid.symbolic.base_parameters(
-            seaid.load_robot(example_urdf(name)), through="recursion", floating_base=True
-        ).columns
-    )
-    assert union(robot, ()) == in_flight == 94
-    for count in range(1, 5):  # a point mass at the foot is carried by the ground
-        assert union(robot, feet[:count]) == in_flight - count
-    assert union(robot, (feet[0], feet[3]), (feet[1], feet[2])) == in_flight  # a trot
+@pytest.mark.parametrize("name", quick_first(COUNTS))
+def test_the_ground_hides_what_it_carries_of_feet_that_always_stand(name: str) -> None:
+    robot = standing(name)
+    for stances, options, count in COUNTS[name]:
+        assert len(seaid.base_parameters(robot, stances=stances, **options).columns) == count
 
 
-def test_a_copy_is_of_its_type() -> None:
-    robot = floating("go2.urdf", contacts=FEET["go2.urdf"])
-    copied = copy.deepcopy(robot)
-    assert type(copied) is type(robot)
-    np.testing.assert_array_equal(copied.parameters, robot.parameters)
+def test_the_equations_in_flight_are_those_of_exact_arithmetic() -> None:
+    robot = seaid.load_robot(example_urdf("go2.urdf"))
+    exact = seaid.symbolic.base_parameters(robot, through="recursion", floating_base=True)
+    assert len(exact.columns) == 94
+
+
+def test_total_mass_needs_feet_that_leave_the_ground() -> None:
+    robot = standing("go2.urdf")
+    mass = np.zeros(len(robot.parameters))
+    mass[::10] = 1.0
+    trot = [(GO2[0], GO2[3]), (GO2[1], GO2[2])]
+    for stances, is_determined in (([()], True), (trot, True), ([GO2], False)):
+        grouping = seaid.base_parameters(robot, stances=stances).grouping
+        left = mass - grouping.T @ np.linalg.lstsq(grouping.T, mass, rcond=None)[0]
+        assert (np.linalg.norm(left) < 1e-9 * np.linalg.norm(mass)) == is_determined
+
+
+HOLLOW = (
+    '<robot name="hollow"><link name="base"/><link name="arm"><inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="one" type="continuous"><parent link="base"/><child link="arm"/></joint></robot>'
+)
+
+REFUSED: dict[str, dict[str, Any]] = {
+    "contacts=: no link is named 'FL_fot'; did you mean 'FL_foot'?": {"contacts": ["FL_fot"]},
+    "contacts= names 'FL_foot' twice": {"contacts": ["FL_foot", "FL_foot"]},
+    "imu_link=: no link is named 'imo'": {"imu_link": "imo"},
+    "give base='floating' with them": {"contacts": ["FL_foot"], "base": "fixed"},
+    "the link 'base' and what is fixed to it have no mass": {"path": "hollow.urdf"},
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_wrong_links_and_a_base_without_mass_are_refused(words: str, tmp_path: Path) -> None:
+    (tmp_path / "hollow.urdf").write_text(HOLLOW)
+    options = {"base": "floating", **REFUSED[words]}
+    file = options.pop("path", None)
+    path = tmp_path / file if file else example_urdf("go2.urdf")
+    with pytest.raises(RobotError, match=re.escape(words)):
+        seaid.load_robot(path, **options)
 
 
 @pytest.mark.slow  # 1.6 s: a process that imports seaid
 def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
     """Its type knows nothing of what is registered for it, so that the pickle must load that."""
-    robot = floating("go2.urdf", contacts=FEET["go2.urdf"])
+    robot = copy.deepcopy(standing("go2.urdf"))
+    assert type(robot) is FloatingRobot
     (tmp_path / "robot.pkl").write_bytes(pickle.dumps(robot))
     code = (
         "import pickle, sys; robot = pickle.load(open(sys.argv[1], 'rb'));"
         "from seaid.regressor import load_side; print(type(load_side(robot)).__name__)"
     )
-    shown = subprocess.run(
-        [sys.executable, "-c", code, tmp_path / "robot.pkl"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert shown.stdout.strip() == "FloatingLoadSide"
-
-
-@pytest.mark.slow  # 1.2 s
-def test_flat_feet_hide_the_bodies_of_the_feet() -> None:
-    soles = ("left_sole_link", "right_sole_link")
-    robot = floating("talos_reduced.urdf", contacts=[Contact(x, is_flat=True) for x in soles])
-    assert union(robot, ()) == 234
-    assert union(robot, soles[:1]) == 220
-    assert union(robot, soles) == 206
-    assert union(robot, soles[:1], soles[1:]) == 234
-
-
-def is_determined(robot: Robot, direction: Array, *stances: tuple[str, ...]) -> bool:
-    grouping = seaid.base_parameters(robot, stances=stances).grouping
-    left = direction - grouping.T @ np.linalg.lstsq(grouping.T, direction, rcond=None)[0]
-    return bool(np.linalg.norm(left) < 1e-9 * np.linalg.norm(direction))
-
-
-def test_total_mass_needs_feet_that_leave_the_ground() -> None:
-    feet = FEET["go2.urdf"]
-    robot = floating("go2.urdf", contacts=feet)
-    mass = np.zeros(len(robot.parameters))
-    mass[::10] = 1.0
-    assert is_determined(robot, mass, ())
-    assert is_determined(robot, mass, (feet[0], feet[3]), (feet[1], feet[2]))
-    # the ground carries a point mass at a foot that always stands
-    assert not is_determined(robot, mass, feet)
-
-
-MESSAGES = (
-    ({"contacts": ["FL_fot"]}, "contacts=: no link is named 'FL_fot'; did you mean 'FL_foot'?"),
-    ({"contacts": ["FL_foot", "FL_foot"]}, "contacts= names 'FL_foot' twice"),
-    ({"imu_link": "imo"}, "imu_link=: no link is named 'imo'"),
-)
-
-
-@pytest.mark.parametrize(("options", "message"), MESSAGES)
-def test_message_of_wrong_links(options: dict[str, object], message: str) -> None:
-    with pytest.raises(RobotError) as problem:
-        floating("go2.urdf", **options)
-    assert message in str(problem.value)
-
-
-def test_message_of_contacts_without_floating_base() -> None:
-    with pytest.raises(RobotError, match="give base='floating' with them"):
-        seaid.load_robot(example_urdf("go2.urdf"), contacts=["FL_foot"])
-
-
-def test_message_of_base_without_mass(tmp_path: Path) -> None:
-    path = tmp_path / "hollow.urdf"
-    path.write_text(
-        '<robot name="hollow"><link name="base"/><link name="arm"><inertial><mass value="1"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="one" type="continuous"><parent link="base"/><child link="arm"/></joint>'
-        "</robot>"
-    )
-    with pytest.raises(RobotError, match="the link 'base' and what is fixed to it have no mass"):
-        seaid.load_robot(path, base="floating")
+    command = [sys.executable, "-c", code, str(tmp_path / "robot.pkl")]
+    assert subprocess.check_output(command, text=True).strip() == "FloatingLoadSide"
 
 
 def test_floating_joint_of_the_file_is_that_of_the_base(tmp_path: Path) -> None:
-    text = example_urdf("double_pendulum.urdf").read_text()
-    free = (
-        '<link name="ground"/><joint name="free" type="floating"><parent link="ground"/>'
-        '<child link="base_link"/></joint></robot>'
-    )
+    """A robot on a fixed base has the same joints, and bodies but for that of the base."""
+    urdf = example_urdf("double_pendulum.urdf")
+    fixed, free = seaid.load_robot(urdf), _freed(urdf)
     path = tmp_path / "free.urdf"
-    path.write_text(text.replace("</robot>", free))
-    robot = seaid.load_robot(path, base="floating")
-    same = seaid.load_robot(example_urdf("double_pendulum.urdf"), base="floating")
-    assert robot.body_names == same.body_names
-    np.testing.assert_array_equal(robot.parameters, same.parameters)
+    joint = '<joint name="free" type="floating"><parent link="ground"/><child link="base_link"/>'
+    text = urdf.read_text()
+    path.write_text(text.replace("</robot>", f'<link name="ground"/>{joint}</joint></robot>'))
+    for robot in (_freed(path), free):
+        assert robot.joint_names == fixed.joint_names
+        assert robot.body_names == (*fixed.body_names, "base_link")
+        np.testing.assert_array_equal(robot.parameters, free.parameters)
+        np.testing.assert_array_equal(robot.parameters[:-10], fixed.parameters)
 
 
-def test_robot_on_fixed_base_has_the_same_joints_and_bodies() -> None:
-    names = {path.name for path in example_urdfs()}
-    for name in ("go2.urdf", "solo12.urdf"):
-        assert name in names
-        fixed, free = seaid.load_robot(example_urdf(name)), floating(name)
-        assert free.joint_names == fixed.joint_names
-        assert free.body_names == (*fixed.body_names, free.floating_base.link)  # type: ignore[union-attr]
-        np.testing.assert_array_equal(free.parameters[:-10], fixed.parameters)
+def _freed(path: Path) -> Robot:
+    return seaid.load_robot(path, base="floating")
 
 
 def standing(name: str) -> Robot:
@@ -348,24 +302,12 @@ def stances_of_feet(links: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple
     return [*unmeasured, *([(links, links[:1]), (links, links)] if links else [])]
 
 
-OF_ALL = [
-    *of_robots(x for x in FREE_FLYERS if x not in SAME_ROBOT),  # 1 to 12 s each
-    *(pytest.param(x, marks=pytest.mark.skip(reason=f"{x}: {LEFT_OUT[x]}")) for x in LEFT_OUT),
-]
-
-
-@pytest.mark.parametrize(("name", "other"), SAME_ROBOT.items())
-def test_files_of_the_same_robot_have_the_same_joints_and_links(name: str, other: str) -> None:
-    robot, representative = floating(name), floating(other)
-    assert robot.joint_names == representative.joint_names
-    assert robot.body_names == representative.body_names
-
-
-@pytest.mark.parametrize("name", OF_ALL)
+@pytest.mark.parametrize("name", of_robots(x for x in FREE_FLYERS if x not in REPEATED))
 def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
+    """In flight, on all feet, and with wrenches measured; 1 to 12 s each."""
     robot, links = standing(name), {**FEET, **SOLES}.get(name, ())
     all_stances = stances_of_feet(links)
-    # in flight, on all feet, and with a wrench measured; those between with robots of each kind
+    # those between with robots of each kind
     stances = all_stances if name in QUICK else [*all_stances[:1], *all_stances[-3:-1]]
     for touching, measured in stances:
         exact = columns_of_stances(robot, [touching], measured=measured)
@@ -378,6 +320,26 @@ def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
     apart = [[link] for link in links]
     if apart and name in QUICK:
         assert columns_of_stances(robot, apart) == columns_of_stances(robot, [[]])
+
+
+def test_exact_columns_of_other_contacts_are_the_numeric_ones() -> None:
+    """With few known torques; of balls, whose stances determine what points do; and of nothing."""
+    points, known = standing("go2.urdf"), standing("go2.urdf").joint_names[:5]
+    stances = [GO2[:1], GO2[2:3]]
+    exact = columns_of_stances(points, stances, torque_joints=known)
+    found = seaid.base_parameters(points, stances=stances, torque_joints=known)
+    assert exact == found.columns
+    balls = floating("go2.urdf", contacts=[Contact(foot, radius_m=0.02) for foot in GO2])
+    for stances in ([GO2], [GO2[:2], GO2[2:]]):
+        exact = columns_of_stances(balls, stances)
+        for robot in (points, balls):
+            assert seaid.base_parameters(robot, stances=stances).columns == exact
+    # two flat feet of three joints each leave nothing
+    feet = FEET["bolt.urdf"]
+    robot = floating("bolt.urdf", contacts=[Contact(x, is_flat=True) for x in feet])
+    assert columns_of_stances(robot, [feet]) == ()
+    with pytest.raises(ExcitationError, match="no parameter of 'bolt' is identifiable"):
+        seaid.base_parameters(robot, stances=[feet])
 
 
 @pytest.mark.parametrize("name", of_robots([*FEET, *SOLES]))
@@ -445,47 +407,6 @@ def test_stances_of_a_log_have_the_flat_feet_whose_wrench_is_measured() -> None:
     assert stances(left=stand, right=lifted) == ((soles[:1], soles), soles)
     touching, measured = stances(left=stand)
     assert (set(*touching), measured) == ({*soles}, soles[:1])  # type: ignore[misc]
-
-
-@pytest.mark.slow  # base parameters of a humanoid, four times
-def test_a_flat_foot_with_a_sensor_that_always_stands_shows_its_weight_only() -> None:
-    robot, soles = standing("talos_reduced.urdf"), SOLES["talos_reduced.urdf"]
-    counts = [
-        len(seaid.base_parameters(robot, stances=stances, measured=soles).columns)
-        for stances in ([()], [soles], [soles, soles[:1]], [soles[:1], soles[1:]])
-    ]
-    assert counts == [234, 218, 226, 234]
-    points = standing("go2.urdf")
-    feet = FEET["go2.urdf"]
-    assert len(seaid.base_parameters(points, stances=[feet], measured=feet).columns) == 94
-
-
-def test_exact_columns_with_few_known_torques_are_the_numeric_ones() -> None:
-    feet = FEET["go2.urdf"]
-    robot = floating("go2.urdf", contacts=feet)
-    known = robot.joint_names[:5]
-    stances = [feet[:1], feet[2:3]]
-    exact = columns_of_stances(robot, stances, torque_joints=known)
-    assert exact == seaid.base_parameters(robot, stances=stances, torque_joints=known).columns
-
-
-def test_two_flat_feet_of_three_joints_each_leave_nothing() -> None:
-    contacts = [Contact(x, is_flat=True) for x in FEET["bolt.urdf"]]
-    robot = floating("bolt.urdf", contacts=contacts)
-    assert columns_of_stances(robot, [FEET["bolt.urdf"]]) == ()
-    with pytest.raises(ExcitationError, match="no parameter of 'bolt' is identifiable"):
-        seaid.base_parameters(robot, stances=[FEET["bolt.urdf"]])
-
-
-@pytest.mark.slow  # 0.7 s
-def test_balls_that_stand_determine_what_points_do() -> None:
-    feet = FEET["go2.urdf"]
-    balls = floating("go2.urdf", contacts=[Contact(foot, radius_m=0.02) for foot in feet])
-    points = floating("go2.urdf", contacts=feet)
-    for stances in ([feet], [feet, feet[1:]], [feet[:2], feet[2:]]):
-        columns = seaid.base_parameters(points, stances=stances).columns
-        assert seaid.base_parameters(balls, stances=stances).columns == columns
-        assert columns_of_stances(balls, stances) == columns
 
 
 def test_contact_forces_are_determined_as_far_as_statics_allows() -> None:
