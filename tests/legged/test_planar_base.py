@@ -20,7 +20,9 @@ from seaid.legged.floating import floating_regressor, floating_rows, planar_rota
 from seaid.log import BaseLog
 from seaid.log.filtering import spline_derivatives
 from seaid.robot import Contact, Robot
+from tests.plants import write_columns
 from tests.regressor.stances import columns_of_stances
+from tests.representatives import quick_first
 
 FEET = ("front_foot", "hind_foot")
 _BODY = (
@@ -53,23 +55,44 @@ ON_BOOM = '<link name="boom"/>' + _JOINT.format("guide", "planar", "boom", "trun
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the robot alone, on a boom, obliquely, and on two slides and a hinge."""
     folder = tmp_path_factory.mktemp("planar")
-    (folder / "hopper.urdf").write_text(hopper_text())
-    (folder / "boom.urdf").write_text(hopper_text(ON_BOOM))
-    slides = "".join(
-        f'<link name="l{k}"/>{_JOINT.format(f"j{k}", kind, f"l{k}", below, "0 0 0")}'.replace(
-            '"0 1 0"', axis
-        )
-        for k, (kind, below, axis) in enumerate(
-            (
-                ("prismatic", "l1", '"1 0 0"'),
-                ("prismatic", "l2", '"0 0 1"'),
-                ("continuous", "trunk", '"0 1 0"'),
-            )
-        )
-    )
-    (folder / "chain.urdf").write_text(hopper_text(slides))
+    guides = {"j0": ("prismatic", "l1", "1 0 0"), "j1": ("prismatic", "l2", "0 0 1")}
+    guides["j2"] = ("continuous", "trunk", "0 1 0")
+    slides = ""
+    for place, (name, (kind, below, axis)) in enumerate(guides.items()):
+        joint = _JOINT.format(name, kind, f"l{place}", below, "0 0 0").replace("0 1 0", axis)
+        slides += f'<link name="l{place}"/>{joint}'
+    oblique = ON_BOOM.replace('"0 1 0"', '"0 1 1"')
+    roots = {"hopper": "", "boom": ON_BOOM, "oblique": oblique, "chain": slides}
+    for name, root in roots.items():
+        (folder / f"{name}.urdf").write_text(hopper_text(root))
     return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "base", "message"),
+    [
+        ("boom.urdf", "floating", "is planar: load it with base='planar'"),
+        ("boom.urdf", "fixed", "joint 'guide' is planar; .*or that of the base with base='planar'"),
+        ("hopper.urdf", "planar", "name the plane by axes of the base, such as base='planar_xz'"),
+        ("oblique.urdf", "planar", "must be one of those of its child link"),
+    ],
+)
+def test_a_base_that_is_not_that_of_the_file_is_refused(
+    folder: Path, name: str, base: str, message: str
+) -> None:
+    with pytest.raises(SeaidError, match=message):
+        seaid.load_robot(folder / name, base=base)  # type: ignore[arg-type]
+
+
+QUANTITIES = {
+    "position": ("x", "z"),
+    "velocity": ("vx", "vz"),
+    "specific_force": ("fx", "fz"),
+    "angle": ("angle",),
+    "angular_velocity": ("rate",),
+}
 
 
 def loaded(folder: Path, name: str = "boom.urdf", base: str = "planar") -> Robot:
@@ -84,28 +107,6 @@ def test_planar_joint_of_the_file_is_that_of_the_base(folder: Path) -> None:
         assert robot.floating_base is not None
         assert robot.floating_base.normal == (0.0, 1.0, 0.0)
         assert "planar base" in repr(robot)
-
-
-@pytest.mark.parametrize(
-    ("name", "base", "message"),
-    [
-        ("boom.urdf", "floating", "is planar: load it with base='planar'"),
-        ("boom.urdf", "fixed", "joint 'guide' is planar; .*or that of the base with base='planar'"),
-        ("hopper.urdf", "planar", "name the plane by axes of the base, such as base='planar_xz'"),
-    ],
-)
-def test_message_of_a_base_that_is_not_that_of_the_file(
-    folder: Path, name: str, base: str, message: str
-) -> None:
-    with pytest.raises(SeaidError, match=message):
-        seaid.load_robot(folder / name, base=base)  # type: ignore[arg-type]
-
-
-def test_message_of_an_oblique_plane(folder: Path) -> None:
-    path = folder / "oblique.urdf"
-    path.write_text(hopper_text(ON_BOOM.replace('"0 1 0"', '"0 1 1"')))
-    with pytest.raises(SeaidError, match="must be one of those of its child link"):
-        seaid.load_robot(path, base="planar")
 
 
 def test_rows_are_those_of_two_slides_and_a_hinge(folder: Path) -> None:
@@ -212,12 +213,6 @@ def columns(folder: Path) -> dict[str, Array]:
     return found | {f"{foot}.contact": np.ones(len(time)) for foot in FEET}
 
 
-def written(path: Path, table: dict[str, Array]) -> Path:
-    values = np.column_stack(list(table.values()))
-    np.savetxt(path, values, "%.9g", ",", header=",".join(table), comments="")
-    return path
-
-
 @pytest.mark.parametrize("wraps", [False, True])
 def test_an_angle_with_lost_samples_is_that_of_a_smooth_motion(
     folder: Path, tmp_path: Path, wraps: bool
@@ -232,7 +227,7 @@ def test_an_angle_with_lost_samples_is_that_of_a_smooth_motion(
         table[f"{joint}.motor_torque_Nm"] = np.cos((2.0 + 0.3 * place) * time)
     kept = np.ones(len(time), dtype=bool)
     kept[7::29] = False
-    path = written(tmp_path / "turns.csv", {name: x[kept] for name, x in table.items()})
+    path = write_columns(tmp_path / "turns.csv", {name: x[kept] for name, x in table.items()})
     log = seaid.read_log(path, robot, repair=seaid.Repairs())
     assert log.base is not None
     assert log.base.orientation is not None
@@ -245,7 +240,7 @@ def test_an_angle_with_lost_samples_is_that_of_a_smooth_motion(
 @pytest.mark.slow  # 1.2 s
 def test_bodies_on_a_boom_are_recovered_from_what_moves_in_the_plane(folder: Path) -> None:
     robot = loaded(folder)
-    log = seaid.read_log(written(folder / "log.csv", columns(folder)), robot)
+    log = seaid.read_log(write_columns(folder / "log.csv", columns(folder)), robot)
     found = seaid.identify(robot.without_nominal(), log)
     truth = found.base.project(robot.parameters)
     assert len(truth) >= 14
@@ -256,28 +251,9 @@ def test_bodies_on_a_boom_are_recovered_from_what_moves_in_the_plane(folder: Pat
     assert loaded(folder, "found.urdf").joint_names == robot.joint_names
 
 
-def test_a_described_log_has_the_coordinates_of_the_plane(folder: Path) -> None:
-    robot, table = loaded(folder), columns(folder)
-    own = {
-        "pitch": np.degrees(table.pop("base.angle_rad")),
-        "gyro": table["base.angular_velocity_y_rad_per_s"],
-    }
-    path = written(folder / "described.csv", {**table, **own})
-    angle = '{ columns = "pitch", scale = 0.017453292519943295 }'
-    text = f'[base]\nangle = {angle}\nangular_velocity = "gyro"\n'
-    description = folder / "described.toml"
-    description.write_text(text)
-    log = seaid.read_log(path, robot, description=description)
-    plain = seaid.read_log(written(folder / "log.csv", columns(folder)), robot)
-    assert isinstance(log.base, BaseLog)
-    assert log.base.columns().keys() == plain.base.columns().keys()  # type: ignore[union-attr]
-    for name, values in plain.base.columns().items():  # type: ignore[union-attr]
-        np.testing.assert_allclose(log.base.columns()[name], values, atol=1e-6)
-
-
 NAMES: dict[str, dict[str, str]] = {
-    "boom": {"x": "x", "z": "z", "angle": "pitch", "rate": "pitch_rate"},
     "degrees": {"x": "base_x [m]", "z": "base_z [m]", "angle": "trunk pitch [deg]"},
+    "boom": {"x": "x", "z": "z", "angle": "pitch", "rate": "pitch_rate"},
     "imu": {"fx": "acc_x", "fz": "acc_z", "rate": "gyro_y", "angle": "base.pitch_rad"},
     "gym": {"x": "rootx", "z": "rootz", "angle": "rooty"},
     "rates": {"x": "px", "z": "pz", "vx": "dx", "vz": "dz", "angle": "theta_body", "rate": "wy"},
@@ -300,28 +276,19 @@ def signals(folder: Path) -> dict[str, Array]:
     return {**table, **{f"@{name}": values for name, values in own.items()}}
 
 
-@pytest.mark.slow  # 0.7 s
-@pytest.mark.parametrize("kind", NAMES)
+@pytest.mark.parametrize("kind", quick_first(NAMES))  # 0.7 s each
 def test_columns_of_a_planar_base_are_described_by_their_names(folder: Path, kind: str) -> None:
     robot, table, names = loaded(folder), signals(folder), NAMES[kind]
     scale = 180 / np.pi if kind == "degrees" else 1.0
     kept = {x: y for x, y in table.items() if not x.startswith("@")}
     own = {names[x]: table[f"@{x}"] * (scale if x == "angle" else 1.0) for x in names}
-    path = written(folder / f"{kind}.csv", {**kept, **own})
+    path = write_columns(folder / f"{kind}.csv", {**kept, **own})
     guess = seaid.describe_log(path, robot)
-    fields = {
+    assert {name: one.columns for name, one in guess.description.base.items()} == {
         quantity: tuple(names[x] for x in parts)
-        for quantity, parts in {
-            "position": ("x", "z"),
-            "velocity": ("vx", "vz"),
-            "specific_force": ("fx", "fz"),
-            "angle": ("angle",),
-            "angular_velocity": ("rate",),
-        }.items()
+        for quantity, parts in QUANTITIES.items()
         if set(parts) <= names.keys()
     }
-    found = {name: one.columns for name, one in guess.description.base.items()}
-    assert found == fields
     assert not any(set(names.values()) & {*one.split(": ")} for one in guess.unsure)
     log = seaid.read_log(path, robot, description=guess.description)
     assert isinstance(log.base, BaseLog)
@@ -335,17 +302,14 @@ def test_arrays_of_a_planar_base_and_its_joints_are_states(folder: Path) -> None
     robot, table = loaded(folder), signals(folder)
     of_joints = [table[f"{x}.joint_position_rad"] for x in robot.joint_names]
     rates = [np.gradient(one, table["time_s"]) for one in of_joints]
-    torques = np.column_stack([table[f"{x}.motor_torque_Nm"] for x in robot.joint_names])
     states = {
         "qpos": np.column_stack([table["@x"], table["@z"], table["@angle"], *of_joints]),
         "qvel": np.column_stack([table["@vx"], table["@vz"], table["@rate"], *rates]),
-        "tau": torques,
-        "contact": np.ones((len(torques), 2)),
+        "tau": np.column_stack([table[f"{x}.motor_torque_Nm"] for x in robot.joint_names]),
+        "contact": np.ones((len(table["time_s"]), 2)),
         "time": table["time_s"],
     }
-    path = folder / "states.npz"
-    np.savez(path, **states)  # type: ignore[arg-type]
-    base = seaid.describe_log(path, robot).description.base
+    base = seaid.describe_log(write_columns(folder / "states.npz", states), robot).description.base
     assert {name: one.columns for name, one in base.items()} == {
         "position": ("qpos[0]", "qpos[1]"),
         "angle": ("qpos[2]",),
@@ -364,7 +328,7 @@ def test_what_a_planar_base_lacks_or_contradicts_is_noted(folder: Path) -> None:
         "acc_x": table["@fx"],
         "acc_z": table["@fz"] - 9.81,
     }
-    guess = seaid.describe_log(written(folder / "odd.csv", {**kept, **own}), robot)
+    guess = seaid.describe_log(write_columns(folder / "odd.csv", {**kept, **own}), robot)
     notes = "\n".join(guess.unsure)
     assert "x: has no z: the plane of the base needs both" in notes
     assert "without a unit: taken for degrees" in notes
@@ -441,7 +405,7 @@ def test_equations_of_a_base_have_no_force_of_a_guide_that_holds_it(
     folder: Path, held: str, equations: str
 ) -> None:
     robot = seaid.load_robot(folder / "hopper.urdf", base="planar_xz")
-    log = seaid.read_log(written(folder / "air.csv", in_the_air(folder, held)), robot)
+    log = seaid.read_log(write_columns(folder / "air.csv", in_the_air(folder, held)), robot)
     found = seaid.identify(robot.without_nominal(), log, cutoff_hz=10.0)
     (note,) = [finding for finding in found.warnings if finding.code == "locked-output"]
     assert f"not used are {equations}" in note.message
