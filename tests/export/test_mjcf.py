@@ -30,6 +30,7 @@ from seaid.robot.robot import Robot
 from seaid.simulation.forward_dynamics import accelerations, advance
 from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
+from tests.one_joint import BODY
 from tests.plants import tree, write_robot
 from tests.representatives import quick_only
 from tests.terms import ELASTIC, STIFF, with_terms
@@ -130,49 +131,53 @@ def rigid_errors(robot: Robot, model: Any, states: int = 5) -> float:
         mujoco.mj_fullM(model, data, full)
         upper = np.triu(pin.crba(own, own_data, q))
         mass, bias = upper + np.triu(upper, 1).T, pin.nle(own, own_data, q, v)
-        for found, expected in (
-            (full[np.ix_(places, places)], mass),
-            (data.qfrc_bias[places], bias),
-        ):
+        pairs = ((full[np.ix_(places, places)], mass), (data.qfrc_bias[places], bias))
+        for found, expected in pairs:
             error = float(np.max(np.abs(found - expected)) / (np.max(np.abs(expected)) + 1e-9))
             largest = max(largest, error)
     return largest
 
 
-# Bodies
+def reordered() -> Robot:
+    """Return four joints of the leg in another order, with another gravity."""
+    joints = ("ankle_pitch", "hip_roll", "knee_pitch", "hip_yaw")
+    files = MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml"
+    return load_robot(*files, joints=joints, gravity=(1.0, -2.0, -9.0))
 
 
-def test_mass_matrix_and_bias_torques_are_those_of_the_robot(tmp_path: Path) -> None:
-    reordered = load_robot(
-        MODELS / "tulip_leg.urdf",
-        MODELS / "tulip_leg.toml",
-        joints=("ankle_pitch", "hip_roll", "knee_pitch", "hip_yaw"),
-        gravity=(1.0, -2.0, -9.0),
-    )
-    for robot in (leg(), leg(TEST_MASS), arm(), reordered):
-        assert rigid_errors(robot, loaded(robot, tmp_path)) < 1e-9
+def stiff_arm() -> Robot:
+    return load_robot(MODELS / "philips_arm.urdf", MODELS / "philips_arm.toml")
 
+
+ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
+
+RIGID = ROBOTS | {"leg with a mass": lambda: leg(TEST_MASS), "reordered": reordered}
 
 EXAMPLES = ("ur10_robot.urdf", "panda.urdf", "kinova.urdf", "double_pendulum.urdf")
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_robots_of_others_have_their_mass_matrix_and_bias_torques(
+@pytest.mark.parametrize("name", [*RIGID, *EXAMPLES])
+def test_mass_matrix_and_bias_torques_are_those_of_the_robot(
     name: str, tmp_path: Path, example_path: Callable[[str], Path]
 ) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        robot = load_robot(example_path(name))
+        robot = RIGID[name]() if name in RIGID else load_robot(example_path(name))
     assert rigid_errors(robot, loaded(robot, tmp_path)) < 1e-9
 
 
+def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path) -> None:
+    robot = load_robot(write_chain({"one": TURN, "two": TURN}, empty=("one_link",)))
+    point = robot.parameters.copy()
+    point[10:] = (2.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.08, 0.0, 0.0, 0.08)  # 2 kg at x = 0.2 m
+    for each in (robot, robot.with_values(point, robot.drives)):
+        assert rigid_errors(each, loaded(each, tmp_path)) < 1e-9
+
+
+# Bodies
+
+
 # Drives
-
-
-@pytest.mark.parametrize("payloads", [(), (TEST_MASS,)])
-def test_accelerations_are_the_plants(payloads: tuple[Any, ...], tmp_path: Path) -> None:
-    assert acceleration_errors(Twin(without_friction(leg(*payloads)), tmp_path)) < 1e-9
-    assert acceleration_errors(Twin(without_friction(arm()), tmp_path)) < 1e-9
 
 
 VISCOUS: tuple[FrictionTerm, ...] = ("viscous",)
@@ -189,7 +194,14 @@ def elastic(values: Mapping[str, float], **terms: Any) -> Drive:
 
 
 PULLED = {"parallel_stiffness": 7.0, "parallel_preload": -1.5}
-TERMS: dict[str, Drive] = {
+
+PULL: dict[str, Any] = {"parallel_spring": ("linear", "preload")}
+
+CUBIC = {"cubic_stiffness": 4e3}
+
+BOTH, TURNED = {"one": 1.0, "two": 1.0}, {"one": 0.5, "two": -1.0}
+
+TERMS: dict[str, Drive | tuple[Drive, Drive]] = {
     "damping": elastic({"spring_damping": 0.4}, spring=("linear", "damping")),
     "preload": elastic({"spring_offset": 2.0}, spring=("linear", "preload")),
     "dead zone": elastic(
@@ -199,41 +211,45 @@ TERMS: dict[str, Drive] = {
     "smooth dead zone, sharp here": elastic(
         {"dead_zone": 0.02, "dead_zone_rounding": 0.0}, spring=("linear", "smooth_dead_zone")
     ),
-    "parallel spring": elastic(PULLED, parallel_spring=("linear", "preload")),
+    "parallel spring": elastic(PULLED, **PULL),
     "joint friction": elastic({"joint_viscous_friction": 0.3}, joint_friction=("viscous",)),
     "friction offset": stiff({"friction_offset": 0.03}, friction=("viscous", "offset")),
-    "parallel spring of a stiff drive": stiff(PULLED, parallel_spring=("linear", "preload")),
+    "parallel spring of a stiff drive": stiff(PULLED, **PULL),
+    "hardening": elastic({**CUBIC, "deflection_zero": 0.01}, spring=("linear", "cubic")),
+    "softening": elastic({"cubic_stiffness": -4e3}, spring=("linear", "cubic")),
+    "cubic alone": elastic({"cubic_stiffness": 4e4}, spring=("cubic",)),
+    "cubic with a preload": elastic(
+        {**CUBIC, "spring_offset": 3.0}, spring=("linear", "cubic", "preload")
+    ),
+    "cubic with a preload alone": elastic(
+        {"cubic_stiffness": 4e4, "spring_offset": -3.0}, spring=("cubic", "preload")
+    ),
+    "cubic with a dead zone": elastic(
+        {**CUBIC, "dead_zone": 0.02}, spring=("linear", "cubic", "dead_zone")
+    ),
+    "stiff drives that move several joints": (
+        stiff(PULLED, **PULL, transmission=BOTH),
+        stiff({}, transmission=TURNED),
+    ),
+    "elastic drives that move several joints": (
+        elastic(PULLED, **PULL, transmission=BOTH),
+        elastic({}, transmission=TURNED),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", TERMS)
 def test_accelerations_with_every_term_that_mujoco_has(name: str, tmp_path: Path) -> None:
-    other = STIFF if isinstance(TERMS[name], SeriesElasticDrive) else ELASTIC
-    robot = two_joints(tmp_path, replace(other, friction=VISCOUS), TERMS[name])
-    assert acceleration_errors(Twin(robot, tmp_path), 30) < 1e-9
+    drives = TERMS[name]
+    if not isinstance(drives, tuple):
+        other = STIFF if isinstance(drives, SeriesElasticDrive) else ELASTIC
+        drives = replace(other, friction=VISCOUS), drives
+    assert acceleration_errors(Twin(two_joints(tmp_path, *drives), tmp_path), 30) < 1e-9
 
 
-def test_hysteresis_is_left_out_and_said(tmp_path: Path) -> None:
-    values = {"presliding_angle": 0.3, "hysteresis_force": 1.0, "hysteresis_deflection": 0.01}
-    spring = ("linear", "dahl", "smooth_dead_zone")
-    drive = elastic(
-        {**values, "dead_zone": 0.01, "dead_zone_rounding": 0.001},
-        friction=("viscous", "dahl"),
-        spring=spring,
-    )
-    written = write_mjcf(two_joints(tmp_path, STIFF, drive), tmp_path / "out.xml")
-    text = "\n".join(written.notes)
-    assert "'two': its dahl is written as dry friction (friction loss)" in text
-    assert "'two': excluded, not available in MuJoCo: dahl of the spring" in text
-    assert "'two': its smooth_dead_zone is written with sharp corners" in text
-
-
-@pytest.mark.parametrize("make", [stiff, elastic])
-def test_accelerations_with_drives_that_move_several_joints(make: Any, tmp_path: Path) -> None:
-    one = make(PULLED, parallel_spring=("linear", "preload"), transmission={"one": 1, "two": 1})
-    two = make({}, transmission={"one": 0.5, "two": -1.0})
-    robot = two_joints(tmp_path, one, two)
-    assert acceleration_errors(Twin(robot, tmp_path)) < 1e-9
+@pytest.mark.parametrize("name", ["leg", "leg with a mass", "mixed arm"])
+def test_accelerations_of_whole_robots(name: str, tmp_path: Path) -> None:
+    assert acceleration_errors(Twin(without_friction(RIGID[name]()), tmp_path)) < 1e-9
 
 
 @given(
@@ -284,10 +300,6 @@ def chain(
 # Motions
 
 
-def stiff_arm() -> Robot:
-    return load_robot(MODELS / "philips_arm.urdf", MODELS / "philips_arm.toml")
-
-
 def torques_of(robot: Robot, duration: float, step: float) -> tuple[Array, Array]:
     """Return a start (4, n) and motor torques (T, n) that move it much, as an experiment does."""
     if robot.name in ("tulip_leg", "mixed_arm"):
@@ -327,19 +339,6 @@ def run(
         both.append((state[2], twin.positions()))
     found = np.array(both)
     return found[:, 0], found[:, 1]
-
-
-ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
-
-
-@pytest.mark.parametrize("name", quick_only(ROBOTS, ["stiff arm"]))
-def test_motion_without_dry_friction_is_the_plants(name: str, tmp_path: Path) -> None:
-    robot = without_friction(ROBOTS[name]())
-    own, found = run(robot, tmp_path, 0.3)
-    assert np.min(np.ptp(own, axis=0)) > 1e-3  # every joint moves
-    assert np.max(np.abs(found - own)) < 1e-12  # the same scheme and steps: rounding
-    own, found = run(robot, tmp_path, 0.1, parts=2)
-    assert np.max(np.abs(found - own)) < 1e-7  # other steps: what both integrators leave
 
 
 @pytest.mark.slow  # whole robots in MuJoCo, at two steps
@@ -388,36 +387,6 @@ def test_an_identified_robot_moves_as_the_true_one(tmp_path: Path) -> None:
 # Springs by themselves
 
 
-CUBIC: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
-    "hardening": (("linear", "cubic"), {"cubic_stiffness": 4e3, "deflection_zero": 0.01}),
-    "softening": (("linear", "cubic"), {"cubic_stiffness": -4e3}),
-    "cubic alone": (("cubic",), {"cubic_stiffness": 4e4}),
-    "preload": (("linear", "cubic", "preload"), {"cubic_stiffness": 4e3, "spring_offset": 3.0}),
-    "preload alone": (("cubic", "preload"), {"cubic_stiffness": 4e4, "spring_offset": -3.0}),
-    "dead zone": (("linear", "cubic", "dead_zone"), {"cubic_stiffness": 4e3, "dead_zone": 0.02}),
-}
-
-
-@pytest.mark.parametrize("kind", CUBIC)
-def test_cubic_springs_are_polynomials_of_mujoco(tmp_path: Path, kind: str) -> None:
-    """Its accelerations are those of the plant, and its spring force is that of the terms."""
-    terms, values = CUBIC[kind]
-    robot = two_joints(tmp_path, STIFF, elastic(values, spring=terms))
-    twin = Twin(without_friction(robot), tmp_path)
-    assert acceleration_errors(twin) < 1e-9
-    drive, rng = robot.drives["two"], np.random.default_rng(0)
-    for state in (twin.random_state(rng) for _ in range(3)):
-        twin.put(state)
-        mujoco.mj_forward(twin.model, twin.data)
-        stretch = float(state[0, 1] / drive.ratio - state[2, 1])
-        d = stretch - values.get("deflection_zero", 0.0)
-        d -= np.clip(d, -values.get("dead_zone", 0.0), values.get("dead_zone", 0.0))
-        force = values["cubic_stiffness"] * d**3 + values.get("spring_offset", 0.0)
-        force += drive.values["stiffness"] * d if "linear" in terms else 0.0
-        found = twin.data.qfrc_spring[twin.model.joint("two_motor").dofadr[0]]
-        assert found == pytest.approx(-force / drive.ratio, rel=1e-9, abs=1e-12)
-
-
 def test_dry_friction_stands_at_the_motor_or_the_joint_it_is_of(tmp_path: Path) -> None:
     rubbing = elastic(
         {"joint_coulomb_friction": 0.7, "coulomb_friction": 0.03},
@@ -429,18 +398,21 @@ def test_dry_friction_stands_at_the_motor_or_the_joint_it_is_of(tmp_path: Path) 
     assert losses == pytest.approx([40 * 0.02, 0.7, 0.03], rel=1e-12)
 
 
-# What the file says, and what is refused
-
-
 def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
-    drive = stiff(
+    first = stiff(
         {"coulomb_width": 2.0, "coulomb_friction": 0.1, "load_friction": 0.1},
         friction=("viscous", "smooth_coulomb", "load"),
         motor_input="current",
         extra_terms=("c_4*sin(theta_L)",),
     )
+    hysteresis = {"presliding_angle": 0.3, "hysteresis_force": 1.0, "hysteresis_deflection": 0.01}
+    second = elastic(
+        {**hysteresis, "dead_zone": 0.01, "dead_zone_rounding": 0.001},
+        friction=("viscous", "dahl"),
+        spring=("linear", "dahl", "smooth_dead_zone"),
+    )
     payload = replace(TEST_MASS, link="lower")
-    robot = two_joints(tmp_path, drive, ELASTIC, payloads=[payload])
+    robot = two_joints(tmp_path, first, second, payloads=[payload])
     written = write_mjcf(robot, tmp_path / "out.xml")
     text = (tmp_path / "out.xml").read_text()
     for words in (
@@ -448,6 +420,9 @@ def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
         "contacts are off",
         "joint 'one': its smooth_coulomb is written as dry friction",
         "joint 'one': excluded, not available in MuJoCo: load, extra term c_4*sin(theta_L)",
+        "joint 'two': its dahl is written as dry friction (friction loss)",
+        "joint 'two': excluded, not available in MuJoCo: dahl of the spring",
+        "joint 'two': its smooth_dead_zone is written with sharp corners",
         "its control is the motor torque, torque_constant (unknown) times the current",
         "motors of elastic joints turn on separate bodies fixed in the world",
         "the known payload is part of the bodies",
@@ -456,16 +431,17 @@ def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
         assert words in text
 
 
+# What the file says, and what is refused
+
+
 def test_names_never_clash_and_odd_ones_load(write_chain: Any, tmp_path: Path) -> None:
     twins = ("a--", "a--_motor")
     robot = load_robot(write_chain(dict.fromkeys(twins, TURN)), dict.fromkeys(twins, ELASTIC))
     model = loaded(robot, tmp_path)
-    assert {model.joint(index).name for index in range(model.njnt)} == {
-        *("a--", "a--_motor", "a--_motor_", "a--_motor_motor"),
-    }
-    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    names = {model.joint(index).name for index in range(model.njnt)}
+    assert names == {"a--", "a--_motor", "a--_motor_", "a--_motor_motor"}
     links, joints = ("base", "world", "world_link", "left/hand é"), ("world", "a b", "arm/joint")
-    rows = [f'<link name="{name}">{body}</inertial></link>' for name in links]
+    rows = [f'<link name="{name}">{BODY}</link>' for name in links]
     for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True):
         rows.append(
             f'<joint name="{joint}" type="continuous"><parent link="{parent}"/>'
@@ -475,42 +451,11 @@ def test_names_never_clash_and_odd_ones_load(write_chain: Any, tmp_path: Path) -
     path.write_text(f'<robot name="a/b &lt;c&gt;">{"".join(rows)}</robot>', encoding="utf-8")
     robot = load_robot(path, dict.fromkeys(joints, ELASTIC))
     model = loaded(robot, tmp_path)
-    names = [model.body(index).name for index in range(4)]
-    assert names == ["world", "world_link_", "world_link", "left/hand é"]
+    bodies = [model.body(index).name for index in range(4)]
+    assert bodies == ["world", "world_link_", "world_link", "left/hand é"]
     assert {model.actuator(index).name for index in range(model.nu)} == set(joints)
     notes = write_mjcf(robot, tmp_path / "again.xml").notes
     assert any("link 'world' is the body 'world_link_'" in note for note in notes)
-
-
-def body(robot: Robot, index: int, place: int, value: float) -> Robot:
-    parameters = robot.parameters.copy()
-    parameters[10 * index + place] = value
-    return robot.with_values(parameters, robot.drives)
-
-
-def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
-    path, wrong = tmp_path / "out.xml", body(arm(), 1, 4, -1.0)
-    with pytest.raises(
-        RobotError, match=r"'upper_arm' would be physically inconsistent .*feasible=True"
-    ):
-        write_mjcf(wrong, path)
-    assert not path.exists()
-    written = write_mjcf(wrong, path, force=True)
-    assert any("'upper_arm' is physically inconsistent" in note for note in written.notes)
-    assert mujoco.MjModel.from_xml_path(str(path)).nv == 6
-    with pytest.raises(RobotError, match=r"force=True needs a mass of more than zero"):
-        write_mjcf(body(arm(), 2, 0, -0.1), tmp_path / "other.xml", force=True)
-
-
-def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path) -> None:
-    robot = load_robot(write_chain({"one": TURN, "two": TURN}, empty=("one_link",)))
-    assert rigid_errors(robot, loaded(robot, tmp_path)) < 1e-9
-    point = robot.parameters.copy()
-    point[14:] = 0.0
-    point[10:14] = (2.0, 0.4, 0.0, 0.0)
-    point[16] = point[19] = 0.08  # 2 kg at x = 0.2 m
-    pointed = robot.with_values(point, robot.drives)
-    assert rigid_errors(pointed, loaded(pointed, tmp_path)) < 1e-9
 
 
 REFUSED: dict[str, Drive] = {
@@ -541,10 +486,8 @@ def test_what_is_not_known_or_cannot_be_said_is_refused(words: str, tmp_path: Pa
 
 
 def test_rotors_between_branches_are_refused(write_urdf: Any, tmp_path: Path) -> None:
-    body = '<inertial><origin xyz="0 0 -0.1"/><mass value="1"/><inertia ixx="0.1" iyy="0.1" '
-    body += 'izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
     joints = {f"j{x}": f'continuous base {x} <axis xyz="0 1 0"/>' for x in "ab"}
-    path = write_urdf(tree(joints, body))
+    path = write_urdf(tree(joints, BODY))
     drives = {
         "ja": stiff({}, transmission={"ja": 1.0, "jb": 1.0}),
         "jb": stiff({}, transmission={"ja": 1.0, "jb": -1.0}),

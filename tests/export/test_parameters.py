@@ -19,9 +19,34 @@ from seaid.export import content_of, write_parameters
 from seaid.export.parameters import read_parameters
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
-from seaid.robot.inertia import PARAMETERS
-from seaid.robot.robot import Robot
 from tests.experiments import arm, arm_motion, leg, perfect_log
+
+
+def test_the_file_has_all_that_is_known_of_a_result(tmp_path: Path) -> None:
+    """Checks of each side, feasible parameters with their distance, and what was done to logs."""
+    data, own = content(tmp_path), found()
+    assert data == content_of(own)
+    assert data["seaid"] == seaid.__version__
+    assert set(data["checks"]) == set(own.checks)
+    for side, check in own.checks.items():
+        written = data["checks"][side]
+        assert written["condition_number"] == check.condition_number
+        assert written["poorly_determined"] == list(check.poorly_determined)
+        terms = [(one["terms"], one["bic"]) for one in written["terms"]]
+        assert terms == [([*one.terms], plain(one.bic)) for one in check.terms]
+        assert set(written["whiteness"]) == set(check.whiteness)
+    told, feasible = data["feasible"], own.feasible
+    assert feasible is not None
+    assert told["chi_square"] == feasible.chi_square
+    distances = {one["name"]: one["distance"] for one in told["combinations"]}
+    assert distances == dict(zip(feasible.names, feasible.distance.tolist(), strict=True))
+    (log,), (processing,) = data["processing"], own.processing
+    selection = processing.cutoff_selection
+    assert log["cutoff_selection"]["cutoff_hz"] == selection.cutoff_hz == own.cutoff_hz
+    assert log["cutoff_selection"]["reason"] == selection.reason
+    assert (log["rate_hz"], log["repairs"]) == (processing.rate_hz, [])
+    assert data["excluded"] == dict(own.excluded)
+
 
 MODELS = Path(__file__).parents[1] / "data"
 KNOWN = arm().without_nominal()
@@ -44,46 +69,6 @@ def content(folder: Path) -> dict[str, Any]:
     return data
 
 
-def test_content_is_what_is_written(tmp_path: Path) -> None:
-    assert content(tmp_path) == content_of(found())
-    assert content(tmp_path)["seaid"] == seaid.__version__
-
-
-def test_checks_of_the_model_are_there_by_side(tmp_path: Path) -> None:
-    checks = content(tmp_path)["checks"]
-    assert set(checks) == set(found().checks)
-    for side, own in found().checks.items():
-        assert checks[side]["condition_number"] == own.condition_number
-        assert checks[side]["poorly_determined"] == list(own.poorly_determined)
-        assert [one["terms"] for one in checks[side]["terms"]] == [
-            [*one.terms] for one in own.terms
-        ]
-        assert [one["bic"] for one in checks[side]["terms"]] == [
-            plain(one.bic) for one in own.terms
-        ]
-        assert set(checks[side]["whiteness"]) == set(own.whiteness)
-
-
-def test_feasible_parameters_are_written_with_their_distance(tmp_path: Path) -> None:
-    told, own = content(tmp_path)["feasible"], found().feasible
-    assert own is not None
-    assert told["chi_square"] == own.chi_square
-    assert [one["name"] for one in told["combinations"]] == list(own.names)
-    assert [one["distance"] for one in told["combinations"]] == own.distance.tolist()
-    assert content_of(identify(KNOWN, perfect_log(KNOWN, arm_motion())))["feasible"] is None
-
-
-def test_processing_of_each_log_is_there_with_its_pass_band(tmp_path: Path) -> None:
-    (told,), (own,) = content(tmp_path)["processing"], found().processing
-    assert (
-        told["cutoff_selection"]["cutoff_hz"] == own.cutoff_selection.cutoff_hz == found().cutoff_hz
-    )
-    assert told["cutoff_selection"]["reason"] == own.cutoff_selection.reason
-    assert told["rate_hz"] == own.rate_hz
-    assert told["repairs"] == []
-    assert content(tmp_path)["excluded"] == dict(found().excluded)
-
-
 def test_numbers_that_are_not_finite_are_null() -> None:
     load = found().load
     worse = Estimate(
@@ -98,59 +83,58 @@ def test_numbers_that_are_not_finite_are_null() -> None:
     assert {one["standard_error"] for one in json.loads(text)["load"]} == {None}
 
 
-@pytest.mark.parametrize("nominal", [KNOWN, arm()], ids=["bare", "nominal"])
-def test_the_robot_comes_back_exactly(tmp_path: Path, nominal: Robot) -> None:
-    back = read_parameters(saved(tmp_path), nominal)
-    np.testing.assert_array_equal(back.parameters, found().robot.parameters)
-    assert back.drives == found().robot.drives
-    assert (
-        content(tmp_path)["bodies"]["boom"]["mx"]
-        == back.parameters[10 * back.body_names.index("boom") + PARAMETERS.index("mx")]
-    )
-    first, second = tmp_path / "first.urdf", tmp_path / "second.urdf"
-    seaid.write_urdf(found(), first)
-    seaid.write_urdf(back, second)
-    assert first.read_bytes() == second.read_bytes()
-    assert first.with_suffix(".toml").read_text() == second.with_suffix(".toml").read_text()
-
-
-def test_payloads_are_those_of_the_robot_given(tmp_path: Path) -> None:
+def test_the_robot_comes_back_exactly(tmp_path: Path) -> None:
+    """Into a robot without bodies, with those of its file, and with a payload of its own."""
     payload = seaid.Payload("tool", 0.5, (0.1, 0.0, 0.0))
     loaded = seaid.load_robot(MODELS / "mixed_arm.urdf", payloads=[payload])
-    back = read_parameters(saved(tmp_path), loaded)
-    np.testing.assert_array_equal(back.payload_parameters, loaded.payload_parameters)
-    np.testing.assert_array_equal(back.parameters, found().robot.parameters)
+    files = []
+    for name, nominal in (("bare", KNOWN), ("nominal", arm()), ("loaded", loaded)):
+        back = read_parameters(saved(tmp_path), nominal)
+        np.testing.assert_array_equal(back.parameters, found().robot.parameters)
+        np.testing.assert_array_equal(back.payload_parameters, nominal.payload_parameters)
+        assert back.drives == found().robot.drives
+        written = seaid.write_urdf(back, tmp_path / f"{name}.urdf")
+        assert written.drives is not None
+        files.append((written.urdf.read_bytes(), written.drives.read_text()))
+    assert files[0] == files[1] == files[2]
     assert back.model.inertias[4].mass == pytest.approx(back.parameters[30] + 0.5)
 
 
-def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
+NO_FILES = {
+    "{": r"parameters '.*other.json' is not JSON: Expecting",
+    "[]": "is no file of identified parameters: 'format' is None, not 'seaid parameters 4'",
+    '{"joints": []}': "'format' is None.*: give one|; give one written by seaid identify",
+    '{"format": 2}': "'format' is 2, not 'seaid parameters 4'",
+    '{"format": "seaid parameters 4"}': "other.json': key 'robot' is missing",
+    '{"format": 1, "format": 2}': "duplicate key 'format' in one object",
+    '{"m": NaN}': "NaN is not a JSON number; give a finite number or null",
+    '{"m": 1e999}': "other.json': m must be a finite number",
+    '{"a": [0, 1' + 400 * "0" + "]}": r"a\[1\] must be a finite number",
+    '{"m": ' + 5000 * "9" + "}": "is not JSON: Exceeds the limit",
+    "[" * 40 + "]" * 40: "is more than 32 levels deep",
+    "[" * 200_000: "is not JSON: tables or lists have too many levels",
+    '{"\\ud800": 1}': r"'\\\\ud800' is not Unicode|unpaired surrogate",
+}
+
+
+def test_what_is_no_such_file_or_of_another_robot_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.json"
     with pytest.raises(RobotError, match=r"cannot read parameters '.*other.json': No such file"):
         read_parameters(path, KNOWN)
-    for text, words in (
-        ("{", r"parameters '.*other.json' is not JSON: Expecting"),
-        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 4'"),
-        ('{"joints": []}', "'format' is None.*: give one|; give one written by seaid identify"),
-        ('{"format": 2}', "'format' is 2, not 'seaid parameters 4'"),
-        ('{"format": "seaid parameters 4"}', "other.json': key 'robot' is missing"),
-        ('{"format": 1, "format": 2}', "duplicate key 'format' in one object"),
-        ('{"m": NaN}', "NaN is not a JSON number; give a finite number or null"),
-        ('{"m": 1e999}', "other.json': m must be a finite number"),
-        ('{"a": [0, 1' + 400 * "0" + "]}", r"a\[1\] must be a finite number"),
-        ('{"m": ' + 5000 * "9" + "}", "is not JSON: Exceeds the limit"),
-        ("[" * 40 + "]" * 40, "is more than 32 levels deep"),
-        ("[" * 200_000, "is not JSON: tables or lists have too many levels"),
-        ('{"\\ud800": 1}', r"'\\\\ud800' is not Unicode|unpaired surrogate"),
-    ):
+    for text, words in NO_FILES.items():
         path.write_text(text)
         with pytest.raises(RobotError, match=words) as caught:
             read_parameters(path, KNOWN)
         assert len(str(caught.value)) < 400 + len(str(path))
-
-
-def test_parameters_of_another_robot_are_told(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="is of another robot than 'tulip_leg': its joints are"):
         read_parameters(saved(tmp_path), leg())
+
+
+def test_a_negative_mass_is_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "changed.json"
+    path.write_text(json.dumps(changed(content(tmp_path), "bodies.carriage.m", -1.0)))
+    with pytest.warns(SeaidWarning, match=r"bodies\.carriage: the mass is negative, -1 kg"):
+        read_parameters(path, KNOWN)
 
 
 def changed(content: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
@@ -206,12 +190,3 @@ def test_a_file_that_was_changed_is_refused(
     with pytest.raises(RobotError, match=words) as caught:
         read_parameters(path, KNOWN)
     assert "changed.json" in str(caught.value)
-
-
-def test_a_negative_mass_is_said(tmp_path: Path) -> None:
-    data = content(tmp_path)
-    link = next(iter(data["bodies"]))
-    data["bodies"][link]["m"] *= -1
-    (tmp_path / "parameters.json").write_text(json.dumps(data))
-    with pytest.warns(SeaidWarning, match=rf"bodies\.{link}: the mass is negative, -.* kg"):
-        assert read_parameters(tmp_path / "parameters.json", KNOWN).parameters[0] < 0
