@@ -5,18 +5,47 @@ from __future__ import annotations
 import html
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import seaid
+from seaid._arrays import Array
 from seaid.errors import LogError, RobotError, SeaidError
 from seaid.log.readers.opening import open_table
+from seaid.project.first_project import FirstProject
 from tests import experiments
 from tests.cli.small_arm import done, run
 from tests.measured import LOGS
+from tests.plants import write_columns
+
+
+def servo_project_of(
+    folder: Path, *logs: Mapping[str, Array], **options: Any
+) -> tuple[FirstProject, str]:
+    """Write a first project of a servo from logs of columns; return it and its drives."""
+    urdf = folder / "servo.urdf"
+    shutil.copy(MODELS / "xl330_pendulum.urdf", urdf)
+    paths = [write_columns(folder / f"log{k}.csv", log, "%.16g") for k, log in enumerate(logs)]
+    made = seaid.write_first_project(urdf, paths, folder=folder / "made", **options)
+    return made, (folder / "made" / "servo_drives.toml").read_text()
+
+
+def two_sines(time: Array, fast: float = 0.25) -> Array:
+    """Return positions of a servo: a wave, and a `fast` part of it with another frequency."""
+    return np.asarray(0.4 * (np.sin(3 * time) + fast * np.sin(7 * time)))
+
+
+GAINS: dict[str, tuple[dict[str, float], bool]] = {
+    "both": ({"velocity_gain_Nms_per_rad": 1.5, "position_gain_Nm_per_rad": 20.0}, True),
+    "alone": ({"velocity_gain_Nms_per_rad": 1.5}, False),
+    "unknown": ({}, False),
+}
+
 
 GO2 = LOGS / "go2_commands" / "go2_second_half.npz"
 LEG = "FL_hip_joint,FL_thigh_joint,FL_calf_joint"
@@ -88,61 +117,43 @@ def test_gains_that_nobody_gave_are_asked_for(tmp_path: Path) -> None:
     assert robot.known_bodies == ("FL_hip", "FL_thigh", "FL_calf")
 
 
-def test_velocity_commands_have_the_gain_of_the_measured_velocity(tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", GAINS)
+def test_velocity_commands_have_the_gain_of_the_measured_velocity(
+    tmp_path: Path, case: str
+) -> None:
     """Alone, their drive has no gain of the position."""
+    gains, has_position = GAINS[case]
     time = np.arange(0, 6, 0.005)
-    position = 0.4 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
-    columns = {
-        "time_s": time,
-        "pendulum.position_rad": position,
-        "pendulum.velocity_command_rad_per_s": np.gradient(position, time),
-        "pendulum.position_command_rad": position,
-    }
-    urdf = tmp_path / "servo.urdf"
-    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
-    gains = ("--velocity-gain", "1.5")
-    found = {}
-    for name, count, more in (
-        ("both", 4, ("--position-gain", "20")),
-        ("alone", 3, ()),
-        ("unknown", 3, ("--velocity-gain", "0")),
-    ):
-        log, folder = tmp_path / f"{name}.csv", tmp_path / name
-        header = ",".join([*columns][:count])
-        table = np.column_stack([*columns.values()][:count])
-        np.savetxt(log, table, delimiter=",", header=header, comments="")
-        said = done("init", urdf, log, *gains, *more, "--folder", folder).out
-        assert "count as sent to the drive" in said
-        found[name] = (folder / "servo_drives.toml").read_text()
-    assert 'motor_input = "position_command"' in found["both"]
-    for name in ("both", "alone"):
-        assert "command_velocity_gain_Nms_per_rad = 1.5" in found[name]
-    for name in ("alone", "unknown"):
-        assert 'motor_input = "velocity_command"' in found[name]
-        assert "position_gain" not in found[name].split("[pendulum.controller]")[1]
-    assert 'velocity_gain_Nms_per_rad = "?"' in found["unknown"]
+    q = two_sines(time)
+    columns = {"time_s": time, "pendulum.position_rad": q}
+    columns["pendulum.velocity_command_rad_per_s"] = np.gradient(q, time)
+    if has_position:
+        columns["pendulum.position_command_rad"] = q
+    laws = {"pendulum": seaid.Controller(**gains)} if gains else None
+    made, drives = servo_project_of(tmp_path, columns, controllers=laws)
+    assert any("count as sent to the drive" in doubt for doubt in made.doubts)
+    kind = "position" if has_position else "velocity"
+    assert f'motor_input = "{kind}_command"' in drives
+    assert ("position_gain" in drives.split("[pendulum.controller]")[1]) == has_position
+    assert ("command_velocity_gain_Nms_per_rad = 1.5" in drives) == (case != "unknown")
+    assert ('velocity_gain_Nms_per_rad = "?"' in drives) == (case == "unknown")
 
 
 def test_gains_in_the_log_are_those_of_the_drives(tmp_path: Path) -> None:
     """Without a position gain the drive takes the velocities; another log may have other gains."""
     time = np.arange(0, 6, 0.005)
-    position = 0.4 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
-    urdf = tmp_path / "servo.urdf"
-    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
-    sent = ",".join(f"motor_cmd[0].{name}" for name in ("q", "dq", "kp", "kd"))
-    for name, kp in (("first", 40.0), ("other", 20.0), ("rates", 0.0)):
-        columns = (time, position, position, np.gradient(position, time))
-        table = np.column_stack([*columns, np.full_like(time, kp), np.full_like(time, 1.5)])
-        path = tmp_path / f"{name}.csv"
-        header = f"time_s,motor_state[0].q,{sent}"
-        np.savetxt(path, table, delimiter=",", header=header, comments="")
-    made = seaid.write_first_project(
-        urdf, [tmp_path / "first.csv", tmp_path / "other.csv"], folder=tmp_path / "both"
-    )
-    assert "position_gain_Nm_per_rad = 40.0" in (tmp_path / "both/servo_drives.toml").read_text()
-    assert any("other gains than in first.csv" in one for one in made.doubts)
-    seaid.write_first_project(urdf, [tmp_path / "rates.csv"], folder=tmp_path / "rates")
-    drives = (tmp_path / "rates/servo_drives.toml").read_text()
+    q = two_sines(time)
+
+    def log(gain: float) -> dict[str, Array]:
+        sent = {"q": q, "dq": np.gradient(q, time), "kp": gain + 0 * q, "kd": 1.5 + 0 * q}
+        commands = {f"motor_cmd[0].{name}": values for name, values in sent.items()}
+        return {"time_s": time, "motor_state[0].q": q, **commands}
+
+    made, drives = servo_project_of(tmp_path, log(40.0), log(20.0))
+    assert "position_gain_Nm_per_rad = 40.0" in drives
+    assert any("other gains than in log0.csv" in one for one in made.doubts)
+    shutil.rmtree(tmp_path / "made")
+    _, drives = servo_project_of(tmp_path, log(0.0))
     assert 'motor_input = "velocity_command"' in drives
     assert "command_velocity_gain_Nms_per_rad = 1.5" in drives
 
@@ -155,16 +166,10 @@ def test_commands_that_are_held_are_said(
 ) -> None:
     """Every fifth or second sample has another command, or rounding repeats those of all."""
     time = np.arange(0, 6, 0.005)
-    position = 0.1 * np.sin(3 * time) + 0.02 * np.sin(7 * time)
-    command = np.round(np.repeat(position[::period], period)[: len(time)], digits)
-    urdf = tmp_path / "servo.urdf"
-    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
-    log = tmp_path / "log.csv"
-    table = np.column_stack([time, position, command])
-    header = "time_s,pendulum.position_rad,pendulum.position_command_rad"
-    np.savetxt(log, table, delimiter=",", header=header, comments="")
-    made = seaid.write_first_project(urdf, [log], folder=tmp_path / "made")
-    drives = (tmp_path / "made/servo_drives.toml").read_text()
+    q = 0.25 * two_sines(time, 0.2)
+    command = np.round(np.repeat(q[::period], period)[: len(time)], digits)
+    columns = {"pendulum.position_rad": q, "pendulum.position_command_rad": command}
+    made, drives = servo_project_of(tmp_path, {"time_s": time, **columns})
     assert ("is_held = true\n" in drives) == is_held
     assert any("is_held = true" in one for one in made.doubts) == is_held
     assert any("is_up_to_scale = true" in one for one in made.doubts)
@@ -173,26 +178,15 @@ def test_commands_that_are_held_are_said(
 def test_a_log_with_stamps_of_the_unix_time_in_rounded_milliseconds(tmp_path: Path) -> None:
     """Its parts had the same start and end, and held commands two steps."""
     time = np.arange(1800) / 120
-    position = 0.3 * np.sin(3 * time) + 0.1 * np.sin(7 * time)
-    command = np.repeat(position[::2], 2)
-    urdf = tmp_path / "servo.urdf"
-    shutil.copy(MODELS / "xl330_pendulum.urdf", urdf)
-    log = tmp_path / "log.csv"
-    rows = zip(1.7e12 + 1e3 * time, position, command, strict=True)
-    lines = [f"{t:.3f},{q:.6f},{u:.6f}" for t, q, u in rows]
-    log.write_text("\n".join(["stamp_ms,pendulum_pos,pendulum_cmd", *lines]) + "\n")
-    seaid.write_first_project(urdf, [log], folder=tmp_path / "made")
-    assert "is_held = true\n" in (tmp_path / "made/servo_drives.toml").read_text()
-    text = (tmp_path / "made/seaid.toml").read_text()
-    assert "between_s = [1700000000, 1700000010.5]\n" in text
-    assert "between_s = [1700000010.5, 1700000016]\n" in text
-    drives = tmp_path / "made/servo_drives.toml"
-    drives.write_text(drives.read_text().replace('"?"', "2.0"))
-    parts = [one.name for one in seaid.load_project(tmp_path / "made").logs]
-    assert [part.partition("@")[2] for part in parts] == [
-        "1700000000:1700000010.5",
-        "1700000010.5:1700000016",
-    ]
+    q = np.round(0.75 * two_sines(time, 1 / 3), 6)
+    columns = {"pendulum_pos": q, "pendulum_cmd": np.repeat(q[::2], 2)}
+    stamps = np.round(1.7e12 + 1e3 * time, 3)
+    _, drives = servo_project_of(tmp_path, {"stamp_ms": stamps, **columns})
+    assert "is_held = true\n" in drives
+    file = tmp_path / "made" / "servo_drives.toml"
+    file.write_text(drives.replace('"?"', "2.0"))
+    parts = [one.name.partition("@")[2] for one in seaid.load_project(tmp_path / "made").logs]
+    assert parts == ["1700000000:1700000010.5", "1700000010.5:1700000016"]
 
 
 def test_gains_may_be_those_of_each_joint(tmp_path: Path) -> None:
@@ -216,14 +210,12 @@ HEADS = (
 
 @pytest.mark.parametrize("heads", HEADS)
 def test_custom_names_of_commands_are_recognised(heads: tuple[str, str], tmp_path: Path) -> None:
-    table = open_table(GO2)
-    joints = LEG.split(",")
+    table, joints = open_table(GO2), LEG.split(",")
     names = ["time_s", *(f"{j}.{x}_rad" for x in ("position", "command") for j in joints)]
     data = table.load(names)
     head = ["time_s", *(form.format(joint) for form in heads for joint in joints)]
-    file = tmp_path / "log.csv"
-    rows = np.column_stack([data[name] for name in names])
-    np.savetxt(file, rows, delimiter=",", header=",".join(head), comments="")
+    columns = dict(zip(head, (data[name] for name in names), strict=True))
+    file = write_columns(tmp_path / "log.csv", columns)
     robot = seaid.load_robot("go2", joints=joints)
     guess = seaid.describe_log(file, robot)
     log = seaid.read_log(file, robot, description=guess.description)
@@ -231,76 +223,54 @@ def test_custom_names_of_commands_are_recognised(heads: tuple[str, str], tmp_pat
     wanted = data[f"{joints[2]}.command_rad"]
     np.testing.assert_allclose(log.position_command[:, 2], wanted, atol=2e-5)
     assert any("its drive needs motor_input" in one for one in guess.unsure)
-    seaid.write_first_project("go2", [file], joints=joints, folder=tmp_path / "project")
-    assert "position_command" in (tmp_path / "project" / "go2_drives.toml").read_text()
+    # beside a torque, commands need no drive that takes them
+    torques = {f"torque_{joint}": np.sin(data["time_s"]) for joint in joints}
+    guess = seaid.describe_log(write_columns(tmp_path / "t.csv", columns | torques), robot)
+    assert "position_command" not in guess.description.joints[joints[0]]
 
 
 def test_gains_replace_the_drives_next_to_the_robot_and_exclude_others(tmp_path: Path) -> None:
     """A file of drives was used in place of the gains that were given, without a word."""
-    urdf = tmp_path / "arm.urdf"
-    shutil.copy(MODELS / "xl330_pendulum.urdf", urdf)
-    shutil.copy(MODELS / "xl330_pendulum.toml", tmp_path / "arm.toml")
+    drives = tmp_path / "servo.toml"
+    shutil.copy(MODELS / "xl330_pendulum.toml", drives)
     time = np.arange(0, 8, 0.01)
-    command = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5 * time)
-    rows = np.column_stack([time, np.interp(time - 0.03, time, command), command])
-    log = tmp_path / "log.csv"
-    np.savetxt(log, rows, delimiter=",", header="t,pendulum_pos,pendulum_cmd", comments="")
+    q = two_sines(time)
+    log = {"t": time, "pendulum_pos": np.interp(time - 0.03, time, q), "pendulum_cmd": q}
     laws = {"pendulum": seaid.Controller(position_gain_Nm_per_rad=2.0)}
-    made = seaid.write_first_project(urdf, [log], folder=tmp_path / "one", controllers=laws)
-    assert "drives: 'arm.toml' next to the URDF is not used, as gains are given" in made.doubts
-    assert "position_gain_Nm_per_rad = 2.0" in (tmp_path / "one" / "arm_drives.toml").read_text()
-    with pytest.raises(SeaidError, match=r"arm\.toml' has the controllers of its drives: write"):
-        seaid.write_first_project(
-            urdf, [log], drives=tmp_path / "arm.toml", folder=tmp_path / "two", controllers=laws
-        )
+    made, text = servo_project_of(tmp_path, log, controllers=laws)
+    assert "drives: 'servo.toml' next to the URDF is not used, as gains are given" in made.doubts
+    assert "position_gain_Nm_per_rad = 2.0" in text
+    shutil.rmtree(tmp_path / "made")
+    with pytest.raises(SeaidError, match=r"servo\.toml' has the controllers of its drives: write"):
+        servo_project_of(tmp_path, log, drives=drives, controllers=laws)
 
 
-def test_a_refused_log_says_what_its_columns_were_taken_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("pendulum_pos,pendulum_cmd", "pendulum_cmd: a command of what is unk"),
+        ("obs_0,action_0", "no column looks like the position of a joint; columns are"),
+    ],
+)
+def test_a_refused_log_says_what_its_columns_were_taken_for(
+    tmp_path: Path, names: str, words: str
+) -> None:
     """Not what seaid's own names are, if it has none of them."""
     time = np.arange(0, 8, 0.01)
-    position = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5 * time)
-    urdf = MODELS / "xl330_pendulum.urdf"
-    log = tmp_path / "log.csv"
-    for head, command, words in (
-        ("t,pendulum_pos,pendulum_cmd", np.cos(9 * time), "pendulum_cmd: a command of what is unk"),
-        ("t,obs_0,action_0", position, "no column looks like the position of a joint; columns are"),
-    ):
-        rows = np.column_stack([time, position, command])
-        np.savetxt(log, rows, delimiter=",", header=head, comments="")
-        with pytest.raises(LogError, match=words):
-            seaid.write_first_project(urdf, [log], folder=tmp_path / "project")
-
-
-def test_a_log_with_a_torque_gets_no_controller(tmp_path: Path) -> None:
-    data = open_table(GO2).load(["time_s", "FL_hip_joint.position_rad", "FL_hip_joint.command_rad"])
-    rows = np.column_stack([*data.values(), np.sin(data["time_s"])])
-    head = "time_s,pos_FL_hip_joint,cmd_pos_FL_hip_joint,torque_FL_hip_joint"
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=head, comments="")
-    robot = seaid.load_robot("go2", joints=["FL_hip_joint"])
-    guess = seaid.describe_log(tmp_path / "log.csv", robot)
-    assert "position_command" not in guess.description.joints["FL_hip_joint"]
-    assert guess.unused == ("cmd_pos_FL_hip_joint",)
+    columns = dict(zip(names.split(","), (two_sines(time), np.cos(9 * time)), strict=True))
+    with pytest.raises(LogError, match=words):
+        servo_project_of(tmp_path, {"t": time, **columns})
 
 
 def test_init_takes_commands_in_place_of_torques_that_are_none(tmp_path: Path) -> None:
     """The "torque" of this log is the size of the tracking error."""
     time = np.arange(0, 20, 0.01)
-    position = 0.4 * np.sin(2 * time) + 0.2 * np.sin(5.3 * time)
-    error = 0.02 * np.cos(5.3 * time) + 0.03 * np.sin(2 * time)
-    log = seaid.Log(
-        time=time,
-        joint_names=("pendulum",),
-        joint_position=position[:, None],
-        motor_position=np.full((len(time), 1), np.nan),
-        motor_torque=np.abs(20 * error)[:, None],
-        position_command=(position + error)[:, None],
-    )
-    seaid.write_log(log, tmp_path / "run.csv")
-    urdf = tmp_path / "servo.urdf"
-    urdf.write_bytes(Path("models/xl330_pendulum.urdf").read_bytes())
-    made = seaid.write_first_project(urdf, [tmp_path / "run.csv"], folder=tmp_path / "project")
+    q, error = two_sines(time), 0.02 * np.cos(5.3 * time) + 0.03 * np.sin(2 * time)
+    columns = {"joint_position_rad": q, "position_command_rad": q + error}
+    columns["motor_torque_Nm"] = np.abs(20 * error)
+    named = {f"pendulum.{name}": values for name, values in columns.items()}
+    made, drives = servo_project_of(tmp_path, {"time_s": time, **named})
     assert any("motor torque of pendulum has no sign" in one for one in made.doubts)
-    drives = (tmp_path / "project" / "servo_drives.toml").read_text()
     assert 'motor_input = "position_command"' in drives
 
 
@@ -353,18 +323,16 @@ type="revolute"><parent link="base"/><child link="{0}_link"/><axis xyz="0 1 0"/>
     return f'<robot name="two"><link name="base"/>{"".join(map(body.format, joints))}</robot>'
 
 
-def servo_project(folder: Path, validate_s: tuple[float, float], more: str = "") -> Path:
+def servo_project(folder: Path, validate_s: tuple[float, float]) -> Path:
     """Write a project of two servos, one of which stands still, and of one log."""
     joints, time = ("shoulder", "elbow"), np.arange(0, 12, 0.01)
     (folder / "two.urdf").write_text(two_links(joints))
     q = 0.4 * np.sin(2 * time) + 0.3 * np.sin(5.3 * time)
-    v = 0.8 * np.cos(2 * time) + 1.59 * np.cos(5.3 * time)
-    a = -1.6 * np.sin(2 * time) - 8.427 * np.sin(5.3 * time)
+    v, a = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
     torque = 0.1 * a - 2.943 * np.cos(q) + 0.3 * v + 0.2 * np.tanh(v / 0.05)
-    columns = (time, q, q + torque / 40, 0.3 + 0 * q, 0.25 + 0 * q)
+    columns = (q, q + torque / 40, 0.3 + 0 * q, 0.25 + 0 * q)
     names = [f"{j}.{x}_rad" for j in joints for x in ("position", "position_command")]
-    header, rows = ",".join(["time_s", *names]), np.column_stack(columns)
-    np.savetxt(folder / "run.csv", rows, delimiter=",", header=header, comments="")
+    write_columns(folder / "run.csv", {"time_s": time, **dict(zip(names, columns, strict=True))})
     drive = (
         '[{0}]\ntype = "stiff"\ngear_ratio = 1.0\nfriction = ["viscous", "coulomb"]\n'
         'motor_input = "position_command"\ncommand_delay_s = 0.0\nknown = ["command_delay"]\n'
@@ -373,7 +341,7 @@ def servo_project(folder: Path, validate_s: tuple[float, float], more: str = "")
     (folder / "two.toml").write_text("".join(map(drive.format, joints)))
     start, end = validate_s
     (folder / "seaid.toml").write_text(
-        f'urdf = "two.urdf"\ndrives = "two.toml"\nknown_bodies = "all"\n{more}'
+        'urdf = "two.urdf"\ndrives = "two.toml"\nknown_bodies = "all"\n'
         '[[log]]\nfile = "run.csv"\nbetween_s = [0, 8]\n'
         f'[[log]]\nfile = "run.csv"\nuse = "validate"\nbetween_s = [{start}, {end}]\n'
         "[run]\nwrite = []\n"
