@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,18 @@ from seaid._arrays import Array
 from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import SeaidError
 from seaid.project.first_project import (
+    FirstProject,
     _drives_text,
     _lock_hints,
     inferred_drives,
     write_first_project,
 )
-from seaid.project.project import load_project
+from seaid.project.project import Project, load_project
 from seaid.project.running import run_project
 from tests import experiments
-from tests.legged.test_floating_base import swayed
+from tests.legged.test_floating_base import base_of, swayed
 from tests.measured import LOGS
-from tests.one_joint import BODY, chain, one_joint
+from tests.one_joint import chain, one_joint
 from tests.plants import write_columns
 
 MODELS = experiments.MODELS
@@ -108,50 +110,6 @@ def test_a_log_with_custom_columns_gets_a_description(tmp_path: Path) -> None:
     assert abs(error) < 3 * spring.standard_error("stiffness")
 
 
-@pytest.mark.slow  # simulates the leg
-def test_drives_next_to_the_robot_and_payloads_are_taken(tmp_path: Path) -> None:
-    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
-    shutil.copy(MODELS / "tulip_leg.toml", tmp_path / "leg.toml")
-    robot = experiments.leg()
-    seaid.write_log(experiments.perfect_log(robot, experiments.leg_motion()), tmp_path / "a.npz")
-    payload = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
-    made = write_first_project(
-        tmp_path / "leg.urdf", [tmp_path / "a.npz"], payloads=[payload], folder=tmp_path
-    )
-    assert made.doubts == ("drives: 'leg.toml' lies next to the URDF and is used",)
-    project = load_project(tmp_path)
-    assert project.drives == tmp_path / "leg.toml"
-    assert project.payloads[""] == (payload,)
-    with pytest.raises(SeaidError, match=r"seaid.toml' is there already: change it and run it"):
-        write_first_project(tmp_path / "leg.urdf", [tmp_path / "a.npz"], folder=tmp_path)
-
-
-@pytest.mark.slow  # 3.5 s
-def test_one_long_log_is_divided(tmp_path: Path) -> None:
-    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
-    motion = experiments.leg_motion(experiments.TEST_MASS)
-    log = experiments.perfect_log(experiments.leg(experiments.TEST_MASS), motion)
-    slow = replace(log, time=10 * log.time)
-    seaid.write_log(slow, tmp_path / "a.npz")
-    write_first_project(
-        tmp_path / "leg.urdf",
-        [tmp_path / "a.npz"],
-        drives=MODELS / "tulip_leg.toml",
-        folder=tmp_path,
-    )
-    own, unseen = load_project(tmp_path).logs
-    end = float(slow.time[-1])
-    assert own.between_s == pytest.approx((0, 0.7 * end), abs=0.1)
-    assert unseen.between_s is not None
-    assert unseen.between_s[0] == pytest.approx(0.7 * end, abs=0.1)
-    assert unseen.between_s[1] > end
-
-
-def test_no_log(tmp_path: Path) -> None:
-    with pytest.raises(SeaidError, match="a project needs a log"):
-        write_first_project(MODELS / "tulip_leg.urdf", [], folder=tmp_path)
-
-
 @pytest.mark.slow  # a whole robot is identified
 @pytest.mark.filterwarnings("ignore:.*rounded angles")
 def test_torques_without_motor_encoders_get_stiff_drives_at_the_joints(tmp_path: Path) -> None:
@@ -162,22 +120,26 @@ def test_torques_without_motor_encoders_get_stiff_drives_at_the_joints(tmp_path:
         columns[f"/joint_states/{joint}/position"] = log.joint_position[:, index]
         columns[f"/joint_states/{joint}/effort"] = log.motor_torque[:, index]
         columns[f"/arm_controller/state/desired/positions[{index}]"] = 0.0 * log.time
-    rows = np.column_stack(list(columns.values()))
-    header = ",".join(columns)
-    np.savetxt(tmp_path / "arm.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
-    made = seaid.write_first_project("ur10", [tmp_path / "arm.csv"], folder=tmp_path / "p")
-    robot = seaid.load_project(tmp_path / "p").robot()
+    made, project = first_project(tmp_path, "ur10", columns)
     (doubt,) = [one for one in made.doubts if "no motor encoder in the logs" in one]
     assert doubt.startswith(", ".join(log.joint_names))
+    robot = project.robot()
     assert [drive.gear_ratio for drive in robot.drives.values()] == [1.0] * 6
-    found = seaid.identify(robot, seaid.load_project(tmp_path / "p").logs[0].read(robot))
+    found = seaid.identify(robot, project.logs[0].read(robot))
     assert found.verdict.level == "good", found.summary()
     for joint, viscous in zip(log.joint_names, (25, 24, 12, 3, 3, 2), strict=True):
-        value, error = (
-            getattr(found.drives[joint], name)("viscous_friction")
-            for name in ("value", "standard_error")
-        )
-        assert value == pytest.approx(viscous, abs=max(4 * error, 0.01 * viscous)), joint
+        drive, name = found.drives[joint], "viscous_friction"
+        allowed = max(4 * drive.standard_error(name), 0.01 * viscous)
+        assert drive.value(name) == pytest.approx(viscous, abs=allowed), joint
+
+
+def first_project(
+    folder: Path, urdf: Path | str, columns: Mapping[str, Array], **options: Any
+) -> tuple[FirstProject, Project]:
+    """Write a log of columns and a first project for it, and read this."""
+    log = write_columns(folder / "run.npz", columns)
+    made = write_first_project(urdf, [log], folder=folder / "p", **options)
+    return made, load_project(folder / "p")
 
 
 @pytest.mark.parametrize(
@@ -195,39 +157,23 @@ def test_a_joint_that_slides_has_its_own_gear_ratio(
     one_joint(tmp_path, "prismatic")
     time = np.arange(2000) / 200
     columns = {"time_s": time, f"arm.{side}": np.sin(time), f"arm.{quantity}": np.cos(3 * time)}
-    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
-    folder = tmp_path / "p"
     gains = {"arm": seaid.Controller(position_gain_Nm_per_rad=20.0)}
-    made = write_first_project(
-        tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=folder, controllers=gains
-    )
+    made, project = first_project(tmp_path, tmp_path / "arm.urdf", columns, controllers=gains)
     text = made.files[-1].read_text()
     is_asked = side.startswith("motor") and not kind.endswith("command")
     assert f"gear_ratio_rad_per_m = {'?' if is_asked else 1.0}" in text.replace('"', "")
     made.files[-1].write_text(text.replace('= "?"', "= 1.0"))
-    drive = load_project(folder).robot().drives["arm"]
-    assert drive.motor_input == kind
+    assert project.robot().drives["arm"].motor_input == kind
 
 
 def test_joints_that_no_column_names_are_locked_and_said(tmp_path: Path) -> None:
     """An arm on a torso, of which only the arm is logged: the rest cannot have moved unseen."""
-    bodies = "".join(
-        f'<link name="{x}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
-        'ixz="0" iyz="0"/></inertial></link>'
-        for x in "abcd"
-    )
-    joints = "".join(
-        f'<joint name="{name}" type="revolute"><parent link="{one}"/><child link="{other}"/>'
-        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
-        for name, one, other in (("torso", "a", "b"), ("elbow", "b", "c"), ("grip", "c", "d"))
-    )
-    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{bodies}{joints}</robot>')
+    chain(tmp_path, "torso", "elbow", "grip")
     time = np.arange(2000) / 200
     columns = {"time_s": time, "elbow.effort": np.cos(time), "elbow.position": np.sin(time)}
-    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
-    made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    made, project = first_project(tmp_path, tmp_path / "robot.urdf", columns)
     assert made.doubts[0].startswith("torso, grip: no column of the logs has such a name: locked")
-    assert load_project(tmp_path).robot().joint_names == ("elbow",)
+    assert project.robot().joint_names == ("elbow",)
 
 
 def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -> None:
@@ -242,21 +188,16 @@ def test_a_motor_that_stands_without_a_joint_encoder_has_no_place_to_lock_it() -
     assert not [*_lock_hints(robot, [replace(log, joint_position=position, motor_position=motor)])]
 
 
-@pytest.mark.parametrize(("lost", "is_named"), [(None, False), ("elbow.effort", True)])
+@pytest.mark.parametrize(("lost", "is_named"), [(None, False), ("arm.effort", True)])
 def test_locked_joints_are_named_where_a_joint_lacks_columns_only(
     tmp_path: Path, lost: str | None, is_named: bool
 ) -> None:
+    one_joint(tmp_path)
     time = np.arange(400) / 200
-    columns = {"elbow.effort": np.cos(time), "elbow.position": np.sin(time)}  # and no time
+    columns = {"arm.effort": np.cos(time), "arm.position": np.sin(time)}  # and no time
     columns.pop(lost or "", None)
-    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
-    (tmp_path / "arm.urdf").write_text(
-        f'<robot name="r"><link name="base"/><link name="lower">{BODY}</link>'
-        '<joint name="elbow" type="continuous"><parent link="base"/><child link="lower"/></joint>'
-        "</robot>"
-    )
     with pytest.raises(SeaidError) as caught:
-        write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+        first_project(tmp_path, tmp_path / "arm.urdf", columns)
     assert ("are locked with locked=" in str(caught.value)) == is_named
 
 
@@ -271,51 +212,42 @@ def test_a_deflection_is_that_of_a_spring_in_its_unit(tmp_path: Path) -> None:
         "arm/spring deflection [mrad]": -twist,
         "arm/Iq [A]": 0.5 * twist + 0.2 * np.sign(np.cos(time)),
     }
-    table = np.column_stack(list(columns.values()))
-    header = ",".join(columns)
-    np.savetxt(tmp_path / "run.csv", table, "%.9g", ",", header=header, comments="")
-    made = write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.csv"], folder=tmp_path / "p")
-    said = [one for one in made.doubts if "its deflection is logged" in one]
-    assert len(said) == 1
-    assert "gear_ratio = 1.0 is a placeholder" in said[0]
+    log = write_columns(tmp_path / "run.csv", columns)
+    made = write_first_project(tmp_path / "arm.urdf", [log], folder=tmp_path / "p")
+    (said,) = [one for one in made.doubts if "its deflection is logged" in one]
+    assert "gear_ratio = 1.0 is a placeholder" in said
     project = load_project(tmp_path / "p")
     robot = project.robot()
     drive = robot.drives["arm"]
     assert isinstance(drive, seaid.SeriesElasticDrive)
     assert (drive.ratio, drive.motor_input, dict(drive.std)) == (1.0, "current", {})
-    log = project.logs[0].read(robot)
-    apart = log.motor_position[:, 0] - log.joint_position[:, 0]
+    read = project.logs[0].read(robot)
+    apart = read.motor_position[:, 0] - read.joint_position[:, 0]
     np.testing.assert_allclose(apart, 1e-3 * twist, atol=1e-9)
 
 
 def test_logs_with_the_same_columns_have_one_description(tmp_path: Path) -> None:
     """A number of counts that is put right in it is that of all logs."""
     one_joint(tmp_path, "revolute")
-    time = np.arange(4000) / 200
+    time, logs, folder = np.arange(4000) / 200, list[Path](), tmp_path / "p"
     for seed in (1, 2):
-        angle = 0.6 * np.sin(seed * time)
-        columns = {"t": time, "q [counts]": np.round(1000 * angle), "tau [Nm]": np.cos(seed * time)}
-        table = np.column_stack(list(columns.values()))
-        names = ",".join(columns)
-        np.savetxt(tmp_path / f"{seed}.csv", table, "%.9g", ",", header=names, comments="")
-    logs, folder = [tmp_path / "1.csv", tmp_path / "2.csv"], tmp_path / "p"
+        angle = np.round(600 * np.sin(seed * time))
+        columns = {"t": time, "q [counts]": angle, "tau [Nm]": np.cos(seed * time)}
+        logs.append(write_columns(tmp_path / f"{seed}.csv", columns))
     made = write_first_project(tmp_path / "arm.urdf", logs, folder=folder)
-    assert [one.name for one in made.files][:2] == ["seaid.toml", "1_columns.toml"]
-    file, description = made.files[:2]
+    file, description, *others = made.files
+    assert (file.name, description.name) == ("seaid.toml", "1_columns.toml")
     text = description.read_text()
     description.write_text(re.sub(r"counts_per_turn = [0-9.]+", "counts_per_turn = 6283.185", text))
-    file.unlink()
-    for other in made.files[2:]:
-        other.unlink()
+    for old in (file, *others):
+        old.unlink()
     write_first_project(tmp_path / "arm.urdf", logs, folder=folder)
     assert not list(folder.glob("2_columns*"))
     project = load_project(folder)
     robot = project.robot()
-    for one in project.logs:
-        log = one.read(robot)
-        both = log.joint_position[:, 0], log.motor_position[:, 0]
-        (angle,) = [each for each in both if np.all(np.isfinite(each))]
-        assert np.max(np.abs(angle)) == pytest.approx(0.6, rel=1e-2)
+    for log in (part.read(robot) for part in project.logs):
+        both = np.hstack([log.joint_position, log.motor_position])
+        assert np.nanmax(np.abs(both)) == pytest.approx(0.6, rel=1e-2)
 
 
 def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -350,7 +282,7 @@ def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.M
         seaid.run(urdf, [log], folder=tmp_path)
 
 
-def geared_log(folder: Path, count: int = 2, **more: np.ndarray) -> Path:
+def geared_log(folder: Path, count: int = 2, **more: Array) -> Path:
     """Write a log of the chain "a", "b" whose motors turn 20 times as far, the second backwards."""
     time = np.arange(6000) / 200
     columns = {"time_s": time}
@@ -359,10 +291,7 @@ def geared_log(folder: Path, count: int = 2, **more: np.ndarray) -> Path:
         columns[f"{joint}.joint_position_rad"] = angle
         columns[f"{joint}.motor_position_rad"] = ratio * angle
         columns[f"{joint}.motor_torque_Nm"] = np.cos(3 * rate * time)
-    path = folder / "run.csv"
-    table = np.column_stack([*(columns | more).values()])
-    np.savetxt(path, table, "%.9g", ",", header=",".join(columns | more), comments="")
-    return path
+    return write_columns(folder / "run.csv", columns | more)
 
 
 def test_a_motor_that_turns_against_its_joint_has_a_positive_ratio(tmp_path: Path) -> None:
@@ -398,8 +327,7 @@ def test_masses_are_as_uncertain_as_the_checks_assume(tmp_path: Path) -> None:
     chain(tmp_path, "arm")
     time = np.arange(2000) / 200
     columns = {"time_s": time, "arm.position_rad": np.sin(time), "arm.current_A": np.cos(time)}
-    np.savez(tmp_path / "run.npz", **columns)  # type: ignore[arg-type]
-    made = write_first_project(tmp_path / "robot.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    made, _ = first_project(tmp_path, tmp_path / "robot.urdf", columns)
     text = made.files[0].read_text()
     assert f"known_std = {{ bodies = {WIDTH_OF_BODIES} }}" in text
     assert '# link = "link_of_arm"' in text
@@ -428,68 +356,36 @@ def test_columns_of_no_joint_are_named_and_a_description_is_begun(tmp_path: Path
     assert made.files[0] == folder / "seaid.toml"
 
 
-def _first_log(folder: Path, columns: dict[str, Array], **options: Any) -> seaid.Log:
-    """Return the log of a first project as that reads it."""
-    write_columns(folder / "run.npz", columns)
-    options["folder"] = folder / "p"
-    write_first_project(options.pop("urdf"), [folder / "run.npz"], **options)
-    project = load_project(folder / "p")
-    return project.logs[0].read(project.robot())
-
-
 def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
     tmp_path: Path,
 ) -> None:
     log = swayed()
-    assert log.base is not None
-    assert log.base.angular_velocity is not None
-    assert log.base.specific_force is not None
-    vectors = {"gyro": log.base.angular_velocity, "imu_acc": log.base.specific_force}
+    base = base_of(log)
+    assert base.angular_velocity is not None
+    assert base.specific_force is not None
+    vectors = {"gyro": base.angular_velocity, "imu_acc": base.specific_force}
     axes = {f"{x}_{axis}": v[:, "xyz".index(axis)] for x, v in vectors.items() for axis in "xyz"}
-    flags = {f"{foot}_contact": values[:, 0] for foot, values in log.base.contacts.items()}
-    read = _first_log(
-        tmp_path,
-        {"time_s": log.time, **log.columns(), **axes, **flags},
-        urdf=example_urdf("go2.urdf"),
-        base="floating",
-        contacts=[*log.base.contacts],
-    )
-    assert read.base is not None
-    assert read.base.angular_velocity == pytest.approx(log.base.angular_velocity)
-    assert read.base.specific_force == pytest.approx(log.base.specific_force)
-    assert read.base.contacts.keys() == log.base.contacts.keys()
+    flags = {f"{foot}_contact": values[:, 0] for foot, values in base.contacts.items()}
+    columns = {"time_s": log.time, **log.columns(), **axes, **flags}
+    options: dict[str, Any] = {"base": "floating", "contacts": [*base.contacts]}
+    _, project = first_project(tmp_path, example_urdf("go2.urdf"), columns, **options)
+    read = project.logs[0].read(project.robot())
+    again = base_of(read)
+    assert again.angular_velocity == pytest.approx(base.angular_velocity)
+    assert again.specific_force == pytest.approx(base.specific_force)
+    assert again.contacts.keys() == base.contacts.keys()
     assert read.motor_torque == pytest.approx(log.motor_torque)
-
-
-def test_legs_with_names_of_seaid_have_no_other_order(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "seaid.project.first_project.with_leg_order", lambda *_: pytest.fail("sought")
-    )
-    log = swayed()
-    assert log.base is not None
-    named = {x: y for x, y in log.columns().items() if "torque" not in x}
-    duties = {f"pwm[{joint}]": 0.02 * torque for joint, torque in enumerate(log.motor_torque.T)}
-    read = _first_log(
-        tmp_path,
-        {"time_s": log.time, **named, **log.base.columns(), **duties},
-        urdf=example_urdf("go2.urdf"),
-        base="floating",
-        contacts=[*log.base.contacts],
-    )
-    assert read.motor_voltage == pytest.approx(0.02 * log.motor_torque)
 
 
 @pytest.mark.parametrize("supply", ["battery_voltage", "vbus_V", ""])
 def test_a_duty_cycle_beside_names_of_seaid_is_a_voltage(tmp_path: Path, supply: str) -> None:
     one_joint(tmp_path, "revolute")
     time, volts = np.arange(4000) / 200, np.full(4000, 24.0)
-    duty = 0.4 * np.cos(time)
-    position = {"arm.joint_position_rad": 0.6 * np.sin(time)}
-    columns = {"time_s": time, **position, "pwm": duty, **({supply: volts} if supply else {})}
-    read = _first_log(tmp_path, columns, urdf=tmp_path / "arm.urdf")
+    columns = {"time_s": time, "arm.joint_position_rad": 0.6 * np.sin(time)}
+    columns |= {"pwm": 0.4 * np.cos(time), **({supply: volts} if supply else {})}
+    _, project = first_project(tmp_path, tmp_path / "arm.urdf", columns)
+    read = project.logs[0].read(project.robot())
     assert read.motor_voltage is not None
-    assert read.motor_voltage[:, 0] == pytest.approx((24.0 if supply else 1.0) * duty)
-    doubts = load_project(tmp_path / "p").file.read_text()
-    assert "no supply is logged" in doubts or supply
+    full = 24.0 if supply else 1.0
+    assert read.motor_voltage[:, 0] == pytest.approx(full * 0.4 * np.cos(time))
+    assert "no supply is logged" in project.file.read_text() or supply
