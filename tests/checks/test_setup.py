@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from itertools import chain, islice
@@ -16,7 +15,7 @@ from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
 from seaid.checks.codes import consequences
 from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
-from seaid.checks.setup import MISTAKES, _all_torque_scales, mistakes
+from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding
 from seaid.legged import load_robot
 from seaid.log.log import Log
@@ -24,7 +23,17 @@ from seaid.log.motion import reconstruct_motions
 from seaid.regressor import BaseParameters
 from seaid.robot.robot import Payload, Robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
+from tests.mistakes import lines_of
 from tests.representatives import quick_first, quick_only
+
+
+def the_mistake(robot: Robot, log: Log) -> Finding:
+    """Return the only mistake above a note that a log shows."""
+    findings, _ = mistakes(experiment(robot, log))
+    assert not any("could not be made" in x.message for x in findings)
+    (finding,) = (x for x in findings if x.severity != "note")
+    return finding
+
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Log]]] = {
     "leg": (lambda: leg(TEST_MASS), leg_log),
@@ -75,22 +84,14 @@ def test_a_ratio_an_encoder_and_a_torque_off_by_a_factor_are_told_apart(
     log = replace(log, joint_position=positions, motor_torque=torques)
     if side == "motor":
         log = replace(log, motor_position=positions, joint_position=log.motor_position)
-    findings, _ = mistakes(experiment(robot, log))
-    (finding,) = (x for x in findings if x.severity != "note")
+    finding = the_mistake(robot, log)
     assert (finding.code, finding.joint) == (what, name)
-    source = toml_of_remedy(finding.remedy)
+    source = lines_of(finding, name)
     if what == "gear-ratio":
         assert source["gear_ratio"] == pytest.approx(1.0, abs=0.05)
     else:
         quantity = "motor_torque" if what == "torque-scale" else f"{side}_position"
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
-
-
-def toml_of_remedy(remedy: str) -> dict[str, Any]:
-    """Return the only table of a joint in a remedy."""
-    tables = tomllib.loads(remedy.partition("\n")[2])
-    (table,) = tables.get("joints", tables).values()
-    return dict(table)
 
 
 def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() -> None:
@@ -119,12 +120,8 @@ def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
     robot, log = leg(TEST_MASS), leg_log()
     torque = log.motor_torque[:, [0, 1, 2, 4, 3]]
     torque[:, 0] = np.nan
-    exchanged = experiment(robot, replace(log, motor_torque=torque))
-    assert not exchanged.logged(0, "t")
-    findings, _ = mistakes(exchanged)
-    (finding,) = (x for x in findings if x.severity != "note")
+    finding = the_mistake(robot, replace(log, motor_torque=torque))
     assert (finding.code, finding.joint) == ("swapped-joints", robot.joint_names[3])
-    assert not any("could not be made" in x.message for x in findings)
 
 
 def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> None:
@@ -184,14 +181,6 @@ def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: 
     assert f"or {'a payload' if case == 'leg' else 'all torques are'}" in finding.message
     assert "scale" not in finding.remedy
     assert "weigh" in finding.remedy
-
-
-@pytest.mark.parametrize(("factor", "is_tried"), [(1.03, False), (1.1, True)])
-def test_a_slight_factor_on_all_torques_is_none(factor: float, is_tried: bool) -> None:
-    """Masses, payloads and gravity are not better known than that."""
-    log = arm_log()
-    larger = experiment(arm(), replace(log, motor_torque=factor * log.motor_torque))
-    assert bool([*_all_torque_scales(larger)]) == is_tried
 
 
 def test_the_link_that_is_heavier_is_named() -> None:

@@ -32,7 +32,6 @@ from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
 from tests.one_joint import BODY
 from tests.plants import tree, write_robot
-from tests.representatives import quick_only
 from tests.terms import ELASTIC, STIFF, with_terms
 from tests.terms import arm as two_joints
 

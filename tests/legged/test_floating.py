@@ -39,52 +39,27 @@ from tests.regressor.stances import columns_of_stances
 from tests.representatives import quick_first
 
 DOWN = np.array([0.0, 0.0, -9.81])
-_UNITREE = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
-_ANYMAL = ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT")
-_SOLO = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-_ANKLES = ("left_ankle_roll_link", "right_ankle_roll_link")
-_SOLES = ("left_sole_link", "right_sole_link")
 FEET: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("a1.urdf", "go1.urdf", "go2.urdf", "b1.urdf", "laikago.urdf"), _UNITREE),
-    "b1-z1.urdf": _UNITREE,
-    "anymal.urdf": _ANYMAL,
-    "anymal-kinova.urdf": _ANYMAL,
+    **dict.fromkeys(("a1.urdf", "go2.urdf"), ("FL_foot", "FR_foot", "RL_foot", "RR_foot")),
+    "b1-z1.urdf": ("FL_foot", "FR_foot", "RL_foot", "RR_foot"),
+    "anymal.urdf": ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
     "hyq_no_sensors.urdf": ("lf_foot", "rf_foot", "lh_foot", "rh_foot"),
-    "solo.urdf": _SOLO,
-    "solo12.urdf": _SOLO,
+    "solo12.urdf": ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
     "bolt.urdf": ("FL_FOOT", "FR_FOOT"),
     "centauro.urdf": ("wheel_1", "wheel_2", "wheel_3", "wheel_4"),
 }
-"""Links of feet that are points."""
+"""Links of feet that are points, of robots of example-robot-data."""
 SOLES: dict[str, tuple[str, ...]] = {
     "alexander_v1.lowerBodyOnly.urdf": ("LEFT_FOOT", "RIGHT_FOOT"),
-    "g1_29dof_rev_1_0.urdf": _ANKLES,
-    "g1_29dof_with_hand_rev_1_0.urdf": _ANKLES,
+    "g1_29dof_rev_1_0.urdf": ("left_ankle_roll_link", "right_ankle_roll_link"),
     "human.urdf": ("left_foot", "right_foot"),
-    "icub.urdf": ("l_sole", "r_sole"),
-    "icub_reduced.urdf": ("l_sole", "r_sole"),
-    "romeo.urdf": ("l_sole", "r_sole"),
-    "romeo_laas_small.urdf": ("l_ankle", "r_ankle"),
-    "romeo_small.urdf": ("l_sole", "r_sole"),
+    **dict.fromkeys(("icub.urdf", "romeo.urdf"), ("l_sole", "r_sole")),
     "simple_humanoid.urdf": ("l_ankle", "r_ankle"),
-    "simple_humanoid_classical.urdf": ("l_ankle", "r_ankle"),
-    "talos_full_v2.urdf": _SOLES,
-    "talos_full_v2_box.urdf": _SOLES,
-    "talos_reduced.urdf": _SOLES,
-    "talos_reduced_box.urdf": _SOLES,
-    "talos_reduced_corrected.urdf": _SOLES,
+    "talos_reduced.urdf": ("left_sole_link", "right_sole_link"),
 }
 """Links of feet that are flat."""
-FLYING = (
-    *("borinot_flying_arm_2.urdf", "hextilt_flying_arm_5.urdf", "iris.urdf"),
-    *("alex_nub_hands.urdf", "alex_psyonic_hands.urdf", "alex_sake_hands.urdf", "quadruped.urdf"),
-)
-"""Robots that nothing holds without feet in their file."""
-FREE_FLYERS = (*FEET, *SOLES, *FLYING)
-"""Robots of example-robot-data on feet or in the air; all others are on wheels or a fixed base."""
-
-REPEATED = ("talos_full_v2_box.urdf", "talos_reduced_box.urdf", "talos_reduced_corrected.urdf")
-"""Files with the joints and links of another one, which represents them where that takes long."""
+FREE_FLYERS = (*FEET, *SOLES, "borinot_flying_arm_2.urdf", "iris.urdf", "alex_nub_hands.urdf")
+"""Robots on feet or in the air, with one or more of each kind."""
 QUICK = ("go2.urdf", "bolt.urdf", "alexander_v1.lowerBodyOnly.urdf", "iris.urdf")
 
 
@@ -184,7 +159,8 @@ def test_stances_stand_still() -> None:
 
 GO2, GO2_MEASURED = FEET["go2.urdf"], {"measured": FEET["go2.urdf"]}
 
-TALOS, TALOS_MEASURED = _SOLES, {"measured": _SOLES}
+TALOS = SOLES["talos_reduced.urdf"]
+TALOS_MEASURED = {"measured": TALOS}
 
 COUNTS: dict[str, list[tuple[list[tuple[str, ...]], dict[str, Any], int]]] = {
     # a point mass at a foot that always stands is carried by the ground
@@ -302,7 +278,7 @@ def stances_of_feet(links: tuple[str, ...]) -> list[tuple[tuple[str, ...], tuple
     return [*unmeasured, *([(links, links[:1]), (links, links)] if links else [])]
 
 
-@pytest.mark.parametrize("name", of_robots(x for x in FREE_FLYERS if x not in REPEATED))
+@pytest.mark.parametrize("name", of_robots(FREE_FLYERS))
 def test_exact_columns_of_stances_are_the_numeric_ones(name: str) -> None:
     """In flight, on all feet, and with wrenches measured; 1 to 12 s each."""
     robot, links = standing(name), {**FEET, **SOLES}.get(name, ())
