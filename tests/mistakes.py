@@ -81,13 +81,11 @@ class Planted:
     """A robot and a log with one mistake, and what is found of it.
 
     `found` is the code, the severity and the joint. Expected values may be approximate: those of
-    the evidence, of the lines that the remedy has for the joint, and of the joint's estimates
-    after the repair.
+    the lines that the remedy has for the joint, and of the joint's estimates after the repair.
     """
 
     make: Callable[[], tuple[Robot, Log]]
     found: tuple[str, str, str]
-    evidence: Mapping[str, Any] = field(default_factory=dict)
     lines: Mapping[str, Any] = field(default_factory=dict)
     values: Mapping[str, Any] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
@@ -108,7 +106,6 @@ def check_planted(planted: Planted) -> tuple[Finding, seaid.Identification, seai
     (finding,) = (x for x in above if x.code not in planted.beside)
     joint = finding.joint
     assert (finding.code, finding.severity, joint) == planted.found
-    assert {name: finding.evidence[name] for name in planted.evidence} == planted.evidence
     lines = lines_of(finding, joint) if planted.lines else {}
     assert {name: lines.get(name) for name in planted.lines} == planted.lines
     after = seaid.identify(*repaired(robot, log, finding.remedy))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from seaid.log.log import Log
 from seaid.robot.robot import Robot
 from tests.commanded_joint import SOFT, mujoco_log, robot_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
-from tests.mistakes import CASES, Planted, check_planted, described, repaired, worst
+from tests.mistakes import CASES, described, repaired, worst
 from tests.one_joint import one_joint
 from tests.plants import write_columns
 from tests.representatives import quick_first, quick_only
@@ -62,18 +61,6 @@ def test_encoder_offsets_that_differ_between_logs_are_repaired_in_the_second(
     assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
     logs[1] = described(logs[1], finding.remedy, number=2)
     assert seaid.check(leg(TEST_MASS), logs).warnings == ()
-
-
-@pytest.mark.slow  # several checks of the leg or the arm
-def test_saturated_torques_and_a_robot_at_rest() -> None:
-    log = leg_log()
-    limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
-    clipped = replace(log, motor_torque=np.clip(log.motor_torque, -limit, limit))
-    found = seaid.check(leg(TEST_MASS), clipped).warnings
-    (saturated,) = (finding for finding in found if finding.code == "saturation")
-    assert set(saturated.joints) == set(leg().joint_names)
-    small = replace(log, joint_position=0.01 * log.joint_position)
-    assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
 
 
 @pytest.mark.parametrize(("case", "joint", "slip"), [("leg", 3, 0.02), ("arm", 1, -0.01)])
@@ -334,61 +321,6 @@ def test_signed_integers_that_were_read_without_their_sign(
     assert np.array_equal(right.motor_torque, signed.motor_torque)
     (finding,) = log_findings(robot, [right])
     assert finding.code == "unit"
-
-
-@pytest.mark.slow  # 1 s of the leg
-@pytest.mark.parametrize("case", ROBOTS)
-def test_parts_of_ratings_that_are_not_the_limits_are_one_finding(case: str) -> None:
-    log = ROBOTS[case][1]()
-    robot = limited(ROBOTS[case][0](), log)
-    share = np.exp(0.3 * np.random.default_rng(4).uniform(-1, 1, robot.n))
-    bad = parts(log, robot, share)
-    (finding,) = seaid.check(robot, bad).warnings
-    assert (finding.code, set(finding.joints)) == ("unit", set(robot.joint_names))
-    right = described(bad, finding.remedy)
-    assert right.motor_torque * share == pytest.approx(log.motor_torque, rel=1e-3)
-    free = replace(robot, effort_limits=np.full(robot.n, np.inf))
-    assert "unit" in [x.code for x in seaid.check(free, bad).warnings] or case == "ur10"
-
-
-def with_parts(case: str) -> tuple[Robot, Log]:
-    """Return a robot and its log with torques in per cent of the limits."""
-    log = ROBOTS[case][1]()
-    robot = limited(ROBOTS[case][0](), log)
-    return robot, parts(log, robot, np.ones(robot.n))
-
-
-def with_wraps(joint: str, field: str) -> tuple[Robot, Log]:
-    """Return the leg and its log with an encoder that wraps around in the middle of its range."""
-    return leg(TEST_MASS), wrapped(leg_log(), leg(TEST_MASS), joint, field, 0.5)
-
-
-PLANTED: dict[str, Planted] = {
-    # it looked like a joint that stands still, a payload that is absent, or a unit
-    **{
-        f"wraps of {field}": Planted(partial(with_wraps, joint, field), ("wraps", "wrong", joint))
-        for joint, field in (("hip_roll", "joint_position"), ("knee_pitch", "motor_position"))
-    },
-    # they looked like a payload of many times its mass, a rotor, and one unit for each joint
-    **{
-        f"parts of ratings of the {case}": Planted(partial(with_parts, case), ("unit", "wrong", ""))
-        for case in ROBOTS
-    },
-}
-
-
-@pytest.mark.slow  # identifies three robots twice
-@pytest.mark.parametrize("name", PLANTED)
-def test_a_wrong_channel_is_all_that_is_wrong_until_it_is_repaired(name: str) -> None:
-    check_planted(PLANTED[name])
-
-
-def parts(log: Log, robot: Robot, share: Array) -> Log:
-    """Return the log with torques in per cent of ratings that are shares of the limits."""
-    levers = [x.ratio * x.load_radius / x.motor_radius for x in robot.drives.values()]
-    return replace(
-        log, motor_torque=100 * log.motor_torque * np.abs(levers) / (robot.effort_limits * share)
-    )
 
 
 @pytest.mark.slow  # identifies the pendulum of a servo, and checks three robots

@@ -93,43 +93,6 @@ def stribeck() -> Log:
     return with_torque("knee_pitch", 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w))
 
 
-def behind_a_linkage(amplitude_rad: float) -> Log:
-    """Return a log of the leg with a linkage between the knee and its spring, x + a sin(x + 0.3).
-
-    The spring has the torque of the knee over the slope of this function.
-    """
-    motion, index = leg_motion(TEST_MASS), leg().index("knee_pitch")
-    drive = leg().drives["knee_pitch"]
-    values, lever = drive.values, drive.motor_radius / drive.ratio
-    q = motion.joint_position[:, index]
-    force = (
-        motion.joint_torque[:, index] / (1 + amplitude_rad * np.cos(q + 0.3)) / drive.load_radius
-    )
-    behind = drive.load_radius * (q + amplitude_rad * np.sin(q + 0.3))
-    turned = (behind + force / values["stiffness"]) / lever
-    speed = np.gradient(turned, motion.time)
-    torque = values["motor_inertia"] * np.gradient(speed, motion.time) + lever * force
-    torque += values["viscous_friction"] * speed + values["coulomb_friction"] * np.sign(speed)
-    positions, torques = motion.motor_position.copy(), motion.motor_torque.copy()
-    positions[:, index], torques[:, index] = turned, torque
-    changed = replace(motion, motor_position=positions, motor_torque=torques)
-    return measure(leg(TEST_MASS), changed, LEG_SENSORS, 1)
-
-
-@pytest.mark.slow  # 2 s
-@pytest.mark.parametrize(("amplitude_rad", "is_fitted"), [(0.2, False), (0.25, True)])
-def test_a_ratio_that_varies_with_the_angle_is_named(amplitude_rad: float, is_fitted: bool) -> None:
-    """The ratio that both encoders have on average is no finding of its own, nor its remedy."""
-    reached = leg_motion(TEST_MASS).joint_position[:, leg().index("knee_pitch")]
-    ratios = 86.0 * (1 + amplitude_rad * np.cos(reached + 0.3))
-    fitted = {"gear_ratio": float(np.mean(ratios))} if is_fitted else {}  # as `init` writes it
-    found = identify(with_knee(**fitted), behind_a_linkage(amplitude_rad))
-    (finding,) = (one for one in found.warnings if one.severity == "wrong")
-    assert (finding.code, finding.joint) == ("varying-ratio", "knee_pitch")
-    assert finding.evidence["least ratio"] == pytest.approx(np.min(ratios), rel=0.04)
-    assert finding.evidence["largest ratio"] == pytest.approx(np.max(ratios), rel=0.04)
-
-
 def with_knee(robot: Robot | None = None, joint: str = "knee_pitch", **changed: Any) -> Robot:
     """Return a leg, with named terms by default, whose drive of a joint has other fields."""
     robot = robot or named()
@@ -180,8 +143,6 @@ PARALLEL = {"parallel_stiffness": 15.0, "parallel_preload": 4.0}
 
 DAMPING = {"spring_damping": 0.005 * stiffness("knee_pitch")}
 
-TENDON = {"knee_pitch": 1.0, "hip_pitch": -0.5}
-
 PLAIN: tuple[tuple[str, FrictionTerm, FrictionTerm], ...] = (
     ("ankle_pitch", "viscous", "coulomb"),
     ("knee_pitch", "coulomb", "viscous"),
@@ -229,12 +190,6 @@ PLANTED: dict[str, Planted] = {
         ("missing-term", "wrong", "knee_pitch"),
         lines={"parallel_spring": ["linear", "preload"]},
         values=near(0.02, **PARALLEL) | KNEE,
-    ),
-    "tendon over the hip": Planted(
-        partial(simulated, {}, transmission=TENDON),
-        ("coupled-joints", "wrong", "knee_pitch"),
-        evidence={"turns with hip_pitch": pytest.approx(-0.5, abs=2e-3)},
-        values=KNEE,
     ),
     # it looks like a weak spring
     "backlash": Planted(
@@ -337,21 +292,6 @@ def log_of(robot: Robot, time: Array, position: Array, motor: Array | None = Non
         motor_position=np.full_like(joint, np.nan) if motor is None else motor[:, None],
         motor_torque=joint,
     )
-
-
-@pytest.mark.slow  # 0.6 s
-def test_a_width_is_added_as_a_known_value() -> None:
-    own = leg().drives["hip_roll"].values["coulomb_friction"]
-    w = speed("hip_roll")
-    smooth = (own + 0.05) * np.tanh(w / 15.0) - own * np.sign(w)
-    found = identify(open_robot(), with_torque("hip_roll", smooth))
-    note = findings(found)[0]
-    assert "'smooth_coulomb' over" in str(note)
-    assert "rad/s is included" in str(note)
-    drive = found.known.drives["hip_roll"]
-    assert drive.friction == ("viscous", "smooth_coulomb")
-    assert drive.known == ("coulomb_width",)
-    assert drive.values["coulomb_width"] == pytest.approx(15.0, rel=0.7)
 
 
 def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ FRAMES: dict[str, Callable[[Any], dict[str, Any]]] = {
     "in degrees per second": lambda base: {"angular_velocity": np.degrees(base.angular_velocity)},
     "points downwards": lambda base: {"specific_force": -base.specific_force},
     "the y axis of the angular velocity of the base is 0 all the time": lambda base: {
-        "angular_velocity": base.angular_velocity * [1, 0, 1]
+        "angular_velocity": base.angular_velocity * [1, 0, 1] + 0.0
     },
 }
 
