@@ -124,21 +124,6 @@ def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
     assert (finding.code, finding.joint) == ("swapped-joints", robot.joint_names[3])
 
 
-def test_an_unknown_rotor_is_no_misfit_of_the_bodies_unless_it_is_negative() -> None:
-    """The geared arm moves rotors that its file lacks: 8 to 15 % of its torques."""
-    robot, log = CASES["ur10"][0](), geared_arm_log()
-    right = experiment(robot, log)
-    assert np.max(right.nominal) < 0.03
-    # The file without rotors is off by that of the true ones, and by twice it from negative ones.
-    drives = true_geared_arm().drives.values()
-    rotors = [x.values["motor_inertia"] * x.ratio**2 for x in drives]
-    of_rotors = np.array(rotors) * np.gradient(np.gradient(log.joint_position, axis=0), axis=0)
-    of_rotors /= np.median(np.diff(log.time)) ** 2
-    negative = experiment(robot, replace(log, motor_torque=log.motor_torque - 2 * of_rotors))
-    shares = np.std(of_rotors, axis=0) / np.std(log.motor_torque, axis=0)
-    assert np.all(negative.nominal > 0.8 * shares)
-
-
 @pytest.mark.parametrize("known", [("torque_constant",), ()])
 def test_currents_are_compared_as_torques_are_if_their_constants_are_known(
     known: tuple[str, ...],

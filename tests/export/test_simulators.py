@@ -25,7 +25,6 @@ from seaid.errors import RobotError
 from seaid.export import FORMATS, WrittenModel
 from seaid.export.joint_actuators import EFFECTS, actuators_of
 from seaid.robot import Robot
-from tests.experiments import leg
 from tests.one_joint import BODY, one_joint
 
 ROOT = Path(__file__).parents[2]
@@ -43,6 +42,7 @@ SERVO = StiffDrive(
     command_delay_s=DELAY_S,
     controller=GAINS,
 )
+FED = replace(SERVO, controller=replace(GAINS, feedforward_Nm=3.0))
 ARMATURE, VISCOUS, DRY, OFFSET = N**2 * I_M, N**2 * F_V, N * F_C, N * F_0
 PER_DEGREE = math.pi / 180
 ODD = "odd-joint \"'</\\&é"
@@ -67,6 +67,89 @@ def odd_robot(folder: Path) -> Robot:
 def written(robot: Robot, folder: Path, name: Any, **options: Any) -> WrittenModel:
     path = folder / f"{name}{FORMATS[name].suffix}"
     return seaid.write_model(robot, path, name, **options)
+
+
+def test_isaac_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive without a controller has no gains and no limit."""
+    dry = {"friction": DRY, "dynamic_friction": DRY, "viscous_friction": VISCOUS}
+    passive = {"armature": ARMATURE, **dry}
+    delays = {"min_delay": 3, "max_delay": 3}  # of 4 ms
+    torque = replace(SERVO, motor_input="torque", controller=None, command_delay_s=None)
+    gains = {"stiffness": KP, "damping": KD, "effort_limit": LIMIT}
+    for drive, kind, active in (
+        (SERVO, "DelayedPDActuatorCfg", gains | delays),
+        (torque, "IdealPDActuatorCfg", {"stiffness": 0, "damping": 0}),
+    ):
+        path = written(robot_with(tmp_path, drive), tmp_path, "isaaclab", time_step_s=0.004).path
+        ((joint, (name, fields)),) = configured(path, "isaaclab.actuators", monkeypatch).items()
+        assert (joint, name) == ("arm", kind)
+        assert fields.pop("joint_names_expr") == ["arm"]
+        assert fields == pytest.approx(passive | active)
+
+
+def test_a_feed_forward_is_within_the_limit_and_apart_from_the_friction(tmp_path: Path) -> None:
+    """The force that an actuator documents is that of the drive, at its limit too."""
+    robot = robot_with(tmp_path, FED)
+    (actuator,) = actuators_of(robot)
+    errors = np.linspace(-1.0, 1.0, 9)  # u - q [rad]; beyond 0.45 rad the controller is at 12 N m
+    wanted = actuator.position_gain * errors + actuator.feedforward
+    force = np.clip(wanted, -actuator.limit, actuator.limit) - actuator.offset
+    law = FED.law
+    assert law is not None
+    torque, is_limited = law.torque(KP * errors + law.feedforward_Nm, 0 * errors, 0 * errors)
+    assert 0 < np.sum(is_limited) < len(errors)
+    np.testing.assert_allclose(force, torque - OFFSET)
+    # Isaac Lab has neither, Newton both, with a common limit
+    remedies = {x.message: x.remedy for x in written(robot, tmp_path, "isaaclab").warnings}
+    text = "Isaac Lab has no {}: it is not in the file for arm ({} N m)"
+    assert remedies[text.format("feed-forward", 3)] == "add to the commands: arm +0.15 rad"
+    assert remedies[text.format("friction offset", 0.09)] == "add to the commands: arm -0.0045 rad"
+    model = written(robot, tmp_path, "newton", time_step_s=DELAY_S)
+    assert "float newton:constEffort = 2.91" in model.path.read_text()  # F - N F_0
+    (finding,) = model.warnings
+    assert (finding.severity, finding.code) == ("note", "not-in-format")
+    assert finding.evidence == {"arm": pytest.approx(OFFSET)}
+    assert "no friction offset: arm (0.09 of 12)" in finding.message
+
+
+def test_drake(tmp_path: Path) -> None:
+    """It replaces the transmissions of its joints."""
+    robot, path = robot_with(tmp_path), tmp_path / "arm.urdf"
+    others = '<transmission name="x"><joint name="other"/></transmission>'
+    old = '<transmission name="t"><joint name="arm"/><actuator name="m"/></transmission>'
+    path.write_text(path.read_text().replace("</robot>", f"{old}{others}</robot>"))
+    model = written(seaid.load_robot(path, robot.drives), tmp_path, "drake")
+    root = etree.parse(model.path).getroot()
+    assert {one.get("name") for one in root.findall("transmission")} == {"arm", "x"}
+    space = "{http://drake.mit.edu}"
+    (actuator,) = root.findall("transmission/actuator")
+    names = ("gear_ratio", "rotor_inertia")
+    assert [float(actuator.find(f"{space}{name}").get("value")) for name in names] == [N, I_M]
+    gains = actuator.find(f"{space}controller_gains")
+    assert (float(gains.get("p")), float(gains.get("d"))) == (KP, KD)
+    damping = float(root.find("joint/dynamics").get("damping"))
+    assert damping == pytest.approx(VISCOUS)
+    assert seaid.load_robot(model.path, {"arm": SERVO}).n == 1
+
+
+def test_other_terms_and_what_replaces_them(tmp_path: Path) -> None:
+    drive = replace(
+        SERVO,
+        friction=("viscous", "smooth_coulomb", "offset", "quadratic"),
+        nominal={"friction_offset": F_0, "coulomb_width": 0.1, "quadratic_friction": 1e-6},
+    )
+    found = written(robot_with(tmp_path, drive), tmp_path, "isaaclab").warnings
+    assert [one.severity for one in found] == ["doubtful", "note", "note", "note"]
+    assert {one.code for one in found} == {"not-in-format"}
+    assert "not these terms of the drives: arm (quadratic)" in found[0].message
+    assert found[1].remedy == "add to the commands: arm -0.0045 rad"  # N F_0 / K_p
+    assert found[1].evidence == {"arm": pytest.approx(OFFSET)}
+    assert "smooth friction is written as dry friction for arm" in found[2].message
+    assert "steps of 5 ms in the file: arm is -2.3 ms off" in found[3].message
+    assert found[3].remedy.startswith("--time-step")
+    plain = replace(SERVO, friction=("viscous", "coulomb"), nominal={}, command_delay_s=0.01)
+    for name in ("mjcf", "urdf", "isaaclab", "newton"):
+        assert written(robot_with(tmp_path, plain), tmp_path, name).warnings == ()
 
 
 FIELDS = {
@@ -94,31 +177,6 @@ def configured(path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setitem(sys.modules, module.split(".")[0], ModuleType(module.split(".")[0]))
     monkeypatch.setitem(sys.modules, module, stand_in)
     return runpy.run_path(str(path))["ACTUATORS"]
-
-
-def test_isaac_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = written(robot_with(tmp_path), tmp_path, "isaaclab", time_step_s=0.004)
-    (joint, (name, fields)), *others = configured(
-        model.path, "isaaclab.actuators", monkeypatch
-    ).items()
-    assert (joint, name, others) == ("arm", "DelayedPDActuatorCfg", [])
-    assert fields.pop("joint_names_expr") == ["arm"]
-    assert fields == pytest.approx(
-        {"stiffness": KP, "damping": KD, "armature": ARMATURE, "effort_limit": LIMIT}
-        | {"friction": DRY, "dynamic_friction": DRY, "viscous_friction": VISCOUS}
-        | {"min_delay": 3, "max_delay": 3}  # of 4 ms
-    )
-
-
-def test_a_drive_without_controller_has_no_gains(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    torque = replace(SERVO, motor_input="torque", controller=None, command_delay_s=None)
-    model = written(robot_with(tmp_path, torque), tmp_path, "isaaclab")
-    ((kind, fields),) = configured(model.path, "isaaclab.actuators", monkeypatch).values()
-    assert kind.startswith("IdealP")
-    assert (fields["stiffness"], fields["damping"]) == (0, 0)
-    assert "effort_limit" not in fields
 
 
 def stage_of(robot: Robot, layer: Path, kind: str) -> Any:
@@ -229,69 +287,6 @@ def test_the_law_of_a_spring_with_pulleys_is_that_at_the_joint(tmp_path: Path) -
     assert (actuator.limit, actuator.feedforward, actuator.offset) == (10.0, 6.0, 0.0)
 
 
-FED = replace(SERVO, controller=replace(GAINS, feedforward_Nm=3.0))
-
-
-def test_a_torque_limit_holds_for_the_feed_forward_and_not_for_friction(tmp_path: Path) -> None:
-    """The force that an actuator documents is that of the drive, at its limit too."""
-    (actuator,) = actuators_of(robot_with(tmp_path, FED))
-    errors = np.linspace(-1.0, 1.0, 9)  # u - q [rad]; beyond 0.45 rad the controller is at 12 N m
-    wanted = actuator.position_gain * errors + actuator.feedforward
-    force = np.clip(wanted, -actuator.limit, actuator.limit) - actuator.offset
-    law = FED.law
-    assert law is not None
-    torque, is_limited = law.torque(KP * errors + law.feedforward_Nm, 0 * errors, 0 * errors)
-    assert is_limited.any()
-    assert not is_limited.all()
-    np.testing.assert_allclose(force, torque - OFFSET)
-
-
-def test_a_feed_forward_is_replaced_by_commands_apart_from_the_friction(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path, FED)
-    remedies = {x.message: x.remedy for x in written(robot, tmp_path, "isaaclab").warnings}
-    text = "Isaac Lab has no {}: it is not in the file for arm ({} N m)"
-    assert remedies[text.format("feed-forward", 3)] == "add to the commands: arm +0.15 rad"
-    assert remedies[text.format("friction offset", 0.09)] == "add to the commands: arm -0.0045 rad"
-
-
-def test_newton_has_both_constants_and_a_note_on_their_common_limit(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path, FED)
-    model = written(robot, tmp_path, "newton", time_step_s=DELAY_S)
-    assert "float newton:constEffort = 2.91" in model.path.read_text()  # F - N F_0
-    (finding,) = model.warnings
-    assert (finding.severity, finding.code) == ("note", "not-in-format")
-    assert finding.evidence == {"arm": pytest.approx(OFFSET)}
-    assert "no friction offset: arm (0.09 of 12)" in finding.message
-
-
-def test_drake(tmp_path: Path) -> None:
-    model = written(robot_with(tmp_path), tmp_path, "drake")
-    root = etree.parse(model.path).getroot()
-    space = "{http://drake.mit.edu}"
-    (actuator,) = root.findall("transmission/actuator")
-    values = {
-        name: float(actuator.find(f"{space}{name}").get("value"))
-        for name in ("gear_ratio", "rotor_inertia")
-    }
-    assert values == {"gear_ratio": N, "rotor_inertia": I_M}
-    gains = actuator.find(f"{space}controller_gains")
-    assert (float(gains.get("p")), float(gains.get("d"))) == (KP, KD)
-    dynamics = root.find("joint/dynamics")
-    assert float(dynamics.get("damping")) == pytest.approx(VISCOUS)
-    assert seaid.load_robot(model.path, {"arm": SERVO}).n == 1
-
-
-def test_drake_replaces_the_transmissions_of_its_joints(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path)
-    path = tmp_path / "arm.urdf"
-    others = '<transmission name="x"><joint name="other"/></transmission>'
-    old = '<transmission name="t"><joint name="arm"/><actuator name="m"/></transmission>'
-    path.write_text(path.read_text().replace("</robot>", f"{old}{others}</robot>"))
-    robot = seaid.load_robot(path, robot.drives)
-    root = etree.parse(written(robot, tmp_path, "drake").path).getroot()
-    assert {one.get("name") for one in root.findall("transmission")} == {"arm", "x"}
-
-
 def test_drake_reads_its_file(tmp_path: Path) -> None:
     pytest.importorskip("pydrake", reason="needs drake: make test-simulators")
     from pydrake.multibody.parsing import Parser
@@ -308,18 +303,6 @@ def test_drake_reads_its_file(tmp_path: Path) -> None:
     assert actuator.get_controller_gains().p == KP
     assert actuator.get_controller_gains().d == KD
     assert plant.GetJointByName("arm").default_damping() == pytest.approx(VISCOUS)
-
-
-def test_elastic_drives_are_rigid_in_a_urdf_of_a_simulator(tmp_path: Path) -> None:
-    robot = leg()
-    root = etree.parse(written(robot, tmp_path, "drake").path).getroot()
-    joint = next(x for x in root.findall("joint") if x.get("name") == "knee_pitch")
-    drive = robot.drives["knee_pitch"]
-    assert isinstance(drive, SeriesElasticDrive)
-    ratio = drive.gear_ratio * drive.load_radius / drive.motor_radius
-    assert float(joint.find("dynamics").get("damping")) == pytest.approx(
-        ratio**2 * drive.values["viscous_friction"]
-    )
 
 
 SPRING = SeriesElasticDrive(
@@ -354,31 +337,6 @@ def test_what_a_format_lacks_is_said_and_nothing_else(
     assert is_said == (effect not in FORMATS[name].holds)
 
 
-def test_other_terms_and_what_replaces_them(tmp_path: Path) -> None:
-    drive = replace(
-        SERVO,
-        friction=("viscous", "smooth_coulomb", "offset", "quadratic"),
-        nominal={"friction_offset": F_0, "coulomb_width": 0.1, "quadratic_friction": 1e-6},
-    )
-    found = written(robot_with(tmp_path, drive), tmp_path, "isaaclab").warnings
-    assert [(one.severity, one.code) for one in found] == [
-        ("doubtful", "not-in-format"),
-        *[("note", "not-in-format")] * 3,
-    ]
-    assert "not these terms of the drives: arm (quadratic)" in found[0].message
-    assert found[1].remedy == "add to the commands: arm -0.0045 rad"  # N F_0 / K_p
-    assert found[1].evidence == {"arm": pytest.approx(OFFSET)}
-    assert "smooth friction is written as dry friction for arm" in found[2].message
-    assert "steps of 5 ms in the file: arm is -2.3 ms off" in found[3].message
-    assert found[3].remedy.startswith("--time-step")
-
-
-def test_a_right_set_up_has_no_finding(tmp_path: Path) -> None:
-    plain = replace(SERVO, friction=("viscous", "coulomb"), nominal={}, command_delay_s=0.01)
-    for name in ("mjcf", "urdf", "isaaclab", "newton"):
-        assert written(robot_with(tmp_path, plain), tmp_path, name).warnings == ()
-
-
 def test_names_are_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = odd_robot(tmp_path)
     path = written(robot, tmp_path, "isaaclab").path
@@ -393,6 +351,7 @@ def test_names_are_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_what_is_refused(tmp_path: Path) -> None:
+    """Not a format by the suffix of the file."""
     robot = robot_with(tmp_path)
     for step in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(RobotError, match="time_step_s= must be more than zero and finite"):
@@ -403,12 +362,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="'coulomb_friction_Nm' is not known"):
         written(unknown, tmp_path, "isaaclab")
     assert written(unknown, tmp_path, "urdf").warnings == ()  # which holds what is known
-
-
-def test_formats_by_suffix(tmp_path: Path) -> None:
-    robot = robot_with(tmp_path)
-    starts = {"a.xml": "<?xml", "b.usda": "#usda 1.0", "c.urdf": "<robot"}
-    for name, start in starts.items():
+    for name, start in (("a.xml", "<?xml"), ("b.usda", "#usda 1.0"), ("c.urdf", "<robot")):
         model = seaid.write_model(robot, tmp_path / name)
         assert model.path.read_text().startswith(start)
     assert model.drives == tmp_path / "c.toml"

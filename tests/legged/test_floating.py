@@ -27,7 +27,6 @@ from seaid.legged.floating import (
     contact_equations,
     contact_map,
     floating_regressor,
-    floating_rows,
     measured_wrenches,
     stance_states,
     without_contact_forces,
@@ -122,27 +121,6 @@ def test_map_of_contact_forces_is_the_transposed_jacobian_of_pinocchio(name: str
         J = pin.computeFrameJacobian(tree, data, theirs, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
         expected = (R.T @ J)[:, [*range(6), *order]].T  # forces in the frame of the base
         np.testing.assert_allclose(A[:, 3 * place : 3 * place + 3], expected, atol=1e-12)
-
-
-def test_rows_without_contact_forces_hold_whatever_the_forces_are() -> None:
-    name = "go2.urdf"
-    contacts = [Contact(foot, radius_m=0.02) for foot in FEET[name]]
-    robot, rng = floating(name, contacts=contacts), np.random.default_rng(3)
-    joints, base = stance_states(robot, FEET[name], 1, 20)
-    up = rng.normal(size=(20, 3))
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    known = [0, 1, 2, 4, 5, 8, 9, 10, 11]  # three joints have no torque in the log
-    A = contact_map(robot, joints[0], contacts, up)
-    forces = 100 * rng.normal(size=A.shape[::2])
-    Y = floating_regressor(robot, *joints, base)
-    torques = Y @ robot.parameters - np.einsum("trk,tk->tr", A, forces)
-    rows = np.concatenate([Y, (Y @ robot.parameters - torques)[:, :, None]], axis=2)
-    touching = {foot: np.ones(20, dtype=bool) for foot in FEET[name]}
-    left = without_contact_forces(
-        robot, joints[0], touching, known, floating_rows(robot, rows, known), up=up
-    )
-    assert np.max(np.abs(left[:, :, -1])) < 1e-10 * np.max(np.abs(forces))
-    assert np.linalg.matrix_rank(left[0, :, :-1]) == 6 + len(known) - 12
 
 
 def test_stances_stand_still() -> None:
