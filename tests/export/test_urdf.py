@@ -225,15 +225,6 @@ def test_files_that_do_not_fit_are_named_and_left(
     assert {path: path.read_text() for path in tmp_path.iterdir()} == before
 
 
-def test_robots_without_a_file_or_bodies_are_refused(tmp_path: Path) -> None:
-    robot = fixed_robot(tmp_path)
-    with pytest.raises(RobotError, match="name its URDF with source="):
-        write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
-    for write in (write_urdf, write_mjcf):
-        with pytest.raises(RobotError, match="no inertial parameters to write"):
-            write(robot.without_nominal(), tmp_path / "out.urdf")
-
-
 def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = fixed_robot(tmp_path)
     for name in ("out.urdf", "out.toml"):
@@ -300,7 +291,7 @@ def test_a_link_that_has_only_what_is_fixed_to_it_gets_nothing_but_rounding(tmp_
         (0, 1e300, "'thigh' would have a mass"),
     ],
 )
-def test_absurd_bodies_are_refused_even_by_force(
+def test_absurd_bodies_and_robots_without_bodies_are_refused_even_by_force(
     tmp_path: Path, place: int, value: float, words: str
 ) -> None:
     robot = fixed_robot(tmp_path)
@@ -310,23 +301,22 @@ def test_absurd_bodies_are_refused_even_by_force(
     for write in (write_urdf, write_mjcf):
         with pytest.raises(RobotError, match=words):
             write(absurd, tmp_path / "out.urdf", force=True)
+        with pytest.raises(RobotError, match="no inertial parameters to write"):
+            write(robot.without_nominal(), tmp_path / "out.urdf")
+    with pytest.raises(RobotError, match="name its URDF with source="):
+        write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
     assert [path.name for path in tmp_path.iterdir()] == ["leg.urdf"]
 
 
-def test_elements_of_other_namespaces_are_left_alone(tmp_path: Path) -> None:
-    other = '<o:link xmlns:o="urn:o" name="thigh"><inertial><mass value="9"/></inertial></o:link>'
-    base = '<link name="base"/>'
-    robot = changed(loaded(tmp_path, FIXED.replace(base, other + base)))
-    written = write_urdf(robot, tmp_path / "out.urdf")
-    assert other in written.urdf.read_text()
-    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
-
-
 def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_path: Path) -> None:
-    """yourdfpy finds no links in a default namespace, and XML has no version 0.0."""
+    """yourdfpy finds no links in a default namespace, and XML has no version 0.0.
+
+    Elements of other namespaces are left alone.
+    """
+    other = '<o:link xmlns:o="urn:o" name="thigh"><inertial><mass value="9"/></inertial></o:link>'
     text = FIXED.replace('version="1.0"', 'version="0.0"', 1)
     text = text.replace("<robot ", '<robot xmlns="http://www.ros.org" ')
-    robot = changed(loaded(tmp_path, text.replace("<link", "<mujoco/><link", 1)))
+    robot = changed(loaded(tmp_path, text.replace("<link", f"<mujoco/>{other}<link", 1)))
     path = write_urdf(robot, tmp_path / "out.urdf").urdf
     again, lines = load_robot(path), path.read_text().splitlines()
     np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-12)
@@ -335,7 +325,7 @@ def test_exports_of_files_with_namespaces_and_version_0_are_read_by_others(tmp_p
     read = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     assert {link.name for link in read.links} >= {"base", *robot.body_names}
     assert lines[0] == '<?xml version="1.0"?>'
-    assert any("<mujoco/>" in line for line in lines)
+    assert any(f"<mujoco/>{other}" in line for line in lines)
 
 
 # XML as text: what changes is changed in its place, all else stays byte by byte
@@ -374,25 +364,22 @@ def test_a_strange_file_stays_as_it_is_but_for_its_bodies(tmp_path: Path) -> Non
     path = tmp_path / "strange arm.urdf"
     path.write_bytes(text)
     robot = load_robot(path)
-    bodies = robot.parameters.copy()
-    bodies *= 1.5
-    written = write_urdf(robot.with_values(bodies, robot.drives), tmp_path / "out.urdf")
-    found = written.urdf.read_bytes()
-    np.testing.assert_allclose(load_robot(written.urdf).parameters, bodies, rtol=1e-12, atol=1e-18)
-    lines = [line for line in found.split(b"\r\n") if line not in text.split(b"\r\n")]
+    bodies = 1.5 * robot.parameters
+    written = write_urdf(robot.with_values(bodies, robot.drives), tmp_path / "out.urdf").urdf
+    np.testing.assert_allclose(load_robot(written).parameters, bodies, rtol=1e-12, atol=1e-18)
+    found = written.read_bytes()
+    assert outside_of_inertials(written) == outside_of_inertials(path)
     assert found.count(b"\n") == found.count(b"\r\n")
-    assert len(lines) == 7
-    assert lines[0].startswith(b"      <origin xyz=")
-    assert (
-        b"<mass unit='kg' value=\"4.5\"></mass><custom><![CDATA[a < b & c]]></custom>" in lines[1]
-    )
-    assert lines[2].startswith(b'      <inertia iyy="')
-    assert lines[3].startswith(b'               iyz="')
-    assert lines[4] == b'  <link name="hand">'
-    assert lines[5].startswith(
-        b'    <inertial><origin xyz="0.0 0.0 0.0" rpy="0 0 0"/><mass value="0.05'
-    )
-    assert lines[6] == b"  </link>"
+    new = [line for line in found.split(b"\r\n") if line not in text.split(b"\r\n")]
+    origin, mass, *inertia, start, inside, end = new
+    assert origin.startswith(b"      <origin xyz=")
+    assert b"<mass unit='kg' value=\"4.5\"></mass><custom><![CDATA[a < b & c]]></custom>" in mass
+    assert [line.partition(b'="')[0] for line in inertia] == [
+        b"      <inertia iyy",
+        b"               iyz",
+    ]
+    assert (start, end) == (b'  <link name="hand">', b"  </link>")
+    assert inside.startswith(b'    <inertial><origin xyz="0.0 0.0 0.0" rpy="0 0 0"/><mass value=')
 
 
 def test_what_is_new_is_indented_as_its_neighbours() -> None:
