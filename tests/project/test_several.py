@@ -99,10 +99,9 @@ def test_results_are_those_of_runs_one_by_one(
 def killing(pids: Callable[[], Iterable[int]]) -> Iterator[list[int]]:
     """Kill the first of some processes that has computed for a second since it was seen."""
     killed: list[int] = []
-    is_over = threading.Event()
+    is_over, began = threading.Event(), dict[int, float]()
 
     def watch() -> None:
-        began: dict[int, float] = {}
         while not killed and not is_over.wait(0.05):
             for pid in pids():
                 with suppress(OSError):
@@ -124,20 +123,6 @@ def seconds_of(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def children() -> list[int]:
-    """Return the processes that this one has begun."""
-    tasks = Path(f"/proc/{os.getpid()}/task").iterdir()
-    return [int(pid) for task in tasks for pid in (task / "children").read_text().split()]
-
-
-@pytest.mark.slow  # six identifications and a repeated one
-def test_a_project_whose_process_is_killed_is_run_again(folder: Path) -> None:
-    with killing(children) as killed:
-        outcomes = run_projects(folder)
-    assert killed
-    check_outcomes(folder, outcomes)
-
-
 @contextmanager
 def cluster(threads: int = 1) -> Iterator[Any]:
     distributed: Any = pytest.importorskip("distributed")
@@ -147,43 +132,43 @@ def cluster(threads: int = 1) -> Iterator[Any]:
         yield workers
 
 
-@pytest.mark.slow  # six identifications, and processes that import seaid
-def test_a_cluster_gives_the_same_and_loses_nothing_with_a_worker(folder: Path) -> None:
-    with cluster() as workers:
-        pids = [nanny.pid for nanny in workers.workers.values()]
-        with killing(lambda: pids) as killed:
-            outcomes = run_projects(folder, executor=f"dask:{workers.scheduler_address}")
+@pytest.mark.slow  # six identifications and a repeated one
+@pytest.mark.parametrize("on_cluster", [False, True])
+def test_a_project_whose_process_is_killed_is_run_again(folder: Path, on_cluster: bool) -> None:
+    """On a cluster too, which gives the same and loses nothing with a worker."""
+    if on_cluster:
+        with cluster() as workers:
+            pids = [nanny.pid for nanny in workers.workers.values()]
+            with killing(lambda: pids) as killed:
+                outcomes = run_projects(folder, executor=f"dask:{workers.scheduler_address}")
+    else:
+        tasks = Path(f"/proc/{os.getpid()}/task")
+        with killing(
+            lambda: [int(x) for file in tasks.glob("*/children") for x in file.read_text().split()]
+        ) as killed:
+            outcomes = run_projects(folder)
     assert killed
     check_outcomes(folder, outcomes)
 
 
-@pytest.mark.slow  # processes that import seaid
-def test_workers_have_one_thread_each(folder: Path) -> None:
-    with (
-        cluster(threads=2) as workers,
-        pytest.raises(
-            SeaidError, match="each worker needs one thread, so that projects do not mix"
-        ),
-    ):
+@pytest.mark.slow  # processes that import seaid, and a wait of 5 s
+def test_clusters_that_cannot_be_used_are_refused_within_seconds(folder: Path) -> None:
+    words = "each worker needs one thread, so that projects do not mix"
+    with cluster(threads=2) as workers, pytest.raises(SeaidError, match=words):
         run_projects(folder, executor=f"dask:{workers.scheduler_address}")
-
-
-@pytest.mark.parametrize("executor", ["dask:", "processes", "ray:127.0.0.1"])
-def test_other_executors_are_refused(folder: Path, executor: str) -> None:
-    with pytest.raises(SeaidError, match=f"executor= must be dask:ADDRESS.*found '{executor}'"):
-        run_projects(folder, executor=executor)
-
-
-@pytest.mark.slow  # waits for 5 s
-def test_an_address_that_does_not_answer_is_an_error_within_seconds(folder: Path) -> None:
-    pytest.importorskip("distributed")
     begin = time.monotonic()
     with pytest.raises(SeaidError, match=r"no scheduler answers at '127\.0\.0\.1:1' within 5 s"):
         run_projects(folder, executor="dask:127.0.0.1:1")
     assert time.monotonic() - begin < 30
 
 
-def test_a_cluster_needs_its_package(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_executors_and_a_cluster_without_its_package_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for executor in ("dask:", "processes", "ray:127.0.0.1"):
+        words = f"executor= must be dask:ADDRESS.*found '{executor}'"
+        with pytest.raises(SeaidError, match=words):
+            run_projects(folder, executor=executor)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(SeaidError, match=r"pip install 'seaid\[dask\]'"):
         run_projects(folder, executor="dask:127.0.0.1:8786")
