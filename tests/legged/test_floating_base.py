@@ -294,23 +294,6 @@ def test_a_log_without_any_force_is_refused(touching: float, given: list[str] | 
 
 
 @pytest.mark.slow  # fits of a whole quadruped
-def test_forces_on_the_base_determine_its_bodies_without_any_torque() -> None:
-    log = felt()
-    found = seaid.identify(STANDING, log, cutoff_hz=4.0)
-    assert found.model.torque_joints == ()
-    assert len(found.load.values) == 94
-    truth = found.base.project(STANDING.parameters)
-    assert np.max(np.abs(found.load.values - truth) / np.maximum(np.abs(truth), 0.01)) < 2e-3
-    assert [*found.joint_fits] == [*BASE_ROWS]
-    assert all(one.own < 0.01 for one in found.joint_fits.values())
-    assert found.verdict.level == "good"
-    assert {*found.checks["load"].whiteness} == {*BASE_ROWS}
-    assert "94 base parameters from the forces on the base" in found.summary()
-    again = seaid.validate(found, log)
-    assert "no joint has a torque that could be compared" in again.summary()
-
-
-@pytest.mark.slow  # fits of a whole quadruped
 def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
     trunk = seaid.Contact("base", is_flat=True)
     robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=[*GO2.feet, trunk])
@@ -443,8 +426,6 @@ def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     assert contacts.measured_vertical == pytest.approx(contacts.vertical, rel=0.005)
     assert contacts.vertical == pytest.approx(contacts.weight, rel=0.02)
     assert validation.warnings == ()
-    seaid.write_report(found, tmp_path / "go2.html", validation)
-    assert "Contact forces [N] of the validation" in (tmp_path / "go2.html").read_text()
     seaid.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
     again = seaid.load_run(tmp_path / "go2.npz").validations["other"]
     assert isinstance(again, LeggedValidation)
@@ -505,12 +486,8 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
     assert result.base.relative_error[:3].max() < 0.02
     assert result.warnings == ()
     assert result.load.whole_relative_error < 0.01
-    text = str(result)
-    assert "base force z" in text
-    assert "all joints" in text
     own_residual, of_blocks = found.residual
     assert own_residual < of_blocks < 1.2 * own_residual
-    assert "Residual over the torques of all joints (norms): " in str(found)
     turned = {link: values[:, [1, 0, 2]] for link, values in base_of(other).wrenches.items()}
     wrong = seaid.validate(found, with_base(other, wrenches=turned))
     texts = [one.message for one in wrong.warnings if one.code == "unseen-motion"]
@@ -538,7 +515,6 @@ def test_feet_that_sink_in_under_their_load_are_named(lifted: bool) -> None:
     # MuJoCo's own contacts give way by 4 mm under a quarter of the weight of a Go2
     assert finding.evidence["compliance [m/N]"] == pytest.approx(9.4e-5, rel=0.06)
     assert finding.evidence["mean load [N]"] == pytest.approx(41.0, rel=0.06)
-    assert re.search(r"sink in by (3\.\d|4) mm under their mean load of", finding.message)
     hard = seaid.identify(go2(), on_soft_feet(False, lifted))
     assert "soft-feet" not in {one.code for one in hard.warnings}
     for soft in () if lifted else (True, False):
