@@ -35,37 +35,24 @@ from tests.plants import write_columns
 MODELS = experiments.MODELS
 
 
-@pytest.fixture
-def leg_folder(tmp_path: Path) -> Path:
-    """The leg's URDF, without its drives, and two logs."""
-    robot = experiments.leg(experiments.TEST_MASS)
+@pytest.mark.slow  # simulates the leg
+def test_gear_ratios_and_springs_come_from_both_encoders(tmp_path: Path) -> None:
     shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
-    for seed in range(2):
-        motion = experiments.leg_motion(experiments.TEST_MASS, seed=seed)
-        log = seaid.simulation.simulation.measure(robot, motion, experiments.LEG_SENSORS, seed)
-        seaid.write_log(log, tmp_path / f"run{seed}.npz")
-    return tmp_path
-
-
-@pytest.mark.slow  # simulates the leg twice
-def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> None:
-    logs = [leg_folder / "run0.npz", leg_folder / "run1.npz"]
-    made = write_first_project(leg_folder / "leg.urdf", logs, folder=leg_folder)
-    project = load_project(leg_folder)
+    logs = [tmp_path / "run0.npz", tmp_path / "run1.npz"]
+    for seed, path in enumerate(logs):
+        seaid.write_log(experiments.leg_log(seed), path)
+    made = write_first_project(tmp_path / "leg.urdf", logs, folder=tmp_path)
+    project = load_project(tmp_path)
     drives = project.robot().drives
-    truth = experiments.leg().drives
-    for joint, drive in truth.items():
-        given = drives[joint]
-        total = drive.ratio * drive.load_radius / drive.motor_radius if drive.is_elastic else None
-        ratio = drive.ratio if total is None else total
-        error = given.std["gear_ratio"]
-        assert error < (3e-3 if drive.is_elastic else 2e-4) * ratio
-        assert given.ratio == pytest.approx(ratio, abs=3 * error)
-        assert given.is_elastic == drive.is_elastic
+    for joint, true in experiments.leg().drives.items():
+        drive, ratio = drives[joint], true.ratio * true.load_radius / true.motor_radius
+        error = drive.std["gear_ratio"]
+        assert error < (3e-3 if true.is_elastic else 2e-4) * ratio
+        assert drive.ratio == pytest.approx(ratio, abs=3 * error)
+        assert drive.is_elastic == true.is_elastic
     assert [one.use for one in project.logs] == ["identify", "validate"]
     assert any(one.startswith("knee_pitch: gear_ratio = ") for one in made.doubts)
-    assert "gear_ratio_std = " in (leg_folder / "leg_drives.toml").read_text()
-    text = (leg_folder / "seaid.toml").read_text()
+    text = (tmp_path / "seaid.toml").read_text()
     assert text.count("# unsure: ") == len(made.doubts)
 
 
@@ -73,22 +60,17 @@ def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> No
 @pytest.mark.parametrize("is_sensed", [False, True])
 def test_springs_are_recognised_by_currents(is_sensed: bool) -> None:
     """Without a torque the current is that of the spring, and a torque sensor gives the scale."""
-    robot, motion = (
-        experiments.leg(experiments.TEST_MASS),
-        experiments.leg_motion(experiments.TEST_MASS),
-    )
-    log = seaid.simulation.simulation.measure(robot, motion, experiments.LEG_SENSORS, 1)
+    log, motion = experiments.leg_log(), experiments.leg_motion(experiments.TEST_MASS)
     given = replace(
         log,
         motor_torque=np.full_like(log.motor_torque, np.nan),
         motor_current=log.motor_torque / 0.03,
         joint_torque=motion.joint_torque if is_sensed else None,
     )
-    plain = seaid.load_robot(MODELS / "tulip_leg.urdf")
-    tables, doubts = inferred_drives(plain, [given])
-    kinds = {joint: table["type"] for joint, table in tables.items()}
+    tables, doubts = inferred_drives(seaid.load_robot(MODELS / "tulip_leg.urdf"), [given])
     elastic = dict.fromkeys(experiments.ELASTIC, "series_elastic")
-    assert kinds == elastic | dict.fromkeys(("hip_yaw", "hip_roll"), "stiff")
+    kinds = elastic | dict.fromkeys(("hip_yaw", "hip_roll"), "stiff")
+    assert {joint: table["type"] for joint, table in tables.items()} == kinds
     assert {table["motor_input"] for table in tables.values()} == {"current"}
     (unscaled,) = [one for one in doubts if "known bodies" in one]
     assert ("knee_pitch" in unscaled) == (not is_sensed)
