@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.checks import CODES, merged, that_matter
+from seaid.checks.codes import consequences
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.errors import SEVERITIES, Finding, by_severity
 
@@ -115,3 +116,14 @@ def test_no_result_is_better_for_symptoms_that_follow(findings: list[Finding]) -
 
 def worst(findings: list[Finding]) -> str:
     return by_severity(findings)[0].severity if findings else ""
+
+
+def test_what_follows_from_a_wrong_set_up_is_a_note_without_lines_to_apply() -> None:
+    """A cause that rests on the robot file spares the findings of other joints."""
+    lines = "in the drives file:\n[knee]\nspring = ['linear', 'dead_zone']"
+    findings = [Finding("drift", "", joint, remedy=lines) for joint in ("knee", "hip", "")]
+    notes = [replace(finding, severity="note", remedy="") for finding in findings]
+    likely = Finding("torque-scale", "", "knee", "wrong", certainty="likely")
+    assert consequences([likely], findings) == [notes[0], findings[1], notes[2]]
+    assert consequences([replace(likely, certainty="certain")], findings) == notes
+    assert consequences([replace(likely, severity="doubtful")], findings) == findings

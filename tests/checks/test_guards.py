@@ -26,7 +26,6 @@ from seaid.checks import (
     verdict,
 )
 from seaid.checks.channels import OF_LOGS
-from seaid.checks.codes import consequences
 from seaid.checks.experiment import Experiment
 from seaid.checks.verdict import RobotFit
 from seaid.errors import Finding, LogError
@@ -122,14 +121,6 @@ def test_a_fit_stands_whatever_raises_in_a_check(
         notes = {x.code for x in findings if x.message.endswith("made: no such number")}
         assert notes
         assert notes >= {code.name for code in codes}
-
-
-def test_what_follows_from_a_wrong_set_up_prints_no_lines_to_apply() -> None:
-    lines = "in the drives file:\n[a]\nspring = ['linear', 'dead_zone']"
-    finding = DRIFT.finding("a drift", "a", "doubtful", remedy=lines)
-    (note,) = consequences([HOLES.finding("holes", severity="wrong")], [finding])
-    assert (note.severity, note.remedy) == ("note", "")
-    assert consequences([HOLES.finding("holes")], [finding]) == [finding]
 
 
 def test_codes_that_modules_name_are_codes() -> None:

@@ -23,6 +23,7 @@ from seaid.checks.engine import (
 )
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
+from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
 from seaid.identification.identification import identify
 from seaid.identification.result import Identification
@@ -280,6 +281,19 @@ def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_di
     assert abs(error) < 3.3 * estimate.standard_error("friction_offset") < off_Nm
     assert found.known.drives["hip_roll"].friction == (*NAMED, "offset")
     assert found.known.drives["hip_yaw"].friction == NAMED
+
+
+def test_terms_are_open_only_where_no_one_names_them() -> None:
+    table = {"type": "stiff", "gear_ratio": 50.0}
+    opened, closed = (
+        drives_from_mapping({"arm": {**table, **named}})["arm"]
+        for named in ({}, {"friction": list(NAMED)})
+    )
+    assert closed == opened
+    for drive, is_open in ((opened, True), (closed, False)):
+        valued = drive.with_values({"viscous_friction": 0.1})
+        assert isinstance(valued.friction, DefaultTerms) == is_open
+        assert ("friction" not in drive_table(drive)) == is_open
 
 
 def log_of(robot: Robot, time: Array, position: Array, motor: Array | None = None) -> Log:

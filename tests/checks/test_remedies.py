@@ -321,58 +321,22 @@ def test_a_tilt_about_the_first_axis_and_its_zero_are_rivals() -> None:
     assert "tilt of the base" in finding.remedy
 
 
-def against_another_link(columns: Columns) -> Columns:
-    """Return columns of an encoder of the wrist that measures the elbow too."""
-    elbow, wrist = (f"{joint}.joint_position_rad" for joint in ("elbow", "wrist"))
-    return columns | {wrist: columns[elbow] + columns[wrist]}
+def test_lengths_in_mm_are_named_before_any_motion_is_looked_at() -> None:
+    (columns, _), text = (
+        LOGS["joint positions"](),
+        urdf().replace('xyz="0.05 0 0.3"', 'xyz="50 0 300"'),
+    )
+    (finding,) = findings(Setup(text, DRIVES, (), (columns,), ({},)))
+    assert (finding.code, finding.severity) == ("geometry", "wrong")
 
 
-def rubbing(columns: Columns) -> Columns:
-    """Return columns of an elbow whose torque friction alone explains."""
-    speed = np.gradient(signals()["elbow"][0])
-    noise = 0.002 * np.random.default_rng(1).normal(size=len(speed))
-    return columns | {"elbow.motor_torque_Nm": 0.1 * np.sign(speed) + noise}
-
-
-def in_bursts(columns: Columns) -> Columns:
-    """Return columns that lost 60 samples at four places, next to a counter of samples."""
-    kept = np.ones(len(columns["time_s"]), dtype=bool)
-    for begin in (200, 650, 1100, 1500):
-        kept[begin : begin + 60] = False
-    lost = {name: values[kept] for name, values in columns.items()}
-    return lost | {"time_s": columns["time_s"][: sum(kept)]}
-
-
-MM = urdf().replace('xyz="0.05 0 0.3"', 'xyz="50 0 300"')
-ALONE: dict[str, tuple[str, Change, tuple[str, str, str]]] = {
-    # before any motion is looked at
-    "lengths in mm": (
-        "joint positions",
-        lambda setup: replace(setup, urdf=MM),
-        ("geometry", "wrong", ""),
-    ),
-    "encoder against another link": (
-        "both positions",
-        columns_of(against_another_link),
-        ("coupled-joints", "wrong", "wrist"),
-    ),
-    # not a unit
-    "torque of friction alone": (
-        "joint positions",
-        columns_of(rubbing),
-        ("no-measurement", "wrong", "elbow"),
-    ),
-    # not a wrong clock
-    "bursts of lost samples": ("joint positions", columns_of(in_bursts), ("holes", "wrong", "")),
-}
-"""{mistake that no line repairs: the log, the change, and code, severity and joint}"""
-
-
-@pytest.mark.parametrize("name", ALONE)
-def test_a_mistake_that_no_line_repairs_is_the_only_finding(name: str) -> None:
-    kind, change, expected = ALONE[name]
-    (finding,) = findings(change(Setup(urdf(), DRIVES, (), (LOGS[kind]()[0],), ({},))))
-    assert (finding.code, finding.severity, finding.joint) == expected
+def test_an_encoder_that_measures_against_another_link_is_named() -> None:
+    columns, _ = LOGS["both positions"]()
+    names = [f"{joint}.joint_position_rad" for joint in ("elbow", "wrist")]
+    sums = columns | {names[1]: columns[names[0]] + columns[names[1]]}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (sums,), ({},)))
+    assert (finding.code, finding.joint) == ("coupled-joints", "wrist")
+    assert "against another link" in finding.message
 
 
 def test_a_column_of_another_joint_is_no_motion_between_encoders() -> None:
@@ -397,3 +361,23 @@ def test_a_ratio_that_varies_is_none_that_is_constant_and_wrong() -> None:
     assert (finding.code, finding.joint) == ("varying-ratio", "elbow")
     # The remedy as it is printed repairs the result.
     assert not findings(applied(setup, [finding]))
+
+
+def test_a_torque_that_friction_alone_explains_is_in_no_other_unit() -> None:
+    columns, _ = LOGS["joint positions"]()
+    name, speed = "elbow.motor_torque_Nm", np.gradient(signals()["elbow"][0])
+    noise = 0.002 * np.random.default_rng(1).normal(size=len(speed))
+    rubbing = columns | {name: 0.1 * np.sign(speed) + noise}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (rubbing,), ({},)))
+    assert (finding.code, finding.joint) == ("no-measurement", "elbow")
+
+
+def test_bursts_of_lost_samples_are_no_wrong_clock() -> None:
+    columns, _ = LOGS["joint positions"]()
+    time, kept = columns["time_s"], np.ones(len(columns["time_s"]), dtype=bool)
+    for begin in (200, 650, 1100, 1500):
+        kept[begin : begin + 60] = False
+    lost = {name: values[kept] for name, values in columns.items()}
+    (finding,) = findings(Setup(urdf(), DRIVES, (), (lost | {"time_s": time[: sum(kept)]},), ({},)))
+    assert (finding.code, finding.severity) == ("holes", "wrong")
+    assert finding.evidence["steps"] == 4

@@ -13,7 +13,6 @@ import pytest
 
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
-from seaid.checks.codes import consequences
 from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
 from seaid.checks.setup import MISTAKES, mistakes
 from seaid.errors import Finding
@@ -221,15 +220,6 @@ def test_a_spring_that_is_not_declared_is_neither_a_payload_nor_gravity(joint: i
     assert findings[0].evidence["stiffness"] == pytest.approx(stiffness, rel=0.2)
     assert findings[0].remedy.endswith('parallel_spring = ["linear", "preload"]')
     assert {finding.code for finding in findings}.isdisjoint({"payload", "gravity"})
-
-
-def test_a_cause_that_rests_on_the_robot_file_spares_the_findings_of_other_joints() -> None:
-    wrong = Finding("torque-scale", "", "knee", "wrong", certainty="likely")
-    findings = [Finding("nonlinear-spring", "", joint) for joint in ("knee", "hip", "")]
-    after = [finding.severity for finding in consequences([wrong], findings)]
-    assert after == ["note", "doubtful", "note"]
-    sure = replace(wrong, certainty="certain")
-    assert {finding.severity for finding in consequences([sure], findings)} == {"note"}
 
 
 @pytest.mark.parametrize("factor", [0.01, 100.0])
