@@ -240,6 +240,12 @@ def test_zeros_are_estimated_only_where_they_are_determined_and_significant() ->
     axes = _Axes(places, np.zeros((1, 3)), np.array([0.02, 0.2, 0.2]), np.array([1.0, 20.0, 20.0]))
     for scale, chosen in ((1.0, [1, 2]), (1e-3, [0, 1, 2]), (1e4, [])):
         assert _significant(axes, value, scale * covariance, 50.0) == chosen
+    # an error that is correlated with that of the accelerometer is smaller without a bias of it
+    std, alone = np.sqrt([1e-3, 0.0625, 0.0625]), np.array([0.0, 0.5, 0.001])
+    for correlation, chosen in ((0.95, [1, 2]), (0.0, [])):
+        correlated = np.eye(3)
+        correlated[0, 1] = correlated[1, 0] = correlation
+        assert _significant(axes, alone, correlated * np.outer(std, std), 50.0) == chosen
     # beyond the largest zero: another unit, or exchanged sensors
     smaller = replace(axes, most=0.4 * axes.least)
     assert _significant(smaller, value, covariance, 50.0) == []

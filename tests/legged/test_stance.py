@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import seaid
@@ -17,11 +18,9 @@ from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.limits import joint_limits
-from seaid.legged.floating import floating
-from seaid.legged.stance import (
-    StanceModel,
-    stance_model,
-)
+from seaid.legged import floating_model
+from seaid.legged.floating import floating, roll_pitch_yaw
+from seaid.legged.stance import StanceModel, inverse_dynamics, stance_model
 from seaid.robot import Robot
 
 CROUCH = np.tile([0.0, 0.8, -1.6], 4)
@@ -52,8 +51,6 @@ def moved(model: StanceModel, seed: int = 0) -> tuple[Any, Array, Array]:
 
 
 def turn(base: Array) -> Array:
-    from seaid.legged.floating import roll_pitch_yaw
-
     return roll_pitch_yaw(base, base)[0]
 
 
@@ -83,10 +80,6 @@ def test_feet_stay_and_forces_hold_the_robot(balls: bool) -> None:
 
 def centre_of_mass(base: Array, q: Array, R: Array) -> Array:
     """The centre of mass in the world, by Pinocchio."""
-    import pinocchio as pin
-
-    from seaid.legged import floating_model
-
     model = floating_model(go2().model, go2().parameters[-10:])
     turned = pin.Quaternion(R).coeffs()
     at = np.concatenate([base[:3], turned, go2().to_model(q)])
@@ -118,6 +111,28 @@ def test_gradients_are_those_of_finite_differences() -> None:
     )
     expected = np.einsum("cmx,xm->c", by_x, change)
     assert np.max(np.abs(near - use - expected)) < 1e-3 * np.max(np.abs(expected))
+
+
+def test_rates_are_derivatives_and_motors_give_the_change_of_energy() -> None:
+    """Forces at points that stay do no work: the power of the motors is that of the energy."""
+    model, step_s = standing(), 1e-4
+    basis, coefficients, _ = moved(model)
+    found = inverse_dynamics(model, basis.states(0.5 + step_s * np.arange(-1, 2), coefficients))
+    z, rates = found.z, found.rates
+    np.testing.assert_allclose((z[2] - z[0]) / (2 * step_s), rates[1], atol=1e-6)
+    changed = (rates[2] - rates[0]) / (2 * step_s)
+    np.testing.assert_allclose(changed, found.accelerations[1], atol=1e-5)
+    whole = floating_model(go2().model, go2().parameters[-10:])
+    whole.gravity.linear = np.array([0.0, 0.0, -9.81])
+    data, (R, E, _) = whole.createData(), roll_pitch_yaw(z, rates)
+    energies = []
+    for t in range(3):
+        at = np.concatenate([z[t, :3], pin.Quaternion(R[t]).coeffs(), go2().to_model(z[t, 6:])])
+        base = R[t].T @ rates[t, :3], E[t] @ rates[t, 3:6]
+        speed = np.concatenate([*base, go2().to_model(rates[t, 6:], 1)])
+        energies.append(pin.computeMechanicalEnergy(whole, data, at, speed))
+    power = float(found.torques[1] @ rates[1, 6:])
+    assert (energies[2] - energies[0]) / (2 * step_s) == pytest.approx(power, rel=1e-4)
 
 
 def fixed(base: Any = "fixed", contacts: Any = ()) -> seaid.Excitation:
