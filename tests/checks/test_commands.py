@@ -235,26 +235,6 @@ def test_a_commanded_go2_has_no_mistake() -> None:
     assert 'known = ["command_delay"]' in finding.remedy
 
 
-@pytest.mark.slow  # 1.2 s
-@pytest.mark.parametrize("units", [256.0, 4096 / (2 * np.pi), 0.01])
-def test_gains_in_another_unit_are_named_by_the_bodies(urdf: Path, units: float) -> None:
-    """The finding has the factor, and its line of TOML ends it; limits are no finding then."""
-    log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
-    robot = robot_of(urdf, (units * kp, units * kd))
-    (finding,) = wrong_of(robot, log)
-    assert (finding.code, finding.severity, finding.joint) == ("gain-scale", "wrong", "j")
-    assert finding.evidence["torque of j over that of the bodies"] == pytest.approx(units, rel=0.03)
-    declared, _ = with_lines(robot, finding)
-    assert wrong_of(declared, log) == []
-    scale, error = values_of(seaid.identify(declared, log))["gain_scale"]
-    assert scale == pytest.approx(1 / units, rel=0.01)
-    assert error < 0.01 * scale
-    (unknown,) = wrong_of(seaid.load_robot(urdf, robot.drives), log)
-    assert unknown.code == "gain-scale"
-    needs_bodies = ["known bodies (known_bodies=)" in x.remedy for x in (finding, unknown)]
-    assert needs_bodies == [False, True]
-
-
 def with_lines(robot: seaid.Robot, finding: seaid.Finding) -> tuple[seaid.Robot, Any]:
     """Return a robot whose controller has the lines of a remedy, and these."""
     table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["j"]["controller"]

@@ -267,21 +267,6 @@ def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> Non
         assert rows_per_parameter == pytest.approx(20, rel=0.6)
 
 
-@pytest.mark.slow  # four fits of a leg
-@pytest.mark.parametrize("span_s", [(2.0, 3.0), (1.0, 2.5)])
-def test_a_second_of_a_leg_has_intervals_that_hold_and_few_rows(
-    span_s: tuple[float, float],
-) -> None:
-    scores = []
-    for seed in (1, 2):
-        found = seaid.identify(leg().without_nominal(), leg_log(seed).between(*span_s))
-        assert "few-rows" in {one.code for one in found.warnings}
-        count = len(found.base.columns)
-        error = found.load.values[:count] - found.base.project(leg().parameters)
-        scores.append(error / found.load.standard_errors[:count])
-    assert np.mean(np.square(scores)) < 1.5
-
-
 @pytest.mark.slow  # identifies three robots from two logs each
 @pytest.mark.parametrize("name", ["leg", "arm", "ur10"])
 def test_a_log_of_a_second_is_too_short_and_one_of_ten_is_not(name: str) -> None:

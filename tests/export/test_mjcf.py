@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,30 +112,6 @@ def acceleration_errors(twin: Twin, states: int = 10, seed: int = 0) -> float:
     return largest
 
 
-def rigid_errors(robot: Robot, model: Any, states: int = 5) -> float:
-    """Return the largest relative difference of mass matrix and bias torques of the joints."""
-    data, own, rng = mujoco.MjData(model), robot.model.copy(), np.random.default_rng(0)
-    own_data, plant = own.createData(), plant_of(robot)
-    own.armature = plant.model.armature
-    names = [own.names[index] for index in range(1, own.njoints)]
-    places = [model.joint(name).dofadr[0] for name in names]
-    largest = 0.0
-    for _ in range(states):
-        q, v = rng.uniform(-1, 1, (2, own.nv))
-        for name, position, speed in zip(names, q, v, strict=True):
-            data.joint(name).qpos, data.joint(name).qvel = position, speed
-        mujoco.mj_forward(model, data)
-        full = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, full)
-        upper = np.triu(pin.crba(own, own_data, q))
-        mass, bias = upper + np.triu(upper, 1).T, pin.nle(own, own_data, q, v)
-        pairs = ((full[np.ix_(places, places)], mass), (data.qfrc_bias[places], bias))
-        for found, expected in pairs:
-            error = float(np.max(np.abs(found - expected)) / (np.max(np.abs(expected)) + 1e-9))
-            largest = max(largest, error)
-    return largest
-
-
 def reordered() -> Robot:
     """Return four joints of the leg in another order, with another gravity."""
     joints = ("ankle_pitch", "hip_roll", "knee_pitch", "hip_yaw")
@@ -149,29 +124,6 @@ def stiff_arm() -> Robot:
 
 
 ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
-
-RIGID = ROBOTS | {"leg with a mass": lambda: leg(TEST_MASS), "reordered": reordered}
-
-EXAMPLES = ("ur10_robot.urdf", "panda.urdf", "kinova.urdf", "double_pendulum.urdf")
-
-
-@pytest.mark.parametrize("name", [*RIGID, *EXAMPLES])
-def test_mass_matrix_and_bias_torques_are_those_of_the_robot(
-    name: str, tmp_path: Path, example_path: Callable[[str], Path]
-) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        robot = RIGID[name]() if name in RIGID else load_robot(example_path(name))
-    assert rigid_errors(robot, loaded(robot, tmp_path)) < 1e-9
-
-
-def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path) -> None:
-    robot = load_robot(write_chain({"one": TURN, "two": TURN}, empty=("one_link",)))
-    point = robot.parameters.copy()
-    point[10:] = (2.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.08, 0.0, 0.0, 0.08)  # 2 kg at x = 0.2 m
-    for each in (robot, robot.with_values(point, robot.drives)):
-        assert rigid_errors(each, loaded(each, tmp_path)) < 1e-9
-
 
 # Bodies
 
@@ -246,9 +198,36 @@ def test_accelerations_with_every_term_that_mujoco_has(name: str, tmp_path: Path
     assert acceleration_errors(Twin(two_joints(tmp_path, *drives), tmp_path), 30) < 1e-9
 
 
-@pytest.mark.parametrize("name", ["leg", "leg with a mass", "mixed arm"])
-def test_accelerations_of_whole_robots(name: str, tmp_path: Path) -> None:
-    assert acceleration_errors(Twin(without_friction(RIGID[name]()), tmp_path)) < 1e-9
+def driven(path: Path) -> Robot:
+    """Return the robot of others with stiff drives."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = load_robot(path)
+        slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
+        rack = replace(stiff({}), gear_ratio=None, gear_ratio_rad_per_m=50.0)  # type: ignore[call-arg]
+        drives = {joint: rack if slides[joint] else stiff({}) for joint in slides}
+        return load_robot(path, drives)
+
+
+WHOLE = ROBOTS | {"leg with a mass": lambda: leg(TEST_MASS), "reordered": reordered}
+EXAMPLES = ("ur10_robot.urdf", "kinova.urdf", "double_pendulum.urdf")
+
+
+@pytest.mark.parametrize("name", [*WHOLE, *EXAMPLES])
+def test_accelerations_of_whole_robots(
+    name: str, tmp_path: Path, example_path: Callable[[str], Path]
+) -> None:
+    robot = without_friction(WHOLE[name]()) if name in WHOLE else driven(example_path(name))
+    assert acceleration_errors(Twin(robot, tmp_path)) < 1e-9
+
+
+def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path) -> None:
+    path = write_chain({"one": TURN, "two": TURN}, empty=("one_link",))
+    robot = load_robot(path, dict.fromkeys(("one", "two"), stiff({})))
+    point = robot.parameters.copy()
+    point[10:] = (2.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.08, 0.0, 0.0, 0.08)  # 2 kg at x = 0.2 m
+    for each in (robot, robot.with_values(point, robot.drives)):
+        assert acceleration_errors(Twin(each, tmp_path)) < 1e-9
 
 
 @given(
