@@ -339,8 +339,11 @@ def test_columns_of_no_joint_are_named_and_a_description_is_begun(tmp_path: Path
 
 
 def test_a_base_in_columns_of_its_own_stands_beside_joints_with_names_of_seaid(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Legs with names of seaid have no other order, which is not sought."""
+    order = "seaid.project.first_project.with_leg_order"
+    monkeypatch.setattr(order, lambda *_: pytest.fail("sought"))
     log = swayed()
     base = base_of(log)
     assert base.angular_velocity is not None
