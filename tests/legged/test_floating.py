@@ -25,10 +25,8 @@ from seaid.legged.floating import (
     BaseStates,
     FloatingRobot,
     contact_equations,
-    contact_map,
     floating_regressor,
     measured_wrenches,
-    stance_states,
     without_contact_forces,
 )
 from seaid.legged.load_side import stances_of
@@ -101,38 +99,6 @@ def test_rows_of_base_and_joints_are_inverse_dynamics_at_any_pose(name: str) -> 
         Y = floating_regressor(robot, *joints, base)[0]
         scale = np.max(np.abs(rows))
         np.testing.assert_allclose(Y @ robot.parameters, rows, rtol=0, atol=1e-9 * scale)
-
-
-@pytest.mark.parametrize("name", ["go2.urdf", "solo12.urdf", "b1-z1.urdf"])
-def test_map_of_contact_forces_is_the_transposed_jacobian_of_pinocchio(name: str) -> None:
-    robot, rng = floating(name, contacts=FEET[name]), np.random.default_rng(2)
-    joints, _, _, _, q = states_in_the_world(robot, rng)
-    tree = pin.buildModelFromUrdf(str(robot.urdf), pin.JointModelFreeFlyer())
-    data, theirs = tree.createData(), pin.neutral(tree)
-    theirs[:7] = q[:7]
-    for joint, angle in zip(robot.joint_names, joints[0][0], strict=True):
-        place = tree.joints[tree.getJointId(joint)].idx_q
-        theirs[place] = angle
-    A = contact_map(robot, joints[0], robot.floating_base.contacts)[0]  # type: ignore[union-attr]
-    R = pin.Quaternion(q[3:7]).toRotationMatrix()
-    order = [tree.joints[tree.getJointId(joint)].idx_v for joint in robot.joint_names]
-    for place, foot in enumerate(FEET[name]):
-        frame = tree.getFrameId(foot)
-        J = pin.computeFrameJacobian(tree, data, theirs, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-        expected = (R.T @ J)[:, [*range(6), *order]].T  # forces in the frame of the base
-        np.testing.assert_allclose(A[:, 3 * place : 3 * place + 3], expected, atol=1e-12)
-
-
-def test_stances_stand_still() -> None:
-    contacts = [Contact(foot) for foot in FEET["solo12.urdf"]]
-    robot = floating("solo12.urdf", contacts=contacts)
-    (q, v, _), (w, _, _) = stance_states(robot, FEET["solo12.urdf"][:2], 4, 5)
-    J = contact_map(robot, q, contacts[:2]).swapaxes(1, 2)
-    # the velocity of the base that keeps both feet at rest exists: J_v v = -J_w w - J_q q'
-    moved = np.einsum("tij,tj->ti", J[:, :, 3:], np.hstack([w, v]))
-    for now, speed in zip(J[:, :, :3], moved, strict=True):
-        base = np.linalg.lstsq(now, -speed, rcond=None)[0]
-        np.testing.assert_allclose(now @ base, -speed, atol=1e-10)
 
 
 GO2, GO2_MEASURED = FEET["go2.urdf"], {"measured": FEET["go2.urdf"]}
