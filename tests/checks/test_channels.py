@@ -14,6 +14,7 @@ import pytest
 import seaid
 from seaid._arrays import Array, IndexArray
 from seaid.checks import log_findings
+from seaid.checks.channels import _are_scales
 from seaid.errors import Finding
 from seaid.identification.checking import check
 from seaid.log.log import Log
@@ -407,3 +408,13 @@ def test_a_joint_at_its_stop_is_named(case: str, joint: str, share: float, size:
         for log in logs
     )
     assert repaired <= wanted
+
+
+@pytest.mark.parametrize(
+    ("factors", "differ"),
+    [([1000, 1030, 980, 250], False), ([90, 240, 150, 1100], True), ([30, 30, 90], False)],
+)
+def test_one_factor_of_most_joints_is_a_unit_and_no_rating(
+    factors: list[float], differ: bool
+) -> None:
+    assert _are_scales(np.log(factors), np.full(len(factors), 50.0)) == differ

@@ -14,7 +14,7 @@ import pytest
 from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
 from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
-from seaid.checks.setup import MISTAKES, mistakes
+from seaid.checks.setup import MISTAKES, _all_torque_scales, mistakes
 from seaid.errors import Finding
 from seaid.legged import load_robot
 from seaid.log.log import Log
@@ -165,6 +165,14 @@ def test_a_robot_that_is_heavier_than_its_file_is_said_to_be(case: str, factor: 
     assert f"or {'a payload' if case == 'leg' else 'all torques are'}" in finding.message
     assert "scale" not in finding.remedy
     assert "weigh" in finding.remedy
+
+
+@pytest.mark.parametrize(("factor", "is_tried"), [(1.03, False), (1.1, True)])
+def test_a_slight_factor_on_all_torques_is_none(factor: float, is_tried: bool) -> None:
+    """Masses, payloads and gravity are not better known than that."""
+    log = arm_log()
+    larger = experiment(arm(), replace(log, motor_torque=factor * log.motor_torque))
+    assert bool([*_all_torque_scales(larger)]) == is_tried
 
 
 def test_the_link_that_is_heavier_is_named() -> None:
