@@ -113,7 +113,7 @@ def test_logs_without_commands_and_delays_beyond_all_buses_are_refused(urdf: Pat
         (seaid.replay, seaid.identify(robot, log).robot),
     ):
         with pytest.raises(LogError, match=r"no column 'j\.position_command_rad'"):
-            refuse(known, replace(log, position_command=None))  # type: ignore[operator]
+            refuse(known, replace(log, position_command=None))
     late = with_command(log, np.interp(TIME + 0.3, TIME, CHIRP)[:, None])
     drive = replace(robot.drives["j"], command_delay_s=0.3)
     words = r"delayed by 299 ms, more than 250 ms either way(.|\n)*, delay_s = -0\.299 \}"

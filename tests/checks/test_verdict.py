@@ -154,7 +154,7 @@ def half_a_wave(log: Log) -> Array:
 def two_bumps(log: Log) -> Array:
     """Return pushes on two joints for a second, which pull the fit."""
     bump = np.where(np.abs(log.time - 3.0) < 0.5, np.cos(np.pi * (log.time - 3.0)) ** 2, 0.0)
-    return 0.1 * bump[:, None] * np.ptp(log.motor_torque, axis=0) * [1, 1, 0, 0, 0]
+    return np.asarray(0.1 * bump[:, None] * np.ptp(log.motor_torque, axis=0) * [1, 1, 0, 0, 0])
 
 
 @pytest.mark.slow  # 0.8 s

@@ -203,10 +203,7 @@ def driven(path: Path) -> Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         robot = load_robot(path)
-        slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-        rack = replace(stiff({}), gear_ratio=None, gear_ratio_rad_per_m=50.0)  # type: ignore[call-arg]
-        drives = {joint: rack if slides[joint] else stiff({}) for joint in slides}
-        return load_robot(path, drives)
+        return load_robot(path, dict.fromkeys(robot.joint_names, stiff({})))
 
 
 WHOLE = ROBOTS | {"leg with a mass": lambda: leg(TEST_MASS), "reordered": reordered}

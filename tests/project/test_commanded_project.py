@@ -39,7 +39,7 @@ def two_sines(time: Array, fast: float = 0.25) -> Array:
     return np.asarray(0.4 * (np.sin(3 * time) + fast * np.sin(7 * time)))
 
 
-GAINS: dict[str, tuple[dict[str, float], bool]] = {
+GAINS: dict[str, tuple[dict[str, Any], bool]] = {
     "both": ({"velocity_gain_Nms_per_rad": 1.5, "position_gain_Nm_per_rad": 20.0}, True),
     "alone": ({"velocity_gain_Nms_per_rad": 1.5}, False),
     "unknown": ({}, False),
