@@ -113,9 +113,13 @@ def test_gradients_are_those_of_finite_differences() -> None:
     assert np.max(np.abs(near - use - expected)) < 1e-3 * np.max(np.abs(expected))
 
 
-def test_rates_are_derivatives_and_motors_give_the_change_of_energy() -> None:
-    """Forces at points that stay do no work: the power of the motors is that of the energy."""
-    model, step_s = standing(), 1e-4
+@pytest.mark.parametrize("balls", [False, True])
+def test_rates_are_derivatives_and_motors_give_the_change_of_energy(balls: bool) -> None:
+    """Forces at points that stay do no work: all power is that of the motors.
+
+    Planned balls roll up to the third order of their turn, so that their forces do a little.
+    """
+    model, step_s = standing(balls), 1e-4
     basis, coefficients, _ = moved(model)
     found = inverse_dynamics(model, basis.states(0.5 + step_s * np.arange(-1, 2), coefficients))
     z, rates = found.z, found.rates
@@ -132,7 +136,9 @@ def test_rates_are_derivatives_and_motors_give_the_change_of_energy() -> None:
         speed = np.concatenate([*base, go2().to_model(rates[t, 6:], 1)])
         energies.append(pin.computeMechanicalEnergy(whole, data, at, speed))
     power = float(found.torques[1] @ rates[1, 6:])
-    assert (energies[2] - energies[0]) / (2 * step_s) == pytest.approx(power, rel=1e-4)
+    assert (energies[2] - energies[0]) / (2 * step_s) == pytest.approx(
+        power, rel=2e-3 if balls else 1e-4
+    )
 
 
 def fixed(base: Any = "fixed", contacts: Any = ()) -> seaid.Excitation:
