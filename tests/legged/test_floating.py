@@ -180,9 +180,7 @@ def test_wrong_links_and_a_base_without_mass_are_refused(words: str, tmp_path: P
 @pytest.mark.slow  # 1.6 s: a process that imports seaid
 def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
     """Its type knows nothing of what is registered for it, so that the pickle must load that."""
-    robot = copy.deepcopy(standing("go2.urdf"))
-    assert type(robot) is FloatingRobot
-    (tmp_path / "robot.pkl").write_bytes(pickle.dumps(robot))
+    (tmp_path / "robot.pkl").write_bytes(pickle.dumps(standing("go2.urdf")))
     code = (
         "import pickle, sys; robot = pickle.load(open(sys.argv[1], 'rb'));"
         "from seaid.regressor import load_side; print(type(load_side(robot)).__name__)"
@@ -199,7 +197,8 @@ def test_floating_joint_of_the_file_is_that_of_the_base(tmp_path: Path) -> None:
     joint = '<joint name="free" type="floating"><parent link="ground"/><child link="base_link"/>'
     text = urdf.read_text()
     path.write_text(text.replace("</robot>", f'<link name="ground"/>{joint}</joint></robot>'))
-    for robot in (_freed(path), free):
+    for robot in (_freed(path), free, copy.deepcopy(free)):
+        assert isinstance(robot, FloatingRobot)
         assert robot.joint_names == fixed.joint_names
         assert robot.body_names == (*fixed.body_names, "base_link")
         np.testing.assert_array_equal(robot.parameters, free.parameters)

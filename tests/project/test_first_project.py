@@ -262,6 +262,8 @@ def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.M
     assert done.notes[-1] == "not written"
     with pytest.raises(SeaidError, match=r"is there already: .* seaid.run_project\(folder\)"):
         seaid.run(urdf, [log], folder=tmp_path)
+    with pytest.raises(SeaidError, match="a project needs a log"):
+        seaid.run(urdf, [], folder=tmp_path / "other")
 
 
 def geared_log(folder: Path, count: int = 2, **more: Array) -> Path:
