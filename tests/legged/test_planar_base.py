@@ -290,7 +290,9 @@ def test_columns_of_a_planar_base_are_described_by_their_names(folder: Path, kin
         if set(parts) <= names.keys()
     }
     assert not any(set(names.values()) & {*one.split(": ")} for one in guess.unsure)
-    log = seaid.read_log(path, robot, description=guess.description)
+    description = path.with_suffix(".toml")
+    description.write_text(guess.to_toml())
+    log = seaid.read_log(path, robot, description=description)
     assert isinstance(log.base, BaseLog)
     assert log.base.orientation is not None
     angle = 2 * np.arctan2(log.base.orientation[:, 2], log.base.orientation[:, 0])
