@@ -355,7 +355,8 @@ def changed_source(
     if delay_s:
         table["delay_s"] = _rounded(table.get("delay_s", 0.0) + delay_s)
     if wraps is not None:
-        table["wraps"] = _rounded(wraps / (table.get("scale", 1.0) * _unit_size(table)))
+        size = table.get("times", 1.0) * table.get("scale", 1.0) * _unit_size(table)
+        table["wraps"] = _rounded(wraps / size)
     return as_toml(table)
 
 
@@ -367,9 +368,8 @@ def _unit_size(table: Mapping[str, Any]) -> float:
         return 1 / float(table["counts_per_m"])
     sizes = {unit: size for units in UNIT_FACTORS.values() for unit, size in units.items()}
     # A torque from a current has the unit of the current, and N m per A.
-    return float(
-        sizes.get(str(table.get("unit")), 1.0) * table.get("torque_constant_Nm_per_A", 1.0)
-    )
+    size = sizes.get(str(table.get("unit")), 1.0)
+    return float(size * table.get("torque_constant_Nm_per_A", 1.0))
 
 
 def _rounded(value: float) -> float | int:

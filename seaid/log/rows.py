@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
-from seaid.log.filtering import (
-    REST_RAD_S,
-    STANDSTILL,
-    UNFILTERED,
-    decimation,
-    filter_overlap,
-    low_pass,
-    low_pass_at,
-)
+from seaid.log import filtering
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
@@ -58,16 +50,17 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
     shape = columns.shape[1:]
     table = np.reshape(columns, (len(columns), -1))
     step = int(np.gcd.reduce(np.diff(samples))) if len(samples) > 1 else 0
-    if step >= _FAR_APART and motion.cutoff_hz < UNFILTERED * motion.rate_hz:
+    if step >= _FAR_APART and motion.cutoff_hz < filtering.UNFILTERED * motion.rate_hz:
         first, last = int(np.min(samples)), int(np.max(samples))
         numbers, lattice = (samples - first) // step, slice(first, last + 1, step)
-        filtered = low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
+        filtered = filtering.low_pass_at(table, motion.rate_hz, motion.cutoff_hz, lattice)[numbers]
         return filtered.reshape(len(samples), *shape)
     used = np.flatnonzero(np.any(table != 0, axis=0))
     filtered = np.zeros((len(samples), table.shape[1]))
     for start in range(0, len(used), _AT_ONCE):
         part = used[start : start + _AT_ONCE]
-        filtered[:, part] = low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)[samples]
+        below = filtering.low_pass(table[:, part], motion.rate_hz, motion.cutoff_hz)
+        filtered[:, part] = below[samples]
     return filtered.reshape(len(samples), *shape)
 
 
@@ -77,7 +70,7 @@ _FAR_APART = 8
 
 def row_samples(motion: Motion) -> IndexArray:
     """Return the samples that become rows: decimated, without filter transients and gaps."""
-    step = decimation(motion.rate_hz, motion.cutoff_hz)
+    step = filtering.decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
     rows = np.arange(transient, len(motion.time) - transient, step)
     if motion.bridged is None:
@@ -96,8 +89,8 @@ def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motio
     The rows of all spans are those of the whole motion, since the overlap takes the transients of
     the filter.
     """
-    count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
-    step = decimation(motion.rate_hz, motion.cutoff_hz)
+    count, overlap = len(motion.time), filtering.filter_overlap(motion.rate_hz, motion.cutoff_hz)
+    step = filtering.decimation(motion.rate_hz, motion.cutoff_hz)
     length = step * -(-samples // step)  # whole rows
     # Standstill is a share of the largest speed: with that of a piece, other rows would be
     # excluded.
@@ -122,7 +115,7 @@ def still_speed(motion: Motion, index: int) -> float:
     """Return the speed [rad/s] below which a motor counts as standing."""
     speed = motion.motor_velocity[:, index]
     fastest = np.max(np.abs(speed)) if motion.fastest is None else motion.fastest[0, index]
-    return max(STANDSTILL * float(fastest), REST_RAD_S)
+    return max(filtering.STANDSTILL * float(fastest), filtering.REST_RAD_S)
 
 
 def still_share(drive: Drive) -> float:
@@ -134,7 +127,7 @@ def joint_standstill(motion: Motion, index: int) -> BoolArray:
     """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
     speed = np.abs(motion.joint_velocity[:, index])
     fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
-    least = max(STANDSTILL * float(fastest), REST_RAD_S)
+    least = max(filtering.STANDSTILL * float(fastest), filtering.REST_RAD_S)
     return _still(motion, speed, least, STANDSTILL_SHARE)
 
 

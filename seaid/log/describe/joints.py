@@ -28,7 +28,7 @@ from seaid.log.describe.inference import (
     follows,
     unit_by_velocity,
 )
-from seaid.log.describe.names import Meaning, joint_alone, vocabulary
+from seaid.log.describe.names import Meaning, joint_alone, vocabulary, words_of
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage", "duty")
@@ -193,14 +193,25 @@ def _by_own_number(names: Mapping[str, str]) -> dict[str, str]:
 
 
 def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
-    """Return {label: joint}: by name and by number, or, if none has these, by order."""
+    """Return {label: joint}: by name and by number, or, if none has these, by part or by order."""
     every = every_joint(robot)
     matches = {x: x for x in labels if x in every}
     rest = [x for x in labels if x not in matches]
     joints = robot.joint_names if len(rest) <= robot.n else every
     matches |= _by_number(rest, [joint for joint in joints if joint not in matches])
     # By order only if no name matches, since a mixture of both could exchange joints.
-    return matches or _in_order(labels, joints, inference)
+    return matches or _by_part(labels, joints, inference) or _in_order(labels, joints, inference)
+
+
+def _by_part(labels: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
+    """Return {label: joint} if the words of each label are in the name of one joint alone."""
+    fitting = [[y for y in joints if {*words_of(x)} <= {*words_of(y)}] for x in labels]
+    matches = {x: fits[0] for x, fits in zip(labels, fitting, strict=True) if len(fits) == 1}
+    if len({*matches.values()}) < len(labels):
+        return {}
+    for label in filter(None, labels):
+        inference.note(label, "by_part", joint=matches[label])
+    return matches
 
 
 def _by_number(labels: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -221,9 +232,8 @@ def _number_in(name: str) -> str:
 def _sorted(labels: list[str]) -> list[str]:
     """Return labels that differ in a number, as axis_2 and axis_10, in the order of the numbers."""
     stems = {label.rstrip("0123456789") for label in labels}
-    if len(stems) > 1 or not all(map(_number_in, labels)):
-        return labels
-    return sorted(labels, key=lambda label: int(_number_in(label)))
+    is_counted = len(stems) == 1 and all(map(_number_in, labels))
+    return sorted(labels, key=lambda label: int(_number_in(label))) if is_counted else labels
 
 
 def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
