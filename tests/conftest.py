@@ -17,10 +17,11 @@ from hypothesis import settings
 from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 
 if TYPE_CHECKING:
-    from seaid.checks import Side, SideSelection
+    from seaid.checks.columns import Side
+    from seaid.checks.model import SideSelection
 
 MODELS = Path(__file__).parents[1] / "models"
 
@@ -162,8 +163,8 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReque
     """
     if request.node.get_closest_marker("findings"):
         return
-    from seaid.checks import selections
-    from seaid.drives import DefaultTerms
+    from seaid.checks.model import selections
+    from seaid.drives.drives import DefaultTerms
 
     module = "seaid.identification.problem"
 

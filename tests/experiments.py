@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, StiffDrive
-from seaid.excitation.basis import make_basis
-from seaid.excitation.trajectory import Trajectory
-from seaid.identification.identification import identify, validate
-from seaid.identification.result import Identification, Validation
+from seaid.drives import Drive, StiffDrive
+from seaid.excitation import Trajectory, make_basis
+from seaid.identification import Identification, Validation, identify, validate
 from seaid.legged import load_robot
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Payload, Robot
-from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
+from seaid.simulation import Noise, simulate
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.plants import kept
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -10,8 +10,8 @@ from scipy.signal import cont2discrete
 
 from seaid._arrays import Array
 from seaid.legged import load_robot
-from seaid.log.log import Log
-from seaid.robot.robot import Robot
+from seaid.log import Log
+from seaid.robot import Robot
 
 RATE_HZ = 1000.0
 

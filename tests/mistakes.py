@@ -11,11 +11,12 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives.toml import drive_table, drives_from_mapping
+from seaid.drives import drive_table
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding
-from seaid.log.log import Log
+from seaid.log import Log
 from seaid.log.repair.channels import unwrapped
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, leg, leg_log
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {

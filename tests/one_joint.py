@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 
 BODY = (
     '<inertial><mass value="1"/>'

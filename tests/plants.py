@@ -16,8 +16,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.log.log import Log
-from seaid.regressor.regression import Regression
+from seaid.log import Log
+from seaid.regressor import Regression
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / ".pytest_cache" / "simulations"

@@ -8,13 +8,14 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, frozen
-from seaid.estimation.estimate import Estimate, ModelChecks, TermTest, Whiteness
-from seaid.identification.result import Fit, Identification, Validation
+from seaid.estimation import Estimate, TermTest, Whiteness
+from seaid.estimation.estimate import ModelChecks
+from seaid.identification import Fit, Identification, Validation
 from seaid.legged import load_robot
-from seaid.regressor.base import BaseParameters
+from seaid.regressor import BaseParameters
 from seaid.regressor.load import LoadModel
+from seaid.robot import Robot
 from seaid.robot.inertia import UNITS
-from seaid.robot.robot import Robot
 
 HOSTILE = ("<b>x</b>", "\"'&amp;", "</script><script>alert(1)</script>", "${a}", "$x_y$", "{{ 7 }}")
 

@@ -16,34 +16,21 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import (
-    SYMBOLS,
-    DriveEquation,
-    d_0,
-    f_0,
-    joint_equation,
-    known_values,
-    motor_equation,
-    spring_force,
-)
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_force
+from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equation, known_values
 from seaid.drives.regressor import flat_names
-from seaid.estimation.fitting import estimator_named
+from seaid.estimation import estimator_named
+from seaid.identification import Identification
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
-from seaid.identification.result import (
-    Identification,
-    identification_of,
-    value_findings,
-    with_value_findings,
-)
+from seaid.identification.result import identification_of, value_findings, with_value_findings
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
+from seaid.regressor import base_parameters, joint_torques
 from seaid.regressor.load import load_model
-from seaid.robot.robot import Payload, Robot
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 from tests.experiments import motion_of
 
 PERIOD_S, RATE_HZ = 8.0, 250.0

@@ -84,6 +84,32 @@ def test_packages_import_along_the_way_of_the_data() -> None:
     assert upwards == UPWARDS
 
 
+def test_what_a_face_has_is_imported_from_it_and_all_else_from_its_module() -> None:
+    """A reader of the code is sent to the place, and nobody to the inside of another package."""
+    places = faces("seaid", ROOT / "seaid")
+    inside = {
+        (name, node.module, alias.name)
+        for name in SOURCES.keys() - {"seaid", "seaid.__main__"}
+        for node in import_statements(SOURCES[name])
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("seaid.")
+        for alias in node.names
+        if package_of(str(node.module)) != package_of(name)
+        if alias.name.startswith("_")
+        or places.get((f"seaid.{package_of(str(node.module))}", alias.name)) == node.module
+    }
+    assert {one for one in inside if one[1] not in ROOTS} == set()
+
+
+def test_faces_are_tables_of_contents() -> None:
+    """At most 25 names in that of a package, and 70 in that of seaid, its packages among them."""
+    sizes = {
+        str(path.parent.relative_to(ROOT)): len(tree_of(path.read_text()).body)
+        for path in (ROOT / "seaid").rglob("__init__.pyi")
+    }
+    assert sizes.pop("seaid") <= 70 + 2  # and the types of __version__ and __all__
+    assert max(sizes.values()) <= 25
+
+
 def test_nothing_else_stands_at_the_root() -> None:
     tops = {path.stem for path in (ROOT / "seaid").iterdir() if path.suffix == ".py"}
     assert tops == {"__init__", "__main__", *(name.removeprefix("seaid.") for name in ROOTS)}

@@ -15,7 +15,7 @@ from seaid.estimation.qr_factor import directions
 from seaid.estimation.sdp import covariance_root, floored_covariance
 from seaid.excitation.criteria import CRITERIA, singular_values
 from seaid.regressor.base import left_to_right
-from seaid.robot.inertia import inconsistency, is_physical
+from seaid.robot import inconsistency, is_physical
 
 
 def test_result_is_a_read_only_copy_in_float64() -> None:

@@ -14,8 +14,8 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid._progress import Display, Result, counted, value_text
-from seaid.report import base_table, fields_table, table
-from seaid.report.text import joined
+from seaid.report import table
+from seaid.report.text import base_table, fields_table, joined
 from tests.experiments import arm, arm_log
 
 
@@ -60,8 +60,12 @@ def things(log: seaid.Log, found: seaid.Identification) -> Iterator[Display]:
     yield from (robot, *robot.drives.values(), log, seaid.reconstruct_motion(robot, log))
     yield from (found, found.load, found.drives["shoulder"], seaid.validate(found, log), base)
     yield from (seaid.cross_check(base, base), seaid.identifiability(robot), seaid.Limits())
-    yield from (seaid.EndState(), seaid.Repairs(), seaid.Box((0, 0, 1), (1, 1, 1)))
-    yield seaid.gear_ratio(log.motor_position[:, 3], log.joint_position[:, 3])
+    yield from (
+        seaid.excitation.EndState(),
+        seaid.Repairs(),
+        seaid.excitation.Box((0, 0, 1), (1, 1, 1)),
+    )
+    yield seaid.identification.gear_ratio(log.motor_position[:, 3], log.joint_position[:, 3])
     if found.feasible is not None:
         yield found.feasible
 
@@ -81,7 +85,7 @@ def test_every_object_has_one_line_and_html_with_the_content_of_its_text(
         assert "\n" not in line
         assert len(line) <= 330
         assert line.startswith(f"{type(one).__name__}(")
-        text = str(getattr(seaid.report, one.table_name)(one))
+        text = str(getattr(seaid.report.text, one.table_name)(one))
         plain = [word for word in text.split() if set(word) != {"─"}]
         assert sorted(words_of_html(one._repr_html_())) == sorted(plain)
         if isinstance(one, Result):

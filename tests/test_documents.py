@@ -18,7 +18,7 @@ from scripts import design_table
 from scripts.architecture import PICTURE, picture
 from scripts.warnings_page import page_with_sections
 from seaid.cli.commands import COMMANDS, command_of
-from seaid.drives.terms import PARAMETERS_OF
+from seaid.drives import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
 from seaid.export import content_of
 from seaid.log.description import description_for
@@ -200,7 +200,7 @@ def test_everything_public_is_in_the_reference() -> None:
         for page in (ROOT / "docs/reference").glob("*.md")
         for name in REFERENCE.findall(page.read_text("utf-8"))
     }
-    modules = {path.name for path in Path(seaid.__file__).parent.iterdir() if path.is_dir()}
+    modules = {path.stem for path in Path(seaid.__file__).parent.iterdir()}
     inner = {"MAX_TERMS", "expression_of"}  # for other packages
     symbolic = {f"symbolic.{name}" for name in set(dir(seaid.symbolic)) - inner}
     assert set(seaid.__all__) - modules | symbolic | {"regressor.rigid_body_regressor"} <= named

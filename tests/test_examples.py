@@ -22,7 +22,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, plant
 from scripts.legged_plant import simulate as simulate_legged
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
 from tests.plants import kept, write_robot
@@ -143,7 +143,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     )
     names = {"seaid": quick, "np": np, "Path": Path, "robot": robot, "result": result}
     names["validation"] = seaid.validate(result, logs[1])
-    seaid.save_run(result, place / "saved.npz")
+    seaid.project.save_run(result, place / "saved.npz")
     (place / "runs" / "latest").mkdir(parents=True)
     (place / "saved.npz").rename(place / "runs" / "latest" / "identification.npz")
     (place / "seaid.toml").write_text('urdf = "leg.urdf"\ndrives = "leg.toml"\n' + PROJECT)

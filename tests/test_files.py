@@ -214,7 +214,9 @@ def test_a_deleted_working_folder_is_said(tmp_path: Path, monkeypatch: pytest.Mo
         real_path("out.json")
     with pytest.raises(SeaidError, match=r"cannot write 'out\.json'"):
         write_whole("out.json", "text")
-    with pytest.raises(seaid.RobotError, match=r"no URDF .* 'a.urdf' \(the working folder has"):
+    with pytest.raises(
+        seaid.errors.RobotError, match=r"no URDF .* 'a.urdf' \(the working folder has"
+    ):
         seaid.load_robot("a.urdf")
 
 
@@ -276,7 +278,7 @@ def test_latest_is_a_link_or_a_text(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             assert followed(latest) == tmp_path / name
             assert followed(latest / "a.json") == tmp_path / name / "a.json"
         with pytest.raises(SeaidError, match=r"no saved run at '.*second'"):
-            seaid.load_run(latest)
+            seaid.project.load_run(latest)
     point_latest(tmp_path / "first")
     assert latest.resolve() == tmp_path / "first"
     latest.unlink()

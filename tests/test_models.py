@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seaid.legged import load_robot
-from seaid.regressor.base import base_parameters
-from seaid.robot.inertia import is_physical
+from seaid.regressor import base_parameters
+from seaid.robot import is_physical
 
 MODELS = Path(__file__).parents[1] / "models"
 

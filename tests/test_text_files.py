@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._files import MOST_JSON_BYTES, MOST_TOML_BYTES, numbers, read_json, read_toml
-from seaid.drives.drives import Drive, StiffDrive
-from seaid.drives.toml import read_drives, write_drives
+from seaid.drives import Drive, StiffDrive, read_drives, write_drives
 from seaid.errors import LogError, RobotError
-from seaid.log.description import LogDescription, Source, description_for
+from seaid.log import LogDescription
+from seaid.log.description import Source, description_for
 
 
 def test_what_can_be_read_is_plain_data(tmp_path: Path) -> None:

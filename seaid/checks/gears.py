@@ -284,7 +284,7 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
     """Yield joints of whose motion much is between the encoders, and no deflection explains it."""
     for j in _between_encoders(experiment):
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
-        if part > tol.SEVERE:
+        if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
             yield CODES["loose-encoder"].wrong(
                 f"the encoders of {joint} show two motions: what is between them is {part:.0%} of "
                 "the motion of the joint, beyond what a torque deflects",

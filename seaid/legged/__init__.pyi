@@ -1,10 +1,7 @@
-from .base import BodyValue as BodyValue
 from .base import whole_body as whole_body
 from .contacts import ContactForces as ContactForces
-from .contacts import FoundContacts as FoundContacts
 from .contacts import find_contacts as find_contacts
 from .contacts import with_leg_order as with_leg_order
 from .extension import LeggedValidation as LeggedValidation
 from .floating import FloatingRobot as FloatingRobot
-from .floating import floating_model as floating_model
 from .loading import load_robot as load_robot

@@ -1,8 +1,6 @@
 from .first_project import FirstProject as FirstProject
 from .first_project import write_first_project as write_first_project
-from .project import FILE_NAME as FILE_NAME
 from .project import Project as Project
-from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
 from .project import log_at as log_at
 from .running import Outcome as Outcome

@@ -1,11 +1,5 @@
-from .plant import Response as Response
-from .plant import TorqueJacobians as TorqueJacobians
-from .plant import response_to as response_to
-from .plant import torque_jacobians as torque_jacobians
-from .plant import with_joints as with_joints
 from .replaying import ReplayComparison as ReplayComparison
 from .replaying import compare_replays as compare_replays
 from .replaying import replay as replay
-from .replaying import rollout as rollout
 from .simulation import Noise as Noise
 from .simulation import simulate as simulate

@@ -1,4 +1,3 @@
-from .expression_text import expression_of as expression_of
 from .lagrange import equations_of_motion as equations_of_motion
 from .of_robots import CompleteModel as CompleteModel
 from .of_robots import ExactBaseParameters as ExactBaseParameters
@@ -8,7 +7,6 @@ from .of_robots import complete_model as complete_model
 from .of_robots import export_c as export_c
 from .of_robots import export_numpy as export_numpy
 from .of_robots import rigid_body as rigid_body
-from .polynomial import MAX_TERMS as MAX_TERMS
 from .reduction import BaseForm as BaseForm
 from .reduction import Column as Column
 from .reduction import reduce as reduce

@@ -19,7 +19,7 @@ import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Locator, Page
 
 from seaid.errors import Finding
-from seaid.report.html import write_comparison, write_report
+from seaid.report import write_comparison, write_report
 from tests.browser.conftest import PICTURES
 from tests.experiments import arm, arm_found, arm_result
 from tests.report_pages import HOSTILE, made_up

@@ -13,8 +13,7 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Request
 
 from seaid.robot.inertia import in_parent_frame
-from seaid.view.playback import Shown
-from seaid.view.window import View, view_robot
+from seaid.view import Shown, View, view_robot
 from tests import experiments
 from tests.browser.conftest import PICTURES
 from tests.experiments import TEST_MASS

@@ -13,12 +13,12 @@ import pytest
 
 import seaid
 from seaid._arrays import Array, IndexArray
-from seaid.checks import log_findings
 from seaid.checks.channels import _are_scales
+from seaid.checks.setup import log_findings
 from seaid.errors import Finding
-from seaid.identification.checking import check
-from seaid.log.log import Log
-from seaid.robot.robot import Robot
+from seaid.identification import check
+from seaid.log import Log
+from seaid.robot import Robot
 from tests.commanded_joint import SOFT, mujoco_log, robot_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log
 from tests.mistakes import CASES, described, repaired, worst

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.checks import CODES, merged, that_matter
-from seaid.checks.codes import consequences
+from seaid.checks import CODES
+from seaid.checks.codes import consequences, merged, that_matter
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.errors import SEVERITIES, Finding, by_severity
 

@@ -19,7 +19,7 @@ from seaid.checks.commands import _returns, _returns_of, no_measurements
 from seaid.checks.tolerances import EVENTS
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import IdentificationError, LogError
-from seaid.simulation import rollout
+from seaid.simulation.replaying import rollout
 from tests.commanded_joint import (
     CHIRP,
     SOFT,

@@ -22,10 +22,11 @@ from seaid.checks.engine import (
     time_blocks,
 )
 from seaid.errors import IdentificationError
+from seaid.estimation import fit
 from seaid.estimation.estimate import term_test
-from seaid.estimation.fitting import ESTIMATORS, fit
+from seaid.estimation.fitting import ESTIMATORS
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.regressor.regression import Regression
+from seaid.regressor import Regression
 from tests.plants import regression
 
 NAMES = ("a", "b", "c", "d")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
-from seaid.identification.gear import gear_ratio
+from seaid.identification import gear_ratio
 
 
 def angles(ratio: float, swing: float, error: float, zero: float = 0.7) -> tuple[np.ndarray, ...]:

@@ -14,18 +14,9 @@ import pytest
 
 import seaid
 from seaid import checks
-from seaid.checks import (
-    CODES,
-    Observation,
-    bodies,
-    channels,
-    commands,
-    model,
-    observed,
-    setup,
-    verdict,
-)
+from seaid.checks import CODES, bodies, channels, commands, model, setup, verdict
 from seaid.checks.channels import OF_LOGS
+from seaid.checks.codes import Observation, observed
 from seaid.checks.experiment import Experiment
 from seaid.checks.verdict import RobotFit
 from seaid.errors import Finding, LogError

@@ -16,17 +16,18 @@ import pytest
 import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
-from seaid.checks import CODES, drive_findings
+from seaid.checks import CODES
 from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
 from seaid.checks.engine import Accepted, Alternative, Candidate, Equation, ModelComparison, Trial
+from seaid.checks.values import drive_findings
+from seaid.drives import drive_table
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
-from seaid.drives.toml import drive_table, drives_from_mapping
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding
-from seaid.identification.identification import identify
-from seaid.identification.result import Identification
+from seaid.identification import Identification, identify
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     LEG_SENSORS,

@@ -11,16 +11,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from seaid.checks import Experiment, experiment_of
 from seaid.checks.bodies import file_findings
-from seaid.checks.experiment import _FIELDS_OF, TorqueScale, with_torques_of
+from seaid.checks.experiment import (
+    _FIELDS_OF,
+    Experiment,
+    TorqueScale,
+    experiment_of,
+    with_torques_of,
+)
 from seaid.checks.setup import MISTAKES, _all_torque_scales, mistakes
 from seaid.errors import Finding
 from seaid.legged import load_robot
-from seaid.log.log import Log
+from seaid.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.regressor import BaseParameters
-from seaid.robot.robot import Payload, Robot
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
 from tests.mistakes import lines_of
 from tests.representatives import quick_first, quick_only

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seaid.checks import noise_findings
-from seaid.identification.identification import identify
+from seaid.checks.values import noise_findings
+from seaid.identification import Identification, identify
 from seaid.identification.problem import Method
-from seaid.identification.result import Identification
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
 from tests.representatives import quick_first

@@ -12,9 +12,12 @@ import pytest
 import seaid
 from scripts.benchmarks.short_logs import short_log
 from seaid._arrays import Array
-from seaid.checks import CODES, JointFit, RobotFit, fit_findings, unused_findings, verdict_of
-from seaid.checks.verdict import _blocks
-from seaid.estimation import FittedRows, ordinary, qr_factor_of
+from seaid.checks import CODES, JointFit
+from seaid.checks.values import unused_findings
+from seaid.checks.verdict import RobotFit, _blocks, fit_findings, verdict_of
+from seaid.estimation import FittedRows
+from seaid.estimation.least_squares import ordinary
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.export import content_of
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
@@ -75,7 +78,9 @@ def test_a_torque_of_the_wrong_sign_is_named_where_no_spring_explains_it() -> No
     values = {name: x for name, x in drive.nominal.items() if name != "stiffness"}
     spring = replace(drive, spring=("linear", "cubic"), nominal=values)
     robot = leg().with_drives({"knee_pitch": spring}).without_nominal()
-    with pytest.raises(seaid.RobotError, match=r"^sign: the torque of knee_pitch has the opposite"):
+    with pytest.raises(
+        seaid.errors.RobotError, match=r"^sign: the torque of knee_pitch has the opposite"
+    ):
         seaid.identify(robot, replace(log, motor_torque=torque))
 
 

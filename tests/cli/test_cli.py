@@ -19,9 +19,9 @@ import pytest
 import yaml
 
 import seaid
-from seaid.cli import main
 from seaid.cli.commands import COMMANDS, MOVED, RENAMED, command_of
 from seaid.cli.messages import error_text
+from seaid.cli.program import main
 from seaid.errors import IdentificationError, LogError, RobotError
 from tests.cli.small_arm import done, log_of, refused, robot_and_drives, robot_of, run
 
@@ -130,12 +130,12 @@ def test_the_options_of_a_saved_run_give_the_same_result_again(arm: Path, tmp_pa
     )
     first, again = tmp_path / "first.npz", tmp_path / "again.npz"
     done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "-o", first)
-    options = dict(seaid.load_run(first).provenance["options"])
+    options = dict(seaid.project.load_run(first).provenance["options"])
     assert {"method", "known_body", "payload", "feasible"} <= {*options}
     done("identify", *line_of(options), "-o", again)
-    results = [seaid.load_run(path).identification for path in (first, again)]
+    results = [seaid.project.load_run(path).identification for path in (first, again)]
     assert np.array_equal(results[0].load.values, results[1].load.values)
-    assert seaid.load_run(again).provenance["options"] == options
+    assert seaid.project.load_run(again).provenance["options"] == options
 
 
 def test_a_plan_that_ends_in_motion_gets_a_run_in_and_a_ros_file(arm: Path, tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def results(arm: Path) -> None:
     """Write the runs and the parameters that commands read."""
     for name in ("run", "other"):
         done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.npz")
-        run = seaid.load_run(arm / f"{name}.npz")
+        run = seaid.project.load_run(arm / f"{name}.npz")
         seaid.write_parameters(run.identification, arm / f"{name}.json")
 
 
@@ -51,7 +51,7 @@ def conditions(arm: Path) -> dict[str, Any]:
 def comparison(arm: Path, kind: str) -> dict[str, Any]:
     files = [arm / f"{name}.{kind}" for name in ("run", "other")]
     if kind == "npz":
-        runs = (seaid.load_run(file).identification for file in files)
+        runs = (seaid.project.load_run(file).identification for file in files)
         found = seaid.report.comparison_of(*runs, names=("run", "other"))
     else:
         found = seaid.report.comparison_of_parameters(*files, names=("run", "other"))
@@ -100,7 +100,9 @@ def responded(arm: Path) -> dict[str, Any]:
 
 
 def calibrated(arm: Path) -> dict[str, Any]:
-    found = seaid.calibrate_statics(seaid.read_statics(arm / "weights.csv")).estimate
+    found = seaid.identification.calibrate_statics(
+        seaid.identification.read_statics(arm / "weights.csv")
+    ).estimate
     return {"parameters": {"stiffness": {"value": found.value("stiffness"), "unit": "N m/rad"}}}
 
 
@@ -143,7 +145,9 @@ LINES: dict[str, tuple[str, str, Library]] = {
         LOG,
         "csv",
         lambda arm: {
-            "delays": [asdict(x) for x in seaid.estimate_delays(robot_of(arm), log_of(arm))]
+            "delays": [
+                asdict(x) for x in seaid.identification.estimate_delays(robot_of(arm), log_of(arm))
+            ]
         },
     ),
     "check --terms": (
@@ -415,7 +419,7 @@ def test_a_multisine_from_its_plan_to_the_report(
     assert "--plan must be a multisine" in run(*wrong).err
     done("report", "--run", saved, "--multisine", log, "--plan", plan, "-o", page)
     assert "Size of the frequency response of elbow" in page.read_text(encoding="utf-8")
-    fit = seaid.load_run(saved).identification
+    fit = seaid.project.load_run(saved).identification
     drive = fit.drive_side["elbow"]
     values = np.where(np.array(drive.names) == "stiffness", 1.3, 1.0) * drive.values
     stiffer = replace(fit, drive_side={"elbow": replace(drive, values=values)})

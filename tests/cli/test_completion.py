@@ -17,13 +17,14 @@ from seaid.cli.commands import COMMANDS, app, command_of
 from seaid.cli.kinds import LOGS, SENSORS
 from seaid.cli.options import IdentifyOptions, RobotOptions
 from seaid.errors import Severity
-from seaid.estimation import EstimatorName
-from seaid.excitation import BasisName, CriterionName
+from seaid.estimation.fitting import EstimatorName
+from seaid.excitation import BasisName
+from seaid.excitation.criteria import CriterionName
 from seaid.excitation.multisine import Spectrum
-from seaid.identification import Method
+from seaid.identification.problem import Method
 from seaid.identification.static_calibration import Law
 from seaid.log.readers.opening import READERS
-from seaid.regressor import Sensor
+from seaid.regressor.structural_identifiability import Sensor
 from seaid.robot import BaseKind
 
 ROOT = Path(__file__).parents[2]

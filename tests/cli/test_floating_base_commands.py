@@ -23,7 +23,7 @@ def test_contacts_are_those_of_their_text() -> None:
     found = [one for text in texts for one in contacts_of(text)]
     assert [one.link for one in found] == [*FEET.split(","), "sole", "hand"]
     assert found[3].radius_m == 0.02
-    assert found[4] == seaid.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
+    assert found[4] == seaid.robot.Contact("sole", (0.1, 0.0, -0.05), is_flat=True)
     assert [one for each in found for one in contacts_of(contact_text(each))] == found
     assert "give --base 'floating' with them" in refused("inspect", "go2", "--contact", "FL_foot")
     far = ("--stance", FEET, "--posture", "FL_thigh_joint=2.2,FR_thigh_joint=2.2")
@@ -47,7 +47,7 @@ def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> No
     run = tmp_path / "go2.npz"
     line = (*GO2, tmp_path / "sway.csv", "--cutoff-hz", "4", "--feasible")
     done("identify", *line, "-o", run)
-    found = seaid.load_run(run).identification
+    found = seaid.project.load_run(run).identification
     assert found.robot.floating_base is not None
     assert found.robot.floating_base.contacts == STANDING.floating_base.contacts  # type: ignore[union-attr]
     again = seaid.validate(found, swayed())
@@ -92,9 +92,9 @@ def test_a_project_file_has_the_base_and_its_contacts(tmp_path: Path) -> None:
     base = project.robot().floating_base
     assert base is not None
     assert base.contacts == (
-        seaid.Contact("FL_foot"),
-        *(seaid.Contact(link, radius_m=0.02) for link in ("FR_foot", "RL_foot")),
-        seaid.Contact("RR_foot", (0.0, 0.0, -0.02), is_flat=True),
+        seaid.robot.Contact("FL_foot"),
+        *(seaid.robot.Contact(link, radius_m=0.02) for link in ("FR_foot", "RL_foot")),
+        seaid.robot.Contact("RR_foot", (0.0, 0.0, -0.02), is_flat=True),
     )
     assert base.imu_link == "imu"
 

@@ -119,11 +119,11 @@ def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_run_outlives_its_robot_file(project: Path, tmp_path: Path) -> None:
     moved = tmp_path / "moved"
     shutil.copytree((project / "runs" / "latest").resolve(), moved)
-    before = seaid.load_run(moved)
+    before = seaid.project.load_run(moved)
     assert before.identification.robot.urdf == project / "arm.urdf"
     (project / "arm.urdf").rename(project / "gone.urdf")
     try:
-        after = seaid.load_run(moved).identification
+        after = seaid.project.load_run(moved).identification
         assert after.robot.urdf == after.known.urdf == moved / "inputs" / "arm.urdf"
         seaid.write_urdf(after.robot, tmp_path / "found.urdf")
     finally:

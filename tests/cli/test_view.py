@@ -17,9 +17,9 @@ from typer.testing import CliRunner, Result
 import seaid
 from seaid.cli.commands import app
 from seaid.log.reading import write_log
-from seaid.project.saved import save_run
+from seaid.project import save_run
+from seaid.view import View, view_robot
 from seaid.view.picture import ellipsoids_of
-from seaid.view.window import View, view_robot
 from tests.experiments import arm_found, leg
 from tests.view.motions import log_of, plan_of
 

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import (
-    AngleRatio,
-    Ratios,
-)
+from seaid.drives import AngleRatio
+from seaid.drives.angle_ratio import Ratios
 
 ANGLES = np.linspace(-1.2, 2.0, 9)
 RATIOS = {

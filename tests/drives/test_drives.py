@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.drives import AngleRatio
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import spring_force
+from seaid.drives import AngleRatio, SeriesElasticDrive, StiffDrive, spring_force
 from seaid.errors import RobotError
 
 PULLEYS: dict[str, Any] = {"motor_pulley_radius_m": 0.02, "load_pulley_radius_m": 0.04}

@@ -8,20 +8,8 @@ import pytest
 import sympy as sp
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import (
-    I_M,
-    N,
-    extra_torque,
-    motor_equation,
-    r_L,
-    r_M,
-    spring_equation,
-    t,
-    tau_M,
-    theta_L,
-    theta_M,
-)
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_equation
+from seaid.drives.equations import I_M, N, extra_torque, r_L, r_M, t, tau_M, theta_L, theta_M
 from seaid.drives.regressor import DriveRegressor, drive_regressor
 from seaid.errors import RobotError, SymbolicError
 

@@ -17,18 +17,20 @@ from seaid._arrays import Array
 from seaid.drives import (
     SeriesElasticDrive,
     StiffDrive,
-    drive_functions,
+    friction_curve,
+    motor_equation,
     spring_curve,
+    spring_force,
 )
-from seaid.drives.equations import Dahl, after_travel, motor_equation, spring_force, states
-from seaid.drives.functions import friction_curve, smooth_columns
+from seaid.drives.equations import Dahl, after_travel, states
+from seaid.drives.functions import drive_functions, smooth_columns
 from seaid.drives.regressor import drive_regressor
-from seaid.identification.identification import identify
-from seaid.identification.result import Identification
-from seaid.log.motion import Motion
+from seaid.identification import Identification, identify
+from seaid.log import Motion
 from seaid.regressor import identifiability
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import ARM_SENSORS, arm, arm_log, arm_motion, wiggle
 
 ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}

@@ -10,19 +10,26 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm, ParameterName, SpringTerm, parameter_of, readable
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, is_dry
+from seaid.drives import (
+    Drive,
+    ParameterName,
+    SeriesElasticDrive,
+    StiffDrive,
+    friction_curve,
+    is_dry,
+    motor_equation,
+    readable,
+    spring_equation,
+)
 from seaid.drives.equations import (
     PARAMETER_NAMES,
     DriveEquation,
     dry_friction,
     joint_equation,
-    motor_equation,
-    spring_equation,
     states,
 )
-from seaid.drives.functions import friction_curve
 from seaid.drives.regressor import drive_regressor, non_linear
+from seaid.drives.terms import FrictionTerm, SpringTerm, parameter_of
 from seaid.errors import RobotError
 
 ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)

@@ -10,10 +10,26 @@ import pytest
 from hypothesis import given, reject
 from hypothesis import strategies as st
 
-from seaid.drives import AngleRatio, Controller, FrictionTerm, MotorInput, SpringTerm
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, unit_of
-from seaid.drives.terms import PARAMETERS, JointFrictionTerm, ParallelSpringTerm, key_of
-from seaid.drives.toml import drives_from_mapping, read_drives, write_drives
+from seaid.drives import (
+    PARAMETERS,
+    AngleRatio,
+    Controller,
+    Drive,
+    SeriesElasticDrive,
+    StiffDrive,
+    read_drives,
+    unit_of,
+    write_drives,
+)
+from seaid.drives.terms import (
+    FrictionTerm,
+    JointFrictionTerm,
+    MotorInput,
+    ParallelSpringTerm,
+    SpringTerm,
+    key_of,
+)
+from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError
 from tests.experiments import arm, leg
 

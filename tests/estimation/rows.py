@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from seaid.regressor.regression import Regression
+from seaid.regressor import Regression
 from tests.plants import regression
 
 TRUTH = np.array([2.0, -1.0, 0.5])

@@ -10,13 +10,12 @@ from scipy.fft import dct
 from scipy.signal import lfilter
 
 from seaid._arrays import Array
-from seaid.checks import noise_findings
-from seaid.estimation import Drift
+from seaid.checks.values import noise_findings
+from seaid.estimation import Drift, Estimate, fit
 from seaid.estimation.drift import agreement, drifts_of
-from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import ESTIMATORS, fit, stored_rows
+from seaid.estimation.fitting import ESTIMATORS, stored_rows
 from seaid.estimation.least_squares import ordinary
-from seaid.regressor.regression import Regression
+from seaid.regressor import Regression
 from tests.estimation.rows import TRUTH, experiment
 from tests.plants import regression
 from tests.representatives import quick_first

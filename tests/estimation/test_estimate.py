@@ -12,16 +12,11 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidError
-from seaid.estimation.estimate import (
-    Estimate,
-    independent_rows,
-    poorly_determined,
-    term_test,
-    whiteness,
-)
+from seaid.estimation import Estimate
+from seaid.estimation.estimate import independent_rows, poorly_determined, term_test, whiteness
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import directions, qr_factor_of
-from seaid.regressor.regression import Regression
+from seaid.regressor import Regression
 from tests.estimation.rows import experiment
 from tests.plants import regression
 

@@ -14,7 +14,7 @@ import pytest
 import seaid.log.long_log as long_log_module
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
-from seaid.estimation.estimate import Estimate
+from seaid.estimation import Estimate
 from seaid.estimation.fitting import (
     LinearEstimator,
     StoredRows,
@@ -24,17 +24,13 @@ from seaid.estimation.fitting import (
 )
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
+from seaid.identification import identify
 from seaid.identification.datasets import rows_of_equations
-from seaid.identification.identification import identify
-from seaid.log.long_log import LongLog, open_long_log
-from seaid.log.motion import Motion, motion_of, reconstruct_motion
+from seaid.log import LongLog, Motion, open_long_log, reconstruct_motion
+from seaid.log.motion import motion_of
 from seaid.log.reading import Log, write_log
-from seaid.regressor.regression import (
-    Regression,
-    actuator_regression,
-    regressions_of_parts,
-    stacked,
-)
+from seaid.regressor import Regression, actuator_regression
+from seaid.regressor.regression import regressions_of_parts, stacked
 from tests.estimation.rows import TRUTH, experiment, spoiled
 from tests.experiments import arm, arm_log, true_value
 from tests.representatives import quick_first

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.checks import noise_findings
+from seaid.checks.values import noise_findings
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.instrumental_variables import (
     instrumental,
@@ -19,7 +19,7 @@ from seaid.estimation.instrumental_variables import (
 )
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.regressor.regression import Regression
+from seaid.regressor import Regression
 from tests.estimation.rows import TRUTH
 from tests.plants import regression
 from tests.standard_errors import check_scores

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.checks import noise_findings
+from seaid.checks.values import noise_findings
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.estimation.least_squares import (

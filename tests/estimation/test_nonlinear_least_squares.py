@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation import Parameter, Prior
 from seaid.estimation.nonlinear_least_squares import (
     LAG_S,
     Point,
@@ -28,7 +29,6 @@ from seaid.estimation.nonlinear_least_squares import (
     separable_least_squares,
     without_information,
 )
-from seaid.estimation.parameters import Parameter, Prior
 from tests.standard_errors import check_scores
 
 WINDOWS, BLOCKS, CHANNELS, P, OWN = 8, 50, 2, 3, 2

@@ -9,7 +9,8 @@ import pytest
 
 from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
-from seaid.estimation.parameters import Parameter, Prior, bounds_of, priors_of
+from seaid.estimation import Parameter, Prior
+from seaid.estimation.parameters import bounds_of, priors_of
 
 
 def test_parameters_are_the_same_by_quantity_owner_and_condition() -> None:

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation import scaled_svd
-from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, triangle
-from seaid.regressor.regression import Regression
+from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, scaled_svd, triangle
+from seaid.regressor import Regression
 from tests.plants import regression
 
 WEIGHTS = np.array([1.0, 3.0, 0.2])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 
 SLIDER_ARM = """<robot name="slider_arm">
   <link name="ground"/><link name="carriage">{body}</link>

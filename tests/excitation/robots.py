@@ -13,11 +13,12 @@ import pytest
 
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.excitation import Excitation, JointLimits, Trajectory, design_excitation
-from seaid.excitation.basis import FourierBasis
+from seaid.excitation import Excitation, FourierBasis, Trajectory, design_excitation
+from seaid.excitation.limits import JointLimits
 from seaid.excitation.observation_matrix import Target, regressor_pull_back, stacked_regressor
 from seaid.legged import load_robot
-from seaid.robot.robot import Payload, Robot
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 
 MODELS = Path(__file__).parents[2] / "models"
 States = tuple[Array, Array, Array]

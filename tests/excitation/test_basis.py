@@ -9,13 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import (
-    Basis,
-    FourierBasis,
-    JoinedBasis,
-    SplineBasis,
-    make_basis,
-)
+from seaid.excitation import FourierBasis, JoinedBasis, make_basis
+from seaid.excitation.basis import Basis, SplineBasis
 
 PARTS = (make_basis("bspline", 1.3, 8), make_basis("fourier", 2.0, 7))
 JOINED = JoinedBasis((*PARTS, make_basis("polynomial", 0.1, 6)))

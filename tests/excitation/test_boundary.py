@@ -11,24 +11,17 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import (
+    BasisName,
     EndState,
-    JointLimits,
+    JoinedBasis,
     Limits,
     Trajectory,
-    joint_limits,
-    make_basis,
-    margins,
-)
-from seaid.excitation.basis import BasisName, JoinedBasis
-from seaid.excitation.boundary import (
-    IN_MOTION,
-    MotionSpace,
     add_run_in,
-    limit_rows,
-    motion_space,
-    with_run_in,
+    make_basis,
 )
-from seaid.robot.robot import Robot
+from seaid.excitation.boundary import IN_MOTION, MotionSpace, limit_rows, motion_space, with_run_in
+from seaid.excitation.limits import JointLimits, joint_limits, margins
+from seaid.robot import Robot
 from tests.excitation.robots import assert_kept
 
 BASES: list[tuple[BasisName, int]] = [

@@ -13,10 +13,10 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
+from seaid.excitation import Box, load_scene
 from seaid.excitation.collision import Scene, collision_geometry, distance_gradients, distances
-from seaid.excitation.scene_file import Box, load_scene
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.one_joint import BODY
 from tests.representatives import quick_first
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import seaid
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError
-from seaid.excitation import criteria
+from seaid.excitation import criteria, excitation_measures
 from seaid.excitation.criteria import (
     CRITERIA,
     CriterionName,
@@ -23,11 +23,10 @@ from seaid.excitation.criteria import (
     singular_values,
     triangular_factor,
 )
-from seaid.excitation.design import excitation_measures
 from seaid.excitation.observation_matrix import load_target, stacked_regressor
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters, random_states
-from seaid.robot.robot import Robot
+from seaid.regressor import base_parameters, rigid_body_regressor
+from seaid.regressor.base import random_states
+from seaid.robot import Robot
 from tests.excitation.robots import robots
 from tests.experiments import arm, leg, leg_motion, leg_trajectory
 

@@ -9,18 +9,17 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, SeaidWarning
-from seaid.excitation import EndState, Excitation, Limits, design_excitation, joint_limits
+from seaid.excitation import Box, EndState, Excitation, Limits, design_excitation, load_scene
 from seaid.excitation import search as search_module
 from seaid.excitation.collision import distances
 from seaid.excitation.criteria import CRITERIA, pivoted_base
+from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import load_target, stacked_regressor
 from seaid.excitation.problem import Problem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
-from seaid.excitation.scene_file import Box, load_scene
 from seaid.log.reading import Log
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters
-from seaid.robot.robot import Robot
+from seaid.regressor import base_parameters, rigid_body_regressor
+from seaid.robot import Robot
 from tests.excitation.robots import assert_kept, plan
 from tests.representatives import quick_first
 

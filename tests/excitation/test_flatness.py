@@ -12,27 +12,18 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm
-from seaid.drives.drives import Drive, SeriesElasticDrive
-from seaid.drives.equations import joint_equation, motor_equation, spring_equation
-from seaid.drives.functions import (
-    SMOOTH_SIGNALS,
-    STATES,
-    nonlinear_spring,
-    smooth_columns,
-    spring_curve,
-)
+from seaid.drives import Drive, SeriesElasticDrive, motor_equation, spring_curve, spring_equation
+from seaid.drives.equations import joint_equation
+from seaid.drives.functions import SMOOTH_SIGNALS, STATES, nonlinear_spring, smooth_columns
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import ExcitationError
-from seaid.excitation import Limits
-from seaid.excitation.basis import FourierBasis
+from seaid.excitation import FourierBasis, Limits
 from seaid.excitation.flatness import differentiation, motor_signals
 from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.observation_matrix import drive_target, stacked_regressor
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
+from seaid.regressor import base_parameters, joint_torques, motor_regressor
 from seaid.regressor.load import load_model
-from seaid.regressor.regression import motor_regressor
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests import terms
 from tests.excitation.robots import assert_gradient, smooth_motion
 from tests.representatives import quick_first

@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError
-from seaid.excitation import Limits, Trajectory, joint_limits, margins
-from seaid.excitation.basis import make_basis
+from seaid.excitation import Limits, Trajectory, make_basis
 from seaid.excitation.limits import (
     DRIVE_KINDS,
     drive_limits,
     drive_loads,
+    joint_limits,
     limit_values,
+    margins,
     positive_values,
 )
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.excitation.robots import plan
 
 

@@ -12,8 +12,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.excitation.limits import Limits
-from seaid.excitation.multisine import Multisine
+from seaid.excitation import Limits, Multisine
 from tests.excitation.robots import assert_kept
 from tests.experiments import leg
 from tests.one_joint import chain
@@ -110,14 +109,14 @@ def test_held_joints_given_amplitudes_and_spectra() -> None:
 def test_a_multisine_that_breaks_a_limit_is_refused_by_name(
     shape: dict[str, Any], limits: Limits, says: str
 ) -> None:
-    with pytest.raises(seaid.ExcitationError, match=says):
+    with pytest.raises(seaid.errors.ExcitationError, match=says):
         plan(replace(SHAPE, **shape), limits=limits)
 
 
 def test_wrong_shapes_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(seaid.ExcitationError, match="realisation must be a whole number"):
+    with pytest.raises(seaid.errors.ExcitationError, match="realisation must be a whole number"):
         Multisine(realisation=-1)
-    with pytest.raises(seaid.ExcitationError, match="no spectrum is named 'white'"):
+    with pytest.raises(seaid.errors.ExcitationError, match="no spectrum is named 'white'"):
         Multisine(spectrum="white")  # type: ignore[arg-type]
-    with pytest.raises(seaid.ExcitationError, match="multisine= needs basis='multisine'"):
+    with pytest.raises(seaid.errors.ExcitationError, match="multisine= needs basis='multisine'"):
         seaid.design_excitation(chain(tmp_path, "arm"), 5.0, multisine=SHAPE)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.functions import SMOOTH_SIGNALS, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import pivoted_base
@@ -19,9 +19,8 @@ from seaid.excitation.observation_matrix import (
     stacked_regressor,
 )
 from seaid.legged import load_robot
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.regression import motor_regressor
-from seaid.robot.robot import Robot
+from seaid.regressor import motor_regressor, rigid_body_regressor
+from seaid.robot import Robot
 from tests.excitation.robots import (
     TIAGO,
     assert_gradient,

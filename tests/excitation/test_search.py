@@ -21,7 +21,7 @@ import pytest
 from seaid.errors import ExcitationError
 from seaid.excitation import Excitation
 from seaid.excitation.search import run_all
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.excitation.robots import plan
 
 MODELS = Path(__file__).parents[2] / "models"

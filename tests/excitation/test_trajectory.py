@@ -11,14 +11,8 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, SeaidError
-from seaid.excitation import (
-    Trajectory,
-    load_trajectory,
-    make_basis,
-    polynomial_trajectory,
-)
-from seaid.excitation.basis import FourierBasis, JoinedBasis
-from seaid.excitation.trajectory import message_times
+from seaid.excitation import FourierBasis, JoinedBasis, Trajectory, load_trajectory, make_basis
+from seaid.excitation.trajectory import message_times, polynomial_trajectory
 
 
 def resting(scale: float = 1.0) -> Trajectory:

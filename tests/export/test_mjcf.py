@@ -19,13 +19,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import RobotError
-from seaid.export.mjcf import write_mjcf
-from seaid.identification.identification import identify
+from seaid.export import write_mjcf
+from seaid.identification import identify
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import accelerations, advance
 from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log

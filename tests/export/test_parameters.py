@@ -14,11 +14,9 @@ import pytest
 import seaid
 from seaid._files import plain
 from seaid.errors import RobotError, SeaidWarning
-from seaid.estimation.estimate import Estimate
-from seaid.export import content_of, write_parameters
-from seaid.export.parameters import read_parameters
-from seaid.identification.identification import identify
-from seaid.identification.result import Identification
+from seaid.estimation import Estimate
+from seaid.export import content_of, read_parameters, write_parameters
+from seaid.identification import Identification, identify
 from tests.experiments import arm, arm_motion, leg, perfect_log
 
 

@@ -17,7 +17,8 @@ from scripts.benchmarks.randomization_coverage import log_of, study, true_robot
 from seaid.errors import RobotError
 from seaid.export import Randomization
 from seaid.identification import Identification
-from seaid.robot import from_center_of_mass, is_physical
+from seaid.robot import is_physical
+from seaid.robot.inertia import from_center_of_mass
 from tests.terms import STIFF, arm
 
 
@@ -36,7 +37,9 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Identification:
 
 @pytest.fixture(scope="module")
 def made(found: Identification, tmp_path_factory: pytest.TempPathFactory) -> Randomization:
-    return seaid.write_randomization(found, tmp_path_factory.mktemp("made") / "a.json", samples=200)
+    return seaid.export.write_randomization(
+        found, tmp_path_factory.mktemp("made") / "a.json", samples=200
+    )
 
 
 def test_samples_are_robots_that_can_exist(found: Identification, made: Randomization) -> None:
@@ -84,9 +87,11 @@ def test_what_is_not_determined_is_named(made: Randomization) -> None:
 
 @pytest.mark.slow  # 500 robots are written
 def test_the_files_hold_the_same(found: Identification, tmp_path: Path) -> None:
-    made = seaid.write_randomization(found, tmp_path / "a.json", samples=3, level=0.9, seed=5)
+    made = seaid.export.write_randomization(
+        found, tmp_path / "a.json", samples=3, level=0.9, seed=5
+    )
     content = json.loads((tmp_path / "a.json").read_text())
-    seaid.write_randomization(found, tmp_path / "a.yaml", samples=3, level=0.9, seed=5)
+    seaid.export.write_randomization(found, tmp_path / "a.yaml", samples=3, level=0.9, seed=5)
     assert yaml.safe_load((tmp_path / "a.yaml").read_text()) == content
     assert content["format"] == "seaid randomization 1"
     assert content["samples"] == made.samples.tolist()
@@ -109,7 +114,7 @@ def test_what_is_refused(
     found: Identification, tmp_path: Path, name: str, options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(RobotError, match=words):
-        seaid.write_randomization(found, tmp_path / name, **options)
+        seaid.export.write_randomization(found, tmp_path / name, **options)
 
 
 def test_bodies_that_cannot_exist_are_refused(found: Identification, tmp_path: Path) -> None:
@@ -117,7 +122,7 @@ def test_bodies_that_cannot_exist_are_refused(found: Identification, tmp_path: P
     values[4] = -1.0
     broken = replace(found, robot=found.robot.with_values(values, found.robot.drives))
     with pytest.raises(RobotError, match="'upper' is physically inconsistent: identify with fea"):
-        seaid.write_randomization(broken, tmp_path / "a.json")
+        seaid.export.write_randomization(broken, tmp_path / "a.json")
 
 
 @pytest.mark.slow  # 40 identifications, each with 500 draws

@@ -18,9 +18,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from seaid.drives.drives import StiffDrive
+from seaid.drives import StiffDrive
 from seaid.errors import RobotError, SeaidError, SeaidWarning
-from seaid.export.mjcf import write_mjcf
+from seaid.export import write_mjcf, write_urdf
 from seaid.export.urdf import (
     Element,
     edited,
@@ -30,11 +30,11 @@ from seaid.export.urdf import (
     with_children,
     with_content,
     without,
-    write_urdf,
 )
 from seaid.legged import load_robot
+from seaid.robot import Robot
 from seaid.robot.inertia import from_center_of_mass
-from seaid.robot.robot import Payload, Robot
+from seaid.robot.robot import Payload
 from tests.experiments import MODELS
 
 FIXED = """<?xml version="1.0"?>

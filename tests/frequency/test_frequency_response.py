@@ -16,9 +16,9 @@ from scipy.signal import cont2discrete
 
 import seaid
 from seaid._arrays import Array
-from seaid.frequency.frequency_response import FrequencyResponse, frequency_response
+from seaid.frequency import FrequencyResponse, frequency_response
 from seaid.frequency.linear_joints import linearised
-from seaid.log.log import Log
+from seaid.log import Log
 from tests.linear_plant import RATE_HZ, ThreeMass, TwoMass, multisine_torque
 from tests.one_joint import chain
 from tests.representatives import quick_first
@@ -218,7 +218,7 @@ def test_logs_and_arguments_without_a_response_are_refused(
     """Logs without a channel, of two rates or at rest, and bands and periods of nothing."""
     made = {name: value() if callable(value) else value for name, value in change.items()}
     given: dict[str, Any] = {"logs": clean_log(), "period_s": 4.0} | made
-    with pytest.raises(seaid.IdentificationError, match=says):
+    with pytest.raises(seaid.errors.IdentificationError, match=says):
         frequency_response(PLANT.robot(tmp_path), **given)
 
 

@@ -17,11 +17,10 @@ from rosbags.typesys import Stores, get_typestore
 
 import seaid
 from seaid._arrays import Array
-from seaid.excitation.basis import make_basis
-from seaid.excitation.trajectory import Trajectory
-from seaid.log.motion import Motion
+from seaid.excitation import Trajectory, make_basis
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.experiments import DATA, MODELS, arm, arm_log, wiggle
 
 ARM_URDF, ARM_DRIVES = DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml"
@@ -120,7 +119,7 @@ def saved_run() -> bytes:
     origin = {"command": ["seaid", "run"], "inputs": [], "options": {}, "versions": {}}
 
     def save(folder: Path) -> None:
-        seaid.save_run(found, folder / "a.npz", validations=tests, provenance=origin)
+        seaid.project.save_run(found, folder / "a.npz", validations=tests, provenance=origin)
 
     return written(save)["a.npz"]
 

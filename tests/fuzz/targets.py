@@ -31,13 +31,13 @@ from typer.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app
-from seaid.drives.toml import read_drives
+from seaid.drives import read_drives
 from seaid.errors import RobotError, SeaidError
+from seaid.log import Repairs
 from seaid.log.description import description_for
-from seaid.log.repair import Repairs
 from seaid.project.saved import _checksum
-from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot
+from seaid.regressor import actuator_regression
+from seaid.robot import Robot
 from tests.fuzz import seeds
 from tests.fuzz.mutators import (
     EXPRESSIONS,
@@ -157,7 +157,7 @@ def saved_run(rng: Random, folder: Path) -> Check:
         (folder / "run.npz").write_bytes(_npz(rng, arrays, 0.0))
 
     def check() -> None:
-        run = seaid.load_run(folder / "run.npz")
+        run = seaid.project.load_run(folder / "run.npz")
         run.identification.summary()
         [one.summary() for one in run.validations.values()]
 
@@ -215,7 +215,9 @@ def mesh(rng: Random, folder: Path) -> Check:
 def _scene(folder: Path, boxes: Any, **options: Any) -> None:
     path = folder / "robot.urdf"
     robot = seaid.load_robot(path)
-    found = seaid.load_scene(path, robot, keep_out=[seaid.Box(*one) for one in boxes], **options)
+    found = seaid.excitation.load_scene(
+        path, robot, keep_out=[seaid.excitation.Box(*one) for one in boxes], **options
+    )
     law(len(found.pairs) > 0, "nothing is watched")
 
 

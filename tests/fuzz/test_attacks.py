@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import seaid
-from seaid.drives.toml import read_drives
+from seaid.drives import read_drives
 from seaid.errors import SeaidError
 from seaid.log.readers.opening import READERS as OF_LOGS
 from tests.fuzz import seeds
@@ -38,8 +38,8 @@ def read_as(ending: str) -> Use:
 READERS: dict[str, Use] = {
     "urdf": seaid.load_robot,
     "drives": read_drives,
-    "scene": lambda path: seaid.load_scene(path, seeds.robot()),
-    "srdf": lambda path: seaid.load_scene(seeds.ARM_URDF, seeds.robot(), srdf=path),
+    "scene": lambda path: seaid.excitation.load_scene(path, seeds.robot()),
+    "srdf": lambda path: seaid.excitation.load_scene(seeds.ARM_URDF, seeds.robot(), srdf=path),
     "parameters": lambda path: seaid.read_parameters(path, seeds.robot()),
     "trajectory": seaid.load_trajectory,
     "description": lambda path: seaid.read_log("/dev/null", seeds.robot(), description=path),

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.estimation.estimate import Estimate
-from seaid.identification.conditions import Conditions, identify_conditions
-from seaid.identification.identification import identify
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.estimation import Estimate
+from seaid.identification import Conditions, identify, identify_conditions
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,
     LEG_SENSORS,

@@ -14,22 +14,18 @@ from hypothesis import strategies as st
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives.drives import StiffDrive
+from seaid.drives import StiffDrive
 from seaid.errors import IdentificationError, RobotError
-from seaid.estimation.estimate import Estimate
-from seaid.identification.consistency import (
-    FeasibleParameters,
-    balls,
-    feasible_parameters,
-    prior_bodies,
-)
-from seaid.identification.identification import identify
+from seaid.estimation import Estimate
+from seaid.identification import FeasibleParameters, identify
+from seaid.identification.consistency import balls, feasible_parameters, prior_bodies
 from seaid.legged import load_robot
-from seaid.log.reading import read_log
-from seaid.regressor.base import base_parameters
+from seaid.log import read_log
+from seaid.regressor import base_parameters
 from seaid.regressor.load import LoadModel, load_model
-from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
-from seaid.robot.robot import Payload, Robot
+from seaid.robot import Robot, is_physical
+from seaid.robot.inertia import from_center_of_mass, pseudo_inertia
+from seaid.robot.robot import Payload
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion
 from tests.measured import LOGS

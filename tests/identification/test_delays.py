@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from seaid.checks import experiment_of
+from seaid.checks.experiment import experiment_of
 from seaid.errors import LogError
-from seaid.identification.delays import Delay, correct_delays, estimate_delays
+from seaid.identification import correct_delays, estimate_delays
+from seaid.identification.delays import Delay
 from seaid.log.motion import reconstruct_motions
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.drives.drives import SeriesElasticDrive
-from seaid.estimation.estimate import Estimate
+from seaid.drives import SeriesElasticDrive
+from seaid.estimation import Estimate
 from seaid.estimation.instrumental_variables import deflection_instruments, deming, instrumental
 from seaid.estimation.least_squares import ordinary
 from seaid.identification.drive_estimates import noise_ratio
-from seaid.log.motion import reconstruct_motion
-from seaid.regressor.regression import Regression
+from seaid.log import reconstruct_motion
+from seaid.regressor import Regression
 from tests.experiments import leg, leg_motion, perfect_log
 from tests.plants import regression
 from tests.representatives import quick_first

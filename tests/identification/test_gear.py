@@ -11,13 +11,10 @@ import pytest
 
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, RobotError
-from seaid.estimation import EstimatorName
-from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify, validate
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
-from seaid.log.log import Log
-from seaid.robot.robot import Robot
+from seaid.estimation.fitting import EstimatorName
+from seaid.identification import Identification, identify, identify_conditions, refine, validate
+from seaid.log import Log
+from seaid.robot import Robot
 from tests.experiments import arm, arm_log, arm_motion
 from tests.representatives import quick_first
 

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
-from seaid.estimation.estimate import Estimate
-from seaid.identification.identification import cross_validate, identify
-from seaid.identification.result import Identification
+from seaid.estimation import Estimate
+from seaid.identification import Identification, cross_validate, identify
 from seaid.legged import load_robot
-from seaid.log.long_log import open_long_log
+from seaid.log import open_long_log
 from seaid.log.reading import Log, write_log
 from seaid.regressor import joint_torques
 from seaid.simulation.simulation import measure

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.checks import noise_findings
+from seaid.checks.values import noise_findings
 from seaid.errors import IdentificationError
-from seaid.estimation import EstimatorName
-from seaid.estimation.fitting import ESTIMATORS
-from seaid.identification.identification import identify
+from seaid.estimation.fitting import ESTIMATORS, EstimatorName
+from seaid.identification import identify
 from seaid.identification.instrumental import (
     FittedModel,
     actuator_with_instruments,
@@ -28,12 +27,12 @@ from seaid.identification.simulated_joints import finer_side
 from seaid.identification.stacked_fits import RobotEstimate
 from seaid.identification.two_step import Condition, estimate_two_step
 from seaid.legged import load_robot
-from seaid.log.motion import Motion, reconstruct_motion
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import LoadModel, load_columns, load_model, load_regression
-from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from seaid.log import Motion, reconstruct_motion
+from seaid.regressor import actuator_regression, base_parameters, load_regression
+from seaid.regressor.load import LoadModel, load_columns, load_model
+from seaid.robot import Robot
+from seaid.simulation import Noise, simulate
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import ARM_SENSORS, DATA, arm, arm_motion, drive_errors, perfect_log, wiggle
 from tests.representatives import quick_first
 from tests.terms import STIFF

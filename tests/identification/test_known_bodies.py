@@ -11,10 +11,9 @@ import pytest
 from seaid.errors import RobotError
 from seaid.excitation.criteria import pivoted_base
 from seaid.legged import load_robot
-from seaid.regressor import joint_torques, rigid_body_regressor
-from seaid.regressor.base import base_parameters, cross_check
+from seaid.regressor import base_parameters, cross_check, joint_torques, rigid_body_regressor
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.experiments import MODELS
 
 LEG = (MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")

@@ -11,16 +11,13 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, StiffDrive
+from seaid.drives import Drive, StiffDrive
 from seaid.errors import IdentificationError, RobotError
-from seaid.estimation.estimate import Estimate
-from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
+from seaid.estimation import Estimate
+from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.legged import load_robot
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,

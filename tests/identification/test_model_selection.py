@@ -9,8 +9,7 @@ import pytest
 from scripts.benchmarks import contact_backlash, hysteresis
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
-from seaid.identification.identification import identify
-from seaid.identification.model_selection import compare_terms
+from seaid.identification import compare_terms, identify
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion

@@ -11,15 +11,16 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
-from seaid.identification.identification import identify
+from seaid.identification import identify
 from seaid.legged import load_robot
-from seaid.log.log import Log
+from seaid.log import Log
 from seaid.project import load_project, write_first_project
 from seaid.project.first_project import _drives_text, inferred_drives
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import arm, arm_motion
 from tests.plants import log_with, write_columns
 

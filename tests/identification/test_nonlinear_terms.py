@@ -12,16 +12,14 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive
+from seaid.drives import Drive
 from seaid.errors import IdentificationError, LogError
-from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
-from seaid.log.motion import Motion
+from seaid.identification import Identification, identify, identify_conditions, refine
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.regressor.structural_identifiability import identifiability
-from seaid.robot.robot import Payload, Robot
+from seaid.regressor import identifiability
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 from tests.experiments import with_named_friction
 from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores

@@ -13,14 +13,14 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.checks import log_findings
-from seaid.drives import FrictionTerm
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.checks.setup import log_findings
+from seaid.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import ExcitationError, LogError, SeaidError
-from seaid.estimation import EstimatorName
+from seaid.estimation.fitting import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor import joint_torques
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.plants import log_with
 from tests.representatives import quick_first, quick_only
 

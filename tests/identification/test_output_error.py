@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives import DefaultTerms, FrictionTerm
-from seaid.drives.drives import Drive
+from seaid.drives import Drive
+from seaid.drives.drives import DefaultTerms
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import Finding, IdentificationError, LogError
-from seaid.estimation.estimate import Estimate
-from seaid.identification import motor_driven, output_error
-from seaid.identification.identification import identify
+from seaid.estimation import Estimate
+from seaid.identification import Identification, identify, motor_driven, output_error, refine
 from seaid.identification.motor_driven import MotorDriven, Run, _turning, runs_of
-from seaid.identification.output_error import refine
 from seaid.identification.refined_parameters import Layout, LogPoint, layout_of
-from seaid.identification.result import Identification
 from seaid.legged import load_robot
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Payload, Robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import DATA, drive_errors, perfect_log, wiggle, with_named_friction
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores

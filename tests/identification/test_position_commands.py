@@ -15,13 +15,13 @@ import seaid
 from scripts.benchmarks import command_delays
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
-from seaid.checks import drive_findings
+from seaid.checks.values import drive_findings
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.simulated_joints import commanded_point
 from seaid.log.commands import commanded_torque
-from seaid.regressor import signals
-from seaid.simulation import rollout
+from seaid.regressor.regression import signals
+from seaid.simulation.replaying import rollout
 from tests.commanded_joint import (
     CHIRP,
     HARD,

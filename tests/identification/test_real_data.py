@@ -36,7 +36,9 @@ def test_position_commands_alone_give_the_motor_of_a_servo() -> None:
 
 
 def test_robot_of_a_package_that_is_not_installed_is_named() -> None:
-    with pytest.raises(seaid.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"):
+    with pytest.raises(
+        seaid.errors.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"
+    ):
         real_data.packaged("no-such-robots", "ur10.urdf")
 
 

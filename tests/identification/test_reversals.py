@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from scripts.unseen_robots import ONE_SIDED, Run, drives_toml, simulated, urdf_of
-from seaid.estimation.estimate import Estimate
+from seaid.estimation import Estimate
 from seaid.estimation.least_squares import ordinary
 from seaid.legged import load_robot
-from seaid.log.log import Log
-from seaid.log.motion import reconstruct_motion
-from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot
+from seaid.log import Log, reconstruct_motion
+from seaid.regressor import actuator_regression
+from seaid.robot import Robot
 
 pytestmark = pytest.mark.slow  # 16 s of MuJoCo in steps of 0.1 ms
 

@@ -13,15 +13,14 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation import EstimatorName
-from seaid.identification.identification import CutoffSensitivity, cutoff_sensitivity, identify
-from seaid.identification.result import Identification
+from seaid.estimation.fitting import EstimatorName
+from seaid.identification import CutoffSensitivity, Identification, cutoff_sensitivity, identify
 from seaid.identification.sensitivity import difference, fit_of
 from seaid.legged import load_robot
 from seaid.log.reading import Log
-from seaid.regressor.regression import Regression
-from seaid.report import save_sensitivity_figure
-from seaid.robot.robot import Robot
+from seaid.regressor import Regression
+from seaid.report.figures import save_sensitivity_figure
+from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, MODELS, arm, arm_log, arm_motion, with_named_friction
 from tests.plants import log_with, regression

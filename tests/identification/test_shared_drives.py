@@ -11,22 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.drives.toml import read_drives, write_drives
+from seaid.drives import read_drives, write_drives
 from seaid.errors import Finding, IdentificationError, RobotError
-from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import estimator_named, fit
+from seaid.estimation import Estimate, estimator_named, fit
 from seaid.export import content_of
-from seaid.identification.conditions import identify_conditions
-from seaid.identification.identification import identify
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
+from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.legged import load_robot
-from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log import Motion, reconstruct_motion
 from seaid.log.reading import Log
-from seaid.project.saved import load_run, save_run
-from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.project import load_run, save_run
+from seaid.regressor import actuator_regression
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import wiggle
 from tests.plants import kept, write_robot
 from tests.representatives import quick_first

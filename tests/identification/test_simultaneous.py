@@ -12,23 +12,22 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
-from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import estimator_named
+from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.least_squares import ordinary
-from seaid.excitation.trajectory import Trajectory
-from seaid.identification.identification import identify
+from seaid.excitation import Trajectory
+from seaid.identification import identify
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
-from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log import Motion, reconstruct_motion
 from seaid.log.reading import Log
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
-from seaid.regressor.regression import Regression
-from seaid.robot.robot import Payload, Robot
-from seaid.simulation.simulation import Noise, measure, simulate_motion
+from seaid.regressor import Regression, base_parameters, joint_torques, load_regression
+from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import (
     ELASTIC,
     LEG_SENSORS,

@@ -12,7 +12,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.identification.static_calibration import (
+from seaid.identification import (
     StaticCalibration,
     Statics,
     calibrate_statics,
@@ -240,7 +240,7 @@ def test_a_log_without_poses_or_sensor_is_refused() -> None:
 
 def test_the_page_has_the_law_and_what_it_leaves(tmp_path: Path) -> None:
     found = calibrate_statics(ramp(0), law="cubic")
-    seaid.write_calibration(found, tmp_path / "knee.html", name="<knee>")
+    seaid.report.write_calibration(found, tmp_path / "knee.html", name="<knee>")
     page = (tmp_path / "knee.html").read_text()
     assert "&lt;knee&gt;" in page
     assert "<knee>" not in page

@@ -13,10 +13,12 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.drives import Drive, FrictionTerm, SeriesElasticDrive, StiffDrive
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import Identification
-from seaid.log import Log, spline_derivatives
+from seaid.log import Log
+from seaid.log.filtering import spline_derivatives
 from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import accelerations
 from seaid.simulation.plant import plant_of, warmed

@@ -12,23 +12,21 @@ import pinocchio
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
-from seaid.drives.terms import ParameterName
-from seaid.estimation.estimate import Estimate
+from seaid.drives import ParameterName, SeriesElasticDrive, StiffDrive
+from seaid.estimation import Estimate
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.identification.identification import identify, validate
+from seaid.identification import Identification, identify, validate
 from seaid.identification.problem import Method
-from seaid.identification.result import Identification
 from seaid.identification.stacked_fits import TORQUE_OFFSET, FitsInTurn, identifiable_offsets
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.regressor import regressor_at_drives
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import load_model, load_regression
-from seaid.regressor.regression import Regression, actuator_regression
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import Noise, measure
+from seaid.regressor import Regression, actuator_regression, base_parameters, load_regression
+from seaid.regressor.base import regressor_at_drives
+from seaid.regressor.load import load_model
+from seaid.robot import Robot
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import (
     ARM_SENSORS,
     ELASTIC,

@@ -22,22 +22,19 @@ from scripts.benchmarks.motor_side import (
     simulated,
     simulated_together,
 )
-from seaid.checks import noisy_springs
-from seaid.drives import total_ratio
-from seaid.drives.drives import SeriesElasticDrive
+from seaid.checks.predictions import noisy_springs
+from seaid.drives import SeriesElasticDrive, total_ratio
 from seaid.errors import Finding, IdentificationError, LogError
-from seaid.identification.identification import identify
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
+from seaid.identification import Identification, identify, refine
 from seaid.identification.unseen_springs import (
     joint_angle,
     joints_sensed_by_motor_only,
     with_motor_side_findings,
     with_rigid_angles,
 )
-from seaid.log.motion import reconstruct_motion
+from seaid.log import reconstruct_motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 from tests.plants import kept
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
-from seaid.identification.identification import identify, validate
-from seaid.identification.result import Identification, Validation
-from seaid.identification.validation import compared, verdict_with
-from seaid.log.rows import row_samples
-from seaid.regressor.regression import known_friction, motor_regressor
-from seaid.simulation.simulation import Noise, measure
+from seaid.identification import Identification, Validation, identify, validate, verdict_with
+from seaid.identification.validation import compared
+from seaid.log import row_samples
+from seaid.regressor import motor_regressor
+from seaid.regressor.regression import known_friction
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import (
     LEG_SENSORS,
     TEST_MASS,

@@ -25,7 +25,7 @@ def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> Non
     log = replace(walked(), base=replace(base, contacts={}))
     with pytest.raises(LogError, match="or find it from torques and motion"):
         seaid.reconstruct_motion(robot, log)
-    done = seaid.find_contacts(robot, log)
+    done = seaid.legged.find_contacts(robot, log)
     assert done.log.base is not None
     for foot, flag in flags().items():
         own = done.log.base.contacts[foot] > 0.5
@@ -36,7 +36,7 @@ def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> Non
         assert note.startswith(f"{foot}.contact")
         assert note.endswith(f"from torques and motion, {clear:.1%} of the samples are clear")
     half = replace(log, base=replace(base, contacts={"FL_foot": flags()["FL_foot"]}))
-    assert "FL_foot" not in seaid.find_contacts(robot, half).certainty
+    assert "FL_foot" not in seaid.legged.find_contacts(robot, half).certainty
     held = seaid.load_robot("go2")
     silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
     for one, given, message in (
@@ -45,7 +45,7 @@ def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> Non
         (robot, silent, "needs the torque of each joint"),
     ):
         with pytest.raises(IdentificationError, match=message):
-            seaid.find_contacts(one, given)
+            seaid.legged.find_contacts(one, given)
 
 
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base

@@ -15,9 +15,9 @@ import seaid
 from scripts.benchmarks.legged import noisy
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
-from seaid.checks import observed
+from seaid.checks.codes import observed
 from seaid.errors import Finding, SeaidError
-from seaid.identification import extension_of
+from seaid.identification.result import extension_of
 from seaid.legged import with_leg_order
 from seaid.legged.base import turned_to_world
 from seaid.legged.feet import (

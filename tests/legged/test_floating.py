@@ -20,11 +20,11 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
-from seaid.legged import floating_model
+from seaid.legged import FloatingRobot
 from seaid.legged.floating import (
     BaseStates,
-    FloatingRobot,
     contact_equations,
+    floating_model,
     floating_regressor,
     measured_wrenches,
     without_contact_forces,

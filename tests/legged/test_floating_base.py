@@ -301,7 +301,7 @@ def test_a_log_without_any_force_is_refused(touching: float, given: list[str] | 
 
 @pytest.mark.slow  # fits of a whole quadruped
 def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
-    trunk = seaid.Contact("base", is_flat=True)
+    trunk = seaid.robot.Contact("base", is_flat=True)
     robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=[*GO2.feet, trunk])
     log, held = swayed(), seaid.load_robot(example_urdf("go2.urdf"))
     rng, time = np.random.default_rng(8), log.time
@@ -316,7 +316,9 @@ def test_logs_of_a_robot_that_hangs_and_that_stands_are_one_fit() -> None:
     assert len(found.load.values) == 94  # 68 by hanging, 90 by standing
     assert largest_error(found) < 5e-3
     assert {one.code for one in found.warnings if one.severity != "note"} <= {"contact-flags"}
-    message = "load it with base='floating' and, among contacts=, seaid.Contact('base', is_flat=T"
+    message = (
+        "load it with base='floating' and, among contacts=, seaid.robot.Contact('base', is_flat=T"
+    )
     with pytest.raises(SeaidError, match=re.escape(message)):
         BaseLog.hanging(STANDING, 10)
 
@@ -432,8 +434,8 @@ def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
     assert contacts.measured_vertical == pytest.approx(contacts.vertical, rel=0.005)
     assert contacts.vertical == pytest.approx(contacts.weight, rel=0.02)
     assert validation.warnings == ()
-    seaid.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
-    again = seaid.load_run(tmp_path / "go2.npz").validations["other"]
+    seaid.project.save_run(found, tmp_path / "go2.npz", validations={"other": validation})
+    again = seaid.project.load_run(tmp_path / "go2.npz").validations["other"]
     assert isinstance(again, LeggedValidation)
     assert again.contacts is not None
     np.testing.assert_array_equal(again.contacts.relative_error, contacts.relative_error)

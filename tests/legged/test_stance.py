@@ -16,10 +16,9 @@ from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, foot_positions
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import make_basis
+from seaid.excitation import make_basis
 from seaid.excitation.limits import joint_limits
-from seaid.legged import floating_model
-from seaid.legged.floating import floating, roll_pitch_yaw
+from seaid.legged.floating import floating, floating_model, roll_pitch_yaw
 from seaid.legged.stance import StanceModel, inverse_dynamics, stance_model
 from seaid.robot import Robot
 
@@ -34,7 +33,7 @@ def go2(balls: bool = False) -> Robot:
 
 @cache
 def standing(balls: bool = False) -> StanceModel:
-    stance = seaid.Stance(GO2.feet, posture=CROUCH.tolist())
+    stance = seaid.excitation.Stance(GO2.feet, posture=CROUCH.tolist())
     robot = go2(balls)
     columns = seaid.base_parameters(robot, stances=[GO2.feet]).columns
     return replace(
@@ -176,7 +175,7 @@ WRONG: dict[str, Callable[[], Any]] = {
     "stance= needs a base that nothing guides": lambda: fixed("planar_xz", GO2.feet),
     "stance= needs a floating base, and that of 'go2_description' is fixed": fixed,
     "'FL_foot' is a flat foot: give Stance": lambda: fixed(
-        "floating", [seaid.Contact(foot, is_flat=True) for foot in GO2.feet]
+        "floating", [seaid.robot.Contact(foot, is_flat=True) for foot in GO2.feet]
     ),
 }
 
@@ -186,7 +185,9 @@ def designed(
 ) -> seaid.Excitation:
     if isinstance(posture, np.ndarray):
         posture = posture.tolist()
-    stance = seaid.Stance(feet, posture=posture, friction=friction, least_load=least_load)
+    stance = seaid.excitation.Stance(
+        feet, posture=posture, friction=friction, least_load=least_load
+    )
     return seaid.design_excitation(go2(), 4.0, stance=stance, **given)
 
 

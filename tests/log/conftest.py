@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.one_joint import one_joint
 
 

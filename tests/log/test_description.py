@@ -14,13 +14,12 @@ from scipy.interpolate import CubicSpline
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log import describe_log
-from seaid.log.description import LogDescription, changed_source, description_for
-from seaid.log.reading import Log, read_log, write_log
-from seaid.log.repair import Repairs
+from seaid.log import LogDescription, Repairs, describe_log, read_log
+from seaid.log.description import changed_source, description_for
+from seaid.log.reading import Log, write_log
 from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import DATA, LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS

@@ -12,18 +12,16 @@ from hypothesis import strategies as st
 from scipy.signal import welch
 
 from seaid._arrays import Array
+from seaid.log import Motion, in_band, low_pass, select_cutoff
 from seaid.log.filtering import (
     CutoffSelection,
     _noise_of_steps,
     decimation,
     is_friction_known,
-    low_pass,
     mean_directions,
-    select_cutoff,
     spline_derivatives,
 )
-from seaid.log.motion import Motion
-from seaid.log.rows import in_band, in_band_at
+from seaid.log.rows import in_band_at
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
+from seaid.log import open_long_log, read_log, reconstruct_motion
 from seaid.log.log import MINIMUM_SAMPLES
-from seaid.log.long_log import _overlapping, iterate_log, open_long_log
-from seaid.log.motion import reconstruct_motion
-from seaid.log.reading import WRITTEN, Log, read_log, write_log
-from seaid.robot.robot import Robot
+from seaid.log.long_log import _overlapping, iterate_log
+from seaid.log.reading import WRITTEN, Log, write_log
+from seaid.robot import Robot
 from tests.experiments import arm, arm_log
 from tests.log.readers.files import one_log
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from seaid.errors import LogError
-from seaid.log.motion import reconstruct_motion, reconstruct_motions
+from seaid.log import Repair, reconstruct_motion
+from seaid.log.motion import reconstruct_motions
 from seaid.log.reading import Log
-from seaid.log.repair import Repair
 from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, arm_motion, leg, leg_log, perfect_log
 

@@ -9,11 +9,12 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import LogDescription, describe_log, logs_of_files, read_log
+from seaid.log import LogDescription, describe_log, read_log
 from seaid.log.channels import OF_JOINTS
+from seaid.log.describe import logs_of_files
 from seaid.log.sources import of_other_names
-from seaid.project.first_project import write_first_project
-from seaid.project.project import ProjectLog, load_project
+from seaid.project import load_project, write_first_project
+from seaid.project.project import ProjectLog
 from seaid.robot import Robot
 from tests.plants import write_columns
 

@@ -11,13 +11,13 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.checks import excluded_findings
+from seaid.checks.channels import excluded_findings
 from seaid.errors import LogError
-from seaid.log.log import Log
-from seaid.log.motion import Motion, reconstruct_motion, reconstruct_motions
-from seaid.log.rows import row_samples
+from seaid.log import Log, Motion, reconstruct_motion, row_samples
+from seaid.log.motion import reconstruct_motions
 from seaid.log.usable_parts import FROZEN, REST, REST_S, holes, usable
-from seaid.simulation.simulation import Noise, measure
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion
 
 TIME = np.arange(6000) / 1000

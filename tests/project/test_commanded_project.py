@@ -16,7 +16,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError, RobotError, SeaidError
 from seaid.log.readers.opening import open_table
-from seaid.project.first_project import FirstProject
+from seaid.project import FirstProject
 from tests import experiments
 from tests.cli.small_arm import done, run
 from tests.measured import LOGS
@@ -69,7 +69,7 @@ def test_three_commands_lead_from_the_log_to_a_model_that_replays_it_better(
     model = tmp_path / "leg.xml"
     done("export", "--run", go2 / "runs" / "latest", "-o", model)
     assert "<position" in model.read_text() or "<general" in model.read_text()
-    saved = seaid.load_run(go2 / "runs" / "latest")
+    saved = seaid.project.load_run(go2 / "runs" / "latest")
     (moved,) = saved.replays.values()
     before, after = moved.mean_absolute_errors
     assert np.all(after < 0.2 * before)
@@ -348,7 +348,7 @@ def test_a_part_too_short_to_validate_loses_no_result(tmp_path: Path) -> None:
     assert set(finished.runs[""].identification.drives) == {"shoulder"}
     message = "run.csv@11.5:12 was not validated: the log is too short"
     assert finished.notes[0].startswith(message)
-    saved, again = seaid.load_run(finished.folder), tmp_path / "again.html"
+    saved, again = seaid.project.load_run(finished.folder), tmp_path / "again.html"
     assert saved.provenance["notes"] == finished.notes
     done("report", "--run", finished.folder, "-o", again)
     for page in (finished.folder / "report.html", again):

@@ -17,15 +17,8 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import SeaidError
-from seaid.project.first_project import (
-    FirstProject,
-    _drives_text,
-    _lock_hints,
-    inferred_drives,
-    write_first_project,
-)
-from seaid.project.project import Project, load_project
-from seaid.project.running import run_project
+from seaid.project import FirstProject, Project, load_project, run_project, write_first_project
+from seaid.project.first_project import _drives_text, _lock_hints, inferred_drives
 from tests import experiments
 from tests.legged.test_floating_base import base_of, swayed
 from tests.measured import LOGS

@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.identification.result import Identification
+from seaid.identification import Identification
 from seaid.legged import load_robot
 from seaid.log.reading import Log
-from seaid.project.first_project import FirstProject, write_first_project
-from seaid.project.project import load_project
-from seaid.project.running import run_project
-from seaid.robot.robot import Robot
+from seaid.project import FirstProject, load_project, run_project, write_first_project
+from seaid.robot import Robot
 from seaid.simulation.simulation import measure, simulate_motion
 from tests import experiments
 from tests.plants import write_columns

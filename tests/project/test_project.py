@@ -10,8 +10,8 @@ import pytest
 
 import seaid
 from seaid.errors import SeaidError
-from seaid.project.project import load_project, log_at
-from seaid.project.running import _folder_name, _folder_names, _unseen_results, run_project
+from seaid.project import load_project, log_at, run_project
+from seaid.project.running import _folder_name, _folder_names, _unseen_results
 from tests import experiments
 from tests.measured import LOGS
 
@@ -109,7 +109,7 @@ def test_a_run_has_a_folder_with_everything(folder: Path) -> None:
         feasible=True,
     )
     assert np.array_equal(found.load.values, direct.load.values)
-    saved = seaid.load_run(latest)
+    saved = seaid.project.load_run(latest)
     assert saved.identification.summary() == found.summary()
     assert [*saved.validations] == ["run.npz@20:100"]
     assert len({one["path"] for one in saved.provenance["inputs"] if one["sha256"]}) == 5
@@ -146,12 +146,12 @@ def test_conditions_are_identified_together(tmp_path: Path) -> None:
     done = run_project(load_project(tmp_path))
     assert [*done.runs] == ["cold", "warm"]
     assert done.conditions is not None
-    cold, warm = (seaid.load_run(done.folder / name).identification for name in done.runs)
+    cold, warm = (seaid.project.load_run(done.folder / name).identification for name in done.runs)
     assert np.array_equal(cold.load.values, warm.load.values)
     offsets = [one.drives["knee_pitch"].value("spring_offset") for one in (cold, warm)]
     assert offsets[0] != offsets[1]
     with pytest.raises(SeaidError, match=r"of several conditions: name .*; they are cold, warm"):
-        seaid.load_run(done.folder)
+        seaid.project.load_run(done.folder)
     (tmp_path / "seaid.toml").write_text(text + '[identify]\nmethod = "simultaneous"\n')
     with pytest.raises(SeaidError, match=r"\[identify\]: 'method' is for logs of one condition"):
         run_project(load_project(tmp_path))

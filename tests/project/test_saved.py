@@ -17,10 +17,11 @@ import pytest
 import seaid
 from seaid.errors import SeaidError
 from seaid.export import content_of
-from seaid.identification import compared, identify, validate
-from seaid.identification.result import Identification
+from seaid.identification import Identification, identify, validate
+from seaid.identification.validation import compared
 from seaid.legged import LeggedValidation, load_robot
-from seaid.project.saved import FILE, _checksum, _thinned_validation, load_run, save_run
+from seaid.project import FILE, load_run, save_run
+from seaid.project.saved import _checksum, _thinned_validation
 from tests import experiments
 from tests.measured import LOGS
 from tests.one_joint import BODY

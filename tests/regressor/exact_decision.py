@@ -20,7 +20,8 @@ import sympy as sp
 from flint import fmpq, fmpq_mat, nmod_mat
 from numpy.typing import NDArray
 
-from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M, s_K
+from seaid.drives import PARAMETERS
+from seaid.drives.equations import K_t, K_u, N, r_L, r_M, s_K
 from seaid.regressor.exact.geometry import exact_number, exact_tree
 from seaid.regressor.exact.program import Value, regressor_program
 from seaid.regressor.sensor_equations import (

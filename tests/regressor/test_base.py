@@ -14,14 +14,9 @@ import pytest
 
 from seaid.errors import ExcitationError, RobotError, SeaidError
 from seaid.legged import load_robot
-from seaid.regressor.base import (
-    base_parameters,
-    cross_check,
-    grouped_text,
-    left_to_right,
-    negligible,
-)
-from seaid.robot.robot import Robot
+from seaid.regressor import base_parameters, cross_check
+from seaid.regressor.base import grouped_text, left_to_right, negligible
+from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 from tests.experiments import motion_of
 

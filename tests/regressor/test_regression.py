@@ -13,20 +13,17 @@ from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log.motion import Motion
-from seaid.log.rows import row_samples, standstill
-from seaid.regressor import joint_torques
-from seaid.regressor.base import base_parameters
-from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
-from seaid.regressor.regression import (
-    actuator_columns,
+from seaid.log import Motion, row_samples, standstill
+from seaid.regressor import (
     actuator_regression,
+    base_parameters,
+    joint_torques,
+    load_regression,
     motor_regressor,
-    signals,
-    spring_regressor,
-    stacked,
 )
-from seaid.robot.robot import Robot
+from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
+from seaid.regressor.regression import actuator_columns, signals, spring_regressor, stacked
+from seaid.robot import Robot
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 
 LEG = leg(TEST_MASS)

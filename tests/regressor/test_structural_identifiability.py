@@ -19,14 +19,10 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.legged import load_robot
-from seaid.regressor.base import base_parameters
-from seaid.regressor.structural_identifiability import (
-    SENSORS,
-    Identifiability,
-    Sensor,
-    identifiability,
-)
-from seaid.robot.robot import Payload, Robot
+from seaid.regressor import Identifiability, base_parameters, identifiability
+from seaid.regressor.structural_identifiability import SENSORS, Sensor
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 from tests.plants import tree, write_robot
 from tests.regressor.exact_decision import exact_decision
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of

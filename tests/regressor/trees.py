@@ -8,7 +8,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.plants import write_robot
 
 SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'

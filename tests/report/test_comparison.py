@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.estimation.estimate import Estimate
-from seaid.identification.identification import identify
-from seaid.identification.result import Identification
-from seaid.report.comparison import comparison_of
+from seaid.estimation import Estimate
+from seaid.identification import Identification, identify
+from seaid.report import comparison_of
 from tests.experiments import arm, arm_found, arm_log, arm_motion
 
 WARM = 0.3

@@ -14,8 +14,9 @@ import pytest
 from scripts.excitation_figure import save_excitation_figure
 from scripts.torque_figures import save_actuator_figure, save_load_figure
 from seaid.errors import SeaidError
+from seaid.excitation import Trajectory
 from seaid.excitation.limits import JointLimits
-from seaid.excitation.trajectory import Trajectory, polynomial_trajectory
+from seaid.excitation.trajectory import polynomial_trajectory
 from tests.experiments import arm_result
 
 

@@ -20,15 +20,15 @@ from seaid._files import plain
 from seaid.checks import CODES
 from seaid.drives import ParameterName
 from seaid.errors import Finding, SeaidError
-from seaid.estimation.estimate import ModelChecks, TermTest, Whiteness
+from seaid.estimation import TermTest, Whiteness
+from seaid.estimation.estimate import ModelChecks
 from seaid.export import content_of
-from seaid.identification.identification import identify
-from seaid.identification.result import Identification, Validation
+from seaid.identification import Identification, Validation, identify
 from seaid.identification.validation import compared
-from seaid.report import html_traces, tables
+from seaid.report import html_traces, tables, write_comparison, write_report
 from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
-from seaid.report.html import runs_of, write_comparison, write_report
+from seaid.report.html import runs_of
 from seaid.report.html_charts import (
     _printed,
     cells_of,
@@ -47,7 +47,7 @@ from seaid.report.html_verdict import (
     page_verdict,
 )
 from seaid.report.tables import ErrorRow
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.experiments import arm, arm_found, arm_log, arm_result
 from tests.report_pages import HOSTILE, made_up, prediction
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms

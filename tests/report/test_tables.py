@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from seaid.legged import ContactForces
-from seaid.report import formats, tables
-from seaid.report.comparison import comparison_of
+from seaid.report import comparison_of, formats, tables
 from seaid.report.formats import Cell, Column, Measured, Table, figures, shares, table_of, words
 from seaid.report.html_traces import Run
 from tests.experiments import arm, arm_found, arm_result, leg

@@ -12,8 +12,8 @@ import pytest
 
 from seaid.checks import JointCheck
 from seaid.errors import Finding
-from seaid.identification.checking import SetupCheck
-from seaid.identification.identification import identify
+from seaid.identification import SetupCheck, identify
+from seaid.report import table, warning_lines
 from seaid.report.formats import number, percent
 from seaid.report.html_verdict import page_verdict
 from seaid.report.text import (
@@ -21,9 +21,7 @@ from seaid.report.text import (
     identification_table,
     replay_table,
     setup_table,
-    table,
     validation_table,
-    warning_lines,
 )
 from seaid.simulation import ReplayComparison
 from tests.experiments import arm, arm_found, arm_log, arm_result

@@ -7,14 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
+from seaid.robot import PARAMETERS, inconsistency, is_physical
 from seaid.robot.inertia import (
-    PARAMETERS,
     UNITS,
     from_center_of_mass,
     from_pseudo_inertia,
     in_parent_frame,
-    inconsistency,
-    is_physical,
     parameter_names,
     pseudo_inertia,
     to_pinocchio,

@@ -20,7 +20,8 @@ from seaid.errors import LogError, RobotError, SeaidWarning
 from seaid.excitation.collision import collision_geometry
 from seaid.project import load_project, write_first_project
 from seaid.project.saved import _plain, _restored
-from seaid.regressor import joint_torques, rigid_body_regressor, torque_slopes
+from seaid.regressor import joint_torques, rigid_body_regressor
+from seaid.regressor.base import torque_slopes
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
 from seaid.view.picture import link_places, placements
@@ -263,8 +264,8 @@ def test_log_without_followers_gives_back_the_truth(gripper: Robot, tmp_path: Pa
     np.testing.assert_allclose(
         joint_torques(again, q, v, a), joint_torques(found.robot, q, v, a), atol=1e-8
     )
-    seaid.save_run(found, tmp_path / "run.npz")
-    saved = seaid.load_run(tmp_path / "run.npz").identification.robot
+    seaid.project.save_run(found, tmp_path / "run.npz")
+    saved = seaid.project.load_run(tmp_path / "run.npz").identification.robot
     assert saved.dependent_joints == found.robot.dependent_joints
     np.testing.assert_allclose(joint_torques(saved, q, v, a), joint_torques(found.robot, q, v, a))
 

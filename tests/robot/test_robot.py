@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.drives.drives import StiffDrive
+from seaid.drives import StiffDrive
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
-from seaid.robot.robot import Payload, Robot
+from seaid.robot import Robot
+from seaid.robot.robot import Payload
 from tests.plants import write_robot
 from tests.regressor.trees import Joint, joints, joints_of
 

@@ -14,7 +14,8 @@ import pytest
 from scripts.example_robots import example_urdf
 from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
-from seaid.robot import Robot, search_folders
+from seaid.robot import Robot
+from seaid.robot.urdf import search_folders
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 LEG = MODELS / "tulip_leg.urdf"

@@ -21,8 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.drives import total_ratio
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, total_ratio
 from seaid.errors import (
     ExcitationError,
     IdentificationError,
@@ -31,44 +30,34 @@ from seaid.errors import (
     SymbolicError,
 )
 from seaid.estimation.least_squares import ordinary
-from seaid.excitation.design import design_excitation
+from seaid.excitation import design_excitation
 from seaid.excitation.observation_matrix import load_target
-from seaid.export.mjcf import write_mjcf
-from seaid.export.simulators import write_model
+from seaid.export import write_mjcf, write_model
 from seaid.frequency.linear_joints import linearised
-from seaid.identification import Method
-from seaid.identification.checking import check
-from seaid.identification.identification import identify, validate
+from seaid.identification import (
+    Identification,
+    calibrate_statics,
+    check,
+    held_poses,
+    identify,
+    refine,
+    validate,
+)
 from seaid.identification.instrumental import FittedModel, driven_motion
-from seaid.identification.output_error import refine
-from seaid.identification.result import Identification
-from seaid.identification.static_calibration import calibrate_statics, held_poses
+from seaid.identification.problem import Method
 from seaid.identification.validation import _actuator
 from seaid.legged import load_robot
-from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.log.sources import both_sides
-from seaid.regressor import joint_torques, torque_slopes
-from seaid.regressor.base import base_parameters
+from seaid.regressor import actuator_regression, base_parameters, joint_torques, load_regression
+from seaid.regressor.base import torque_slopes
 from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
 from seaid.regressor.exact.equations import complete_model
-from seaid.regressor.load import (
-    LoadModel,
-    load_columns,
-    load_model,
-    load_regression,
-    offset_sensitivity,
-)
-from seaid.regressor.regression import actuator_regression
-from seaid.robot.robot import Robot
-from seaid.robot.transmission import (
-    at_drives,
-    at_joints,
-    rows_at_drives,
-    torques_at_drives,
-    torques_at_joints,
-)
-from seaid.simulation.replaying import replay
+from seaid.regressor.load import LoadModel, load_columns, load_model, offset_sensitivity
+from seaid.robot import Robot, at_drives, at_joints, torques_at_drives, torques_at_joints
+from seaid.robot.transmission import rows_at_drives
+from seaid.simulation import replay
 from tests.experiments import (
     DATA,
     MODELS,

@@ -12,7 +12,8 @@ import pytest
 
 from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
-from seaid.robot.robot_file import read_urdf, reread_urdf
+from seaid.robot import reread_urdf
+from seaid.robot.robot_file import read_urdf
 from tests.one_joint import BODY
 
 Write = Callable[[str], Path]

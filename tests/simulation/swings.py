@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive
+from seaid.drives import Drive
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import advance
 from seaid.simulation.plant import Plant
 

@@ -14,21 +14,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.equations import (
-    DriveEquation,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-)
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_equation
+from seaid.drives.equations import DriveEquation, joint_equation
+from seaid.drives.terms import FrictionTerm
 from seaid.errors import RobotError, SeaidError
-from seaid.identification.identification import identify
+from seaid.identification import identify
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
+from seaid.simulation import Noise, simulate
 from seaid.simulation.forward_dynamics import accelerations, advance, gear_torques, slip_directions
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
-from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import wiggle
 from tests.representatives import quick_first
 from tests.simulation.swings import SLIDER, Chain, pendulum, run

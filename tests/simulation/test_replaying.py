@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.checks import replay_worse
-from seaid.simulation.replaying import compare_replays, replay, rollout, without_unknown_terms
+from seaid.checks.predictions import replay_worse
+from seaid.simulation import compare_replays, replay
+from seaid.simulation.replaying import rollout, without_unknown_terms
 from tests.one_joint import chain
 from tests.representatives import quick_first
 
@@ -97,12 +98,12 @@ def test_two_inertias_on_a_spring_swing_at_their_frequency() -> None:
 
 def test_what_is_missing_is_said() -> None:
     robot = pendulum()
-    with pytest.raises(seaid.LogError, match="no motor torque of 'pendulum'"):
+    with pytest.raises(seaid.errors.LogError, match="no motor torque of 'pendulum'"):
         replay(robot, swing(robot))
     electric = pendulum(replace(DRIVE, motor_input="voltage"))
-    with pytest.raises(seaid.RobotError, match="'voltage_constant_Nm_per_V' is not given"):
+    with pytest.raises(seaid.errors.RobotError, match="'voltage_constant_Nm_per_V' is not given"):
         replay(electric, replace(swing(robot), motor_voltage=np.zeros((240, 1))))
-    with pytest.raises(seaid.RobotError, match="is not given; a simulation needs"):
+    with pytest.raises(seaid.errors.RobotError, match="is not given; a simulation needs"):
         replay(pendulum(seaid.StiffDrive(gear_ratio=10.0)), swing(robot, np.zeros((240, 1))))
 
 

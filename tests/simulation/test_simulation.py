@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
-from seaid.excitation.basis import make_basis
-from seaid.excitation.trajectory import Trajectory
+from seaid.excitation import Trajectory, make_basis
 from seaid.legged import load_robot
-from seaid.log.motion import Motion
+from seaid.log import Motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
+from seaid.simulation import Noise, simulate
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
-from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, wiggle
 from tests.simulation.swings import SLIDER, Chain, pendulum, run
 

@@ -7,7 +7,7 @@ import numpy as np
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 
 
 def log_of(robot: Robot) -> Log:

@@ -15,10 +15,8 @@ import trimesh
 from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.legged import load_robot
+from seaid.robot import Payload, Robot, reread_urdf
 from seaid.robot.inertia import from_center_of_mass, in_parent_frame
-from seaid.robot.pinocchio_model import Payload
-from seaid.robot.robot import Robot
-from seaid.robot.robot_file import reread_urdf
 from seaid.view.picture import (
     GREY,
     Ellipsoid,

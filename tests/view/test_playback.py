@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.legged import load_robot
-from seaid.log.motion import reconstruct_motion
+from seaid.log import reconstruct_motion
 from seaid.log.reading import Log
-from seaid.robot.robot import Robot
-from seaid.simulation.simulation import simulate
+from seaid.robot import Robot
+from seaid.simulation import simulate
 from seaid.view.panel import deflection_colors, gradient, legend, plain_text, table
 from seaid.view.picture import NEUTRAL
 from seaid.view.playback import Playback, playback_of, scales, traces_of

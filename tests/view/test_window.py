@@ -21,7 +21,8 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.legged import load_robot
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
+from seaid.view import View, view_robot
 from seaid.view.panel import bodies_table, deflection_colors
 from seaid.view.picture import (
     IDENTIFIED,
@@ -32,7 +33,6 @@ from seaid.view.picture import (
     placements,
 )
 from seaid.view.stage import GHOST, aim, sphere_around
-from seaid.view.window import View, view_robot
 from tests import experiments
 from tests.experiments import TEST_MASS
 from tests.view.motions import log_of, plan_of

@@ -17,7 +17,8 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import CHANNELS, BaseLog
+from seaid.log import BaseLog
+from seaid.log.channels import CHANNELS
 from seaid.log.description import Clock
 from tests.experiments import DATA
 from tests.plants import write_columns

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.controller import Controller
+from seaid.drives import Controller
 from seaid.errors import LogError
-from seaid.log.describe import Description, describe_log
+from seaid.log import Description, describe_log
 from seaid.log.describe.names import meaning_of
 from tests.log.describe.signals import columns_of
 from tests.one_joint import chain

@@ -11,10 +11,8 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log import describe
-from seaid.log.describe import Description, describe_log
+from seaid.log import Description, describe, describe_log, read_log
 from seaid.log.readers.table import Table
-from seaid.log.reading import read_log
 from tests.log.describe.signals import GOAL, RATE, TIME, wave
 from tests.one_joint import chain, one_joint
 from tests.plants import write_columns

@@ -13,7 +13,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import describe_log, read_log
 from seaid.log.readers.opening import open_table
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.log.readers.files import error_of, loaded, one_log, save, write
 
 TIME: Array = np.linspace(0.0, 1.99, 200)

@@ -15,9 +15,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from seaid.errors import LogError
+from seaid.log import read_log
 from seaid.log.readers.opening import open_table
-from seaid.log.reading import read_log
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from tests.one_joint import one_joint
 
 START_NS = 1_700_000_000_123_456_789

@@ -20,7 +20,7 @@ from seaid.errors import SeaidError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import random_states
-from seaid.robot.robot import Robot
+from seaid.robot import Robot
 from seaid.symbolic import complete_model, export_c, export_numpy, reduce, rigid_body, separate
 
 ROBOTS = [

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from seaid.errors import RobotError, SeaidError, SeaidWarning, SymbolicError
 from seaid.legged import load_robot
-from seaid.regressor import rigid_body_regressor
-from seaid.regressor.base import base_parameters as numeric_base_parameters
-from seaid.regressor.base import cross_check, random_states
-from seaid.robot.robot import Robot
+from seaid.regressor import base_parameters as numeric_base_parameters
+from seaid.regressor import cross_check, rigid_body_regressor
+from seaid.regressor.base import random_states
+from seaid.robot import Robot
 from seaid.symbolic import ExactBaseParameters, base_parameters, rigid_body
 from tests.regressor.stances import check_floating
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
