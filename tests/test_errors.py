@@ -83,7 +83,7 @@ def test_messages_are_bounded_and_without_control_characters() -> None:
 
 NAMED = re.compile(
     r"\b(?:feasible=True|force=True|repair=seaid\.Repairs\(\)|payloads=|known_bodies=|torque_joints="
-    r"|joints=|description=|(?:method|estimator)=(?:'\w+'|\"\w+\"|(?=:)))"
+    r"|joints=|description=|imu_link=|(?:method|estimator)=(?:'\w+'|\"\w+\"|(?=:)))"
 )
 """Arguments of the library for which the command line has options."""
 

@@ -75,7 +75,7 @@ def _missing_axes(record: BaseRecord) -> Iterator[Finding]:
             if whole_name in needed and is_constant(column):
                 yield BASE_SENSOR.wrong(
                     f"the {axis} axis of the {name.replace('_', ' ')} of the base is "
-                    f"{column[0]:.4g} all the time: it is missing",
+                    f"{column[0] + 0.0:.4g} all the time: it is missing",
                     evidence={"value": float(column[0])},
                     remedy="log all three axes, or give orientation with velocity or position",
                     certainty="certain",

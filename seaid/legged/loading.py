@@ -108,6 +108,6 @@ def load_robot(
     if contacts or imu_link:
         raise RobotError(
             "contacts= and imu_link= are those of a floating base: give base='floating' with them",
-            "base='floating'",
+            *("contacts=", "imu_link=", "base='floating'"),
         )
     return robot
