@@ -64,7 +64,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
     Examples
     --------
-    >>> Y = seaid.regressor.base_regressor(robot, q, v, a)
+    >>> Y = seaid.regressor.rigid_body_regressor(robot, q, v, a)
     >>> torque = Y @ robot.parameters
     """
     model, data = robot.model, robot.model.createData()

@@ -183,7 +183,7 @@ def test_a_robot_in_another_process_has_its_additions(tmp_path: Path) -> None:
     (tmp_path / "robot.pkl").write_bytes(pickle.dumps(standing("go2.urdf")))
     code = (
         "import pickle, sys; robot = pickle.load(open(sys.argv[1], 'rb'));"
-        "from seaid.regressor import load_side; print(type(load_side(robot)).__name__)"
+        "from seaid.regressor.load import load_side; print(type(load_side(robot)).__name__)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "robot.pkl")]
     assert subprocess.check_output(command, text=True).strip() == "FloatingLoadSide"

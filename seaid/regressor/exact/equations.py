@@ -299,7 +299,7 @@ class RigidBodyForm:
 def rigid_body(robot: Robot) -> RigidBodyForm:
     """Derive the exact regressor of a robot's load side, in sympy and as a numeric function.
 
-    It is without payload, friction and rotor inertia, as `seaid.regressor.base_regressor`.
+    It is without payload, friction and rotor inertia, as `seaid.regressor.rigid_body_regressor`.
     """
     program, entries = regressor_program(independent_tree(robot))
     return RigidBodyForm(
