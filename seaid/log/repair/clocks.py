@@ -122,8 +122,7 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
     rows, unknown = np.flatnonzero(known), np.flatnonzero(~known)
     stamps, values = time[rows].copy(), values[rows]
     step = typical_step(stamps)
-    late, jumps = [], []
-    place = 1
+    late, jumps, place = [], [], 1
     while place < len(stamps):
         jump = stamps[place] - stamps[place - 1]
         if jump < 0:
@@ -172,9 +171,10 @@ def _late_run(stamps: Array, place: int, step: float) -> int:
         return 0
     before = stamps[max(0, place - 50) : place]
     # Late samples fall between the earlier stamps, into their gap; stamps of a clock that was set
-    # back repeat earlier ones.
+    # back repeat earlier ones. Less than a step is the jitter of the stamp before.
     distance = np.min(np.abs(stamps[place : place + run, None] - before), axis=1)
-    return run if np.all(distance > _HOLE * step) else 0
+    is_late = stamps[place - 1] - stamps[place] < step or np.all(distance > _HOLE * step)
+    return run if is_late else 0
 
 
 def _sorted(
