@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array, resolution, safely
 from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import JointCheck
@@ -525,14 +525,14 @@ def _is_held(log: Log, kind: str, joint: str) -> bool:
     Steps of a rounded command that changes slowly are all alike: one unit of its last digit. Stamps
     that are rounded leave a small part of a step in the next sample.
     """
-    steps = np.abs(np.diff(log.logged(joint)[kind]))
+    command = log.logged(joint)[kind]
+    steps = np.abs(np.diff(command))
     # Each step weighted by itself: many zeros of a held command do not lower this mean.
     size = float(steps @ steps) / max(float(np.sum(steps)), np.finfo(float).tiny)
     changes = np.flatnonzero(steps > _PART_OF_STEP * size)
-    if len(changes) < _LEAST_STEPS:
+    if len(changes) < _LEAST_STEPS or np.median(steps[changes]) <= 2 * resolution(command):
         return False
-    small, usual = np.percentile(steps[changes], (10, 50))
-    return bool(np.median(np.diff(changes)) > 1 and usual > 2 * small)
+    return bool(np.median(np.diff(changes)) > 1)
 
 
 def _with_gaps(text: str) -> str:

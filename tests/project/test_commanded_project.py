@@ -146,7 +146,7 @@ def test_commands_that_are_held_are_said(
 ) -> None:
     """Every fifth or second sample has another command, or rounding repeats those of all."""
     time = np.arange(0, 6, 0.005)
-    q = 0.25 * two_sines(time, 0.2)
+    q = 0.25 * two_sines(time)
     command = np.round(np.repeat(q[::period], period)[: len(time)], digits)
     columns = {"pendulum.position_rad": q, "pendulum.position_command_rad": command}
     made, drives = servo_project_of(tmp_path, {"time_s": time, **columns})
