@@ -197,13 +197,10 @@ def _check_controller(drive: Drive) -> None:
     """Check that motor input and controller fit together. Raises RobotError."""
     law, kind = drive.controller, drive.motor_input
     if (law is None) == (kind in COMMANDS):
+        mend = f"found a controller and the motor input '{kind}'"
+        mend = mend if law else "give its gains in the table 'controller'"
         raise RobotError(
-            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: '
-            + (
-                "give its gains in the table 'controller'"
-                if law is None
-                else f"found a controller and the motor input '{kind}'"
-            )
+            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: {mend}'
         )
     if law is None:
         return
@@ -258,6 +255,10 @@ def _check_harmonics(drive: Drive) -> None:
             "a transmission error needs a linear spring, whose force is linear in its amplitudes; "
             f"found {', '.join(drive.spring)}"
         )
+    if "transmission_error" in " ".join(drive.known) and "stiffness" not in drive.known:
+        raise RobotError(
+            "a known transmission error needs a known stiffness: the equation has their product"
+        )
     if "m" in drive.joint_units and any(harmonic.angle == "joint" for harmonic in drive.harmonics):
         raise RobotError(
             "an error that is periodic in the joint needs a joint that turns; use 'motor' or 'mesh'"
@@ -303,8 +304,7 @@ def _check_values(drive: Drive) -> None:
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
             raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
-        field_name = _field_of(drive, name)
-        if field_name is not None:
+        if (field_name := _field_of(drive, name)) is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")
         if name not in names:
             raise RobotError(f"found a value of '{name}', but the drive lacks {_term_with(name)}")

@@ -14,7 +14,7 @@ import pytest
 
 import seaid
 from seaid import checks
-from seaid.checks import CODES, bodies, channels, commands, model, setup, verdict
+from seaid.checks import CODES, channels, commands, engine, model, setup, verdict
 from seaid.checks.channels import OF_LOGS
 from seaid.checks.codes import Observation, observed
 from seaid.checks.experiment import Experiment
@@ -62,9 +62,9 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "misfits": (Experiment, "cost", fail),
     "columns": (model, "COLUMN_CHECKS", [replace(x, candidates=fail) for x in model.COLUMN_CHECKS]),
     "wording": (model, "COLUMN_CHECKS", [replace(x, finding=fail) for x in model.COLUMN_CHECKS]),
-    "selection": (model, "forward_selection", fail),
+    "selection": (engine, "forward_selection", fail),
     "fit": (verdict, "_OF_FIT", [replace(check, look=fail) for check in verdict._OF_FIT]),
-    "file": (bodies, "file_findings", fail),
+    "rest": (setup, "_OF_REST", [replace(check, look=fail) for check in setup._OF_REST]),
     "friction": (commands, "of_friction_alone", fail),
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
     "offsets": (channels, "offset_findings", fail),

@@ -173,6 +173,12 @@ TWO_OFFSETS = "friction = ['offset']\nfriction_offset_Nm = 1\nnominal = {frictio
 ORDER = "an order is a whole number from 1 to 1000, found"
 ORDERS = "must be a list of orders"
 REFUSED: list[tuple[str, str, str]] = [
+    (
+        ELASTIC,
+        "transmission_error = { motor = { 1 = [0.1, 0.0] } }\n"
+        'known = ["transmission_error_motor_1_cos"]',
+        "needs a known stiffness",
+    ),
     ("knee = 3\n", "", "must be a table of a drive, found 3"),
     ("[knee]\n", "gear_ratio = 1", "key 'type' is missing; allowed: stiff, series_elastic"),
     (STIFF.replace("stiff", "serial_elastic"), "", "did you mean 'series_elastic'? allowed: "),
