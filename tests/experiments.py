@@ -17,10 +17,8 @@ from seaid.drives import Drive, StiffDrive
 from seaid.excitation import Trajectory, make_basis
 from seaid.identification import Identification, Validation, identify, validate
 from seaid.legged import load_robot
-from seaid.log import Motion
-from seaid.log.reading import Log
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.log import Log, Motion
+from seaid.robot import Payload, Robot
 from seaid.simulation import Noise, simulate
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.plants import kept

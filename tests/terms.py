@@ -25,12 +25,10 @@ from seaid.identification.nonlinear_terms import linearised_robot, with_searched
 from seaid.identification.result import identification_of, value_findings, with_value_findings
 from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.regressor import base_parameters, joint_torques
 from seaid.regressor.load import load_model
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from tests.experiments import motion_of
 
 PERIOD_S, RATE_HZ = 8.0, 250.0

@@ -16,9 +16,8 @@ from seaid.errors import SeaidError
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, joint_torques, rigid_body_regressor
 from seaid.regressor.base import random_states
-from seaid.robot import Robot
+from seaid.robot import Payload, Robot
 from seaid.robot.inertia import parameter_names
-from seaid.robot.robot import Payload
 
 STATES = 6
 

@@ -23,8 +23,7 @@ import seaid
 from seaid._arrays import Array
 from seaid._progress import track
 from seaid.estimation.fitting import EstimatorName
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.report import table
 from seaid.simulation.simulation import measure, simulate_motion
 

@@ -19,8 +19,7 @@ import seaid
 from seaid._arrays import Array
 from seaid._progress import track
 from seaid.identification import TermSelection
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.report import table
 from seaid.report.formats import percent
 from seaid.simulation.simulation import measure, simulate_motion

@@ -26,7 +26,7 @@ from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding
 from seaid.identification import Identification, identify
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (

@@ -25,8 +25,7 @@ from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.regressor import BaseParameters
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
 from tests.mistakes import lines_of
 from tests.representatives import quick_first, quick_only

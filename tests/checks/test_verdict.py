@@ -19,7 +19,7 @@ from seaid.estimation import FittedRows
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.export import content_of
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
 from tests.plants import regression

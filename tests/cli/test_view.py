@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 import seaid
 from seaid.cli.commands import app
-from seaid.log.reading import write_log
+from seaid.log import write_log
 from seaid.project import save_run
 from seaid.view import View, view_robot
 from seaid.view.picture import ellipsoids_of

@@ -26,9 +26,8 @@ from seaid.estimation.least_squares import equal_weights, ordinary, settled_weig
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification import identify
 from seaid.identification.datasets import rows_of_equations
-from seaid.log import LongLog, Motion, open_long_log, reconstruct_motion
+from seaid.log import Log, LongLog, Motion, open_long_log, reconstruct_motion, write_log
 from seaid.log.motion import motion_of
-from seaid.log.reading import Log, write_log
 from seaid.regressor import Regression, actuator_regression
 from seaid.regressor.regression import regressions_of_parts, stacked
 from tests.estimation.rows import TRUTH, experiment, spoiled

@@ -17,8 +17,7 @@ from seaid.excitation import Excitation, FourierBasis, Trajectory, design_excita
 from seaid.excitation.limits import JointLimits
 from seaid.excitation.observation_matrix import Target, regressor_pull_back, stacked_regressor
 from seaid.legged import load_robot
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 
 MODELS = Path(__file__).parents[2] / "models"
 States = tuple[Array, Array, Array]

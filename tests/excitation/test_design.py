@@ -17,7 +17,7 @@ from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import load_target, stacked_regressor
 from seaid.excitation.problem import Problem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.regressor import base_parameters, rigid_body_regressor
 from seaid.robot import Robot
 from tests.excitation.robots import assert_kept, plan

@@ -32,9 +32,8 @@ from seaid.export.urdf import (
     without,
 )
 from seaid.legged import load_robot
-from seaid.robot import Robot
+from seaid.robot import Payload, Robot
 from seaid.robot.inertia import from_center_of_mass
-from seaid.robot.robot import Payload
 from tests.experiments import MODELS
 
 FIXED = """<?xml version="1.0"?>

@@ -18,8 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 import seaid
 from seaid._arrays import Array
 from seaid.excitation import Trajectory, make_basis
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.robot import Robot
 from tests.experiments import DATA, MODELS, arm, arm_log, wiggle
 

@@ -17,8 +17,7 @@ from seaid.checks.experiment import fitted
 from seaid.estimation.qr_factor import fitted_slope
 from seaid.identification import check
 from seaid.log import Log
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_log, leg, leg_log, leg_motion
 from tests.mistakes import CASES, changed, described, of_joint, worst

@@ -23,9 +23,8 @@ from seaid.legged import load_robot
 from seaid.log import read_log
 from seaid.regressor import base_parameters
 from seaid.regressor.load import LoadModel, load_model
-from seaid.robot import Robot, is_physical
+from seaid.robot import Payload, Robot, is_physical
 from seaid.robot.inertia import from_center_of_mass, pseudo_inertia
-from seaid.robot.robot import Payload
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion
 from tests.measured import LOGS

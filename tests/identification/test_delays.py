@@ -14,8 +14,8 @@ from seaid.checks.experiment import experiment_of
 from seaid.errors import LogError
 from seaid.identification import correct_delays, estimate_delays
 from seaid.identification.delays import Delay
+from seaid.log import Log
 from seaid.log.motion import reconstruct_motions
-from seaid.log.reading import Log
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure

@@ -16,8 +16,7 @@ from seaid.errors import ExcitationError, IdentificationError, LogError, RobotEr
 from seaid.estimation import Estimate
 from seaid.identification import Identification, cross_validate, identify
 from seaid.legged import load_robot
-from seaid.log import open_long_log
-from seaid.log.reading import Log, write_log
+from seaid.log import Log, open_long_log, write_log
 from seaid.regressor import joint_torques
 from seaid.simulation.simulation import measure
 from tests.experiments import (

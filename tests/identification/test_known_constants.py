@@ -16,7 +16,7 @@ from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.legged import load_robot
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.robot import Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (

@@ -10,7 +10,7 @@ from scripts.benchmarks import contact_backlash, hysteresis
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification import compare_terms, identify
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
 from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with_terms

@@ -15,11 +15,9 @@ from seaid._arrays import Array
 from seaid.drives import Drive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification import Identification, identify, identify_conditions, refine
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.regressor import identifiability
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from tests.experiments import with_named_friction
 from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores

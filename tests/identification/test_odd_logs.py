@@ -18,7 +18,7 @@ from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.terms import FrictionTerm
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.estimation.fitting import EstimatorName
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.regressor import joint_torques
 from seaid.robot import Robot
 from tests.plants import log_with

@@ -21,10 +21,8 @@ from seaid.identification import Identification, identify, motor_driven, output_
 from seaid.identification.motor_driven import MotorDriven, Run, _turning, runs_of
 from seaid.identification.refined_parameters import Layout, LogPoint, layout_of
 from seaid.legged import load_robot
-from seaid.log import Motion
-from seaid.log.reading import Log
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.log import Log, Motion
+from seaid.robot import Payload, Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import DATA, drive_errors, perfect_log, wiggle, with_named_friction

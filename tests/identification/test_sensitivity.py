@@ -17,7 +17,7 @@ from seaid.estimation.fitting import EstimatorName
 from seaid.identification import CutoffSensitivity, Identification, cutoff_sensitivity, identify
 from seaid.identification.sensitivity import difference, fit_of
 from seaid.legged import load_robot
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.regressor import Regression
 from seaid.report.figures import save_sensitivity_figure
 from seaid.robot import Robot

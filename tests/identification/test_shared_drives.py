@@ -17,8 +17,7 @@ from seaid.estimation import Estimate, estimator_named, fit
 from seaid.export import content_of
 from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.legged import load_robot
-from seaid.log import Motion, reconstruct_motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion, reconstruct_motion
 from seaid.project import load_run, save_run
 from seaid.regressor import actuator_regression
 from seaid.robot import Robot

@@ -20,12 +20,10 @@ from seaid.excitation import Trajectory
 from seaid.identification import identify
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
-from seaid.log import Motion, reconstruct_motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion, reconstruct_motion
 from seaid.regressor import Regression, base_parameters, joint_torques, load_regression
 from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import (

@@ -19,8 +19,7 @@ from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification import Identification, identify, validate
 from seaid.identification.problem import Method
 from seaid.identification.stacked_fits import TORQUE_OFFSET, FitsInTurn, identifiable_offsets
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.regressor import Regression, actuator_regression, base_parameters, load_regression
 from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.load import load_model

@@ -32,8 +32,7 @@ from seaid.identification.unseen_springs import (
     with_motor_side_findings,
     with_rigid_angles,
 )
-from seaid.log import reconstruct_motion
-from seaid.log.reading import Log
+from seaid.log import Log, reconstruct_motion
 from seaid.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 from tests.plants import kept

@@ -14,9 +14,8 @@ from scipy.interpolate import CubicSpline
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log import LogDescription, Repairs, describe_log, read_log
+from seaid.log import Log, LogDescription, Repairs, describe_log, read_log, write_log
 from seaid.log.description import changed_source, description_for
-from seaid.log.reading import Log, write_log
 from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
 from seaid.robot import Robot

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError, SeaidError
+from seaid.log import Log, write_log
 from seaid.log.channels import column_names
-from seaid.log.reading import Log, write_log
 
 
 def log_of(n: int = 2, count: int = 60, **other: Any) -> Log:

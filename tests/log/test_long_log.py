@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from seaid.errors import LogError
-from seaid.log import open_long_log, read_log, reconstruct_motion
+from seaid.log import WRITTEN, Log, open_long_log, read_log, reconstruct_motion, write_log
 from seaid.log.log import MINIMUM_SAMPLES
 from seaid.log.long_log import _overlapping, iterate_log
-from seaid.log.reading import WRITTEN, Log, write_log
 from seaid.robot import Robot
 from tests.experiments import arm, arm_log
 from tests.log.readers.files import one_log

@@ -10,9 +10,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from seaid.errors import LogError
-from seaid.log import Repair, reconstruct_motion
+from seaid.log import Log, Repair, reconstruct_motion
 from seaid.log.motion import reconstruct_motions
-from seaid.log.reading import Log
 from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, arm_motion, leg, leg_log, perfect_log
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log import Repair, Repairs
+from seaid.log import Log, Repair, Repairs
 from seaid.log.channels import column_names
-from seaid.log.reading import Log, repaired
+from seaid.log.reading import repaired
 from seaid.log.repair import Channel
 from seaid.log.repair.channels import interpolated, on_time
 from seaid.simulation.simulation import measure

@@ -15,7 +15,7 @@ import pytest
 from seaid.errors import IdentificationError
 from seaid.identification import Identification
 from seaid.legged import load_robot
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.project import FirstProject, load_project, run_project, write_first_project
 from seaid.robot import Robot
 from seaid.simulation.simulation import measure, simulate_motion

@@ -21,8 +21,7 @@ from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import Identifiability, base_parameters, identifiability
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from tests.plants import tree, write_robot
 from tests.regressor.exact_decision import exact_decision
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of

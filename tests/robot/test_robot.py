@@ -15,8 +15,7 @@ from seaid.drives import StiffDrive
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
-from seaid.robot import Robot
-from seaid.robot.robot import Payload
+from seaid.robot import Payload, Robot
 from tests.plants import write_robot
 from tests.regressor.trees import Joint, joints, joints_of
 

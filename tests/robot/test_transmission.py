@@ -47,8 +47,7 @@ from seaid.identification.instrumental import FittedModel, driven_motion
 from seaid.identification.problem import Method
 from seaid.identification.validation import _actuator
 from seaid.legged import load_robot
-from seaid.log import Motion, reconstruct_motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.sources import both_sides
 from seaid.regressor import actuator_regression, base_parameters, joint_torques, load_regression
 from seaid.regressor.base import torque_slopes

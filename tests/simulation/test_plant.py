@@ -10,7 +10,7 @@ import pytest
 
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques
-from seaid.robot.robot import Payload
+from seaid.robot import Payload
 from seaid.simulation.plant import (
     TorqueJacobians,
     holding,

@@ -16,8 +16,7 @@ from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation import Trajectory, make_basis
 from seaid.legged import load_robot
-from seaid.log import Motion
-from seaid.log.reading import Log
+from seaid.log import Log, Motion
 from seaid.robot import Robot
 from seaid.simulation import Noise, simulate
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of

@@ -6,7 +6,7 @@ import numpy as np
 
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log.reading import Log
+from seaid.log import Log
 from seaid.robot import Robot
 
 

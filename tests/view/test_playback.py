@@ -18,8 +18,7 @@ from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.legged import load_robot
-from seaid.log import reconstruct_motion
-from seaid.log.reading import Log
+from seaid.log import Log, reconstruct_motion
 from seaid.robot import Robot
 from seaid.simulation import simulate
 from seaid.view.panel import deflection_colors, gradient, legend, plain_text, table

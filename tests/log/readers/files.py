@@ -16,8 +16,8 @@ from scipy import io
 
 from seaid._arrays import Array
 from seaid.errors import LogError
+from seaid.log import WRITTEN, Log, write_log
 from seaid.log.readers.opening import open_table
-from seaid.log.reading import WRITTEN, Log, write_log
 
 TIME: Array = np.arange(400) / 100
 FORMATS = (*WRITTEN, ".json")

@@ -29,12 +29,11 @@ from scipy import io
 import seaid.log.readers.table as limits
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidError, SeaidWarning
-from seaid.log import open_long_log, read_log
+from seaid.log import Log, open_long_log, read_log
 from seaid.log.channels import SENSORS
 from seaid.log.log import LARGEST
 from seaid.log.readers.opening import READERS, open_table
 from seaid.log.readers.table import check_memory, free_memory
-from seaid.log.reading import Log
 from seaid.robot import Robot
 from tests.fuzz.mutators import damaged_bytes
 from tests.log.readers.files import FORMATS, TIME, error_of, loaded, one_log, save, write
