@@ -142,7 +142,6 @@ SHORT_FORMS = {
         "--duration 4 --starts 1 --iterations 3 --output OUT",
     ),
     "design_table.py": ("--quick --draws 1 --only rate",),
-    "fuzz.py": ("--target urdf --cases 2 --workers 1 --output OUT",),
     "gallery.py": ("excitation --output OUT",),
     "gauntlet.py": ("--quick --only 'tilted by 20' --workers 1 --output OUT",),
     "identify_biped.py": ("--duration 2 --output OUT",),
@@ -160,6 +159,7 @@ All others, but for those in RUN_ELSEWHERE, have the short form `--quick`.
 RUN_ELSEWHERE = {
     "claims.py": "tests/test_claims.py",
     "cross_check.py": "tests/regressor/test_base.py",
+    "fuzz.py": "tests/test_scripts.py",
     "golden.py": "tests/test_golden.py",
     "identifiability.py": "tests/regressor/test_structural_identifiability.py",
     "identify_tulip_leg.py": "tests/test_scripts.py",
@@ -198,6 +198,14 @@ def test_speed_is_measured_again_while_the_answer_is_open(
     monkeypatch.setattr(speed_held, "ratio", lambda *_: next(answers))
     tree: Any = None
     assert speed_held.ratios("identify", tree, tree) == measured
+
+
+@pytest.mark.slow  # 3 s: a process and its worker, which takes the types of the script from it
+def test_fuzzer_runs_two_cases(tmp_path: Path) -> None:
+    cases = ("--target", "urdf", "--cases", "2", "--workers", "1", "--output", str(tmp_path))
+    done = run("scripts/fuzz.py", *cases)
+    assert done.returncode == 0, done.stderr
+    assert "2 cases in " in done.stdout
 
 
 @pytest.mark.slow  # every script
