@@ -197,10 +197,10 @@ def _check_controller(drive: Drive) -> None:
     """Check that motor input and controller fit together. Raises RobotError."""
     law, kind = drive.controller, drive.motor_input
     if (law is None) == (kind in COMMANDS):
-        mend = f"found a controller and the motor input '{kind}'"
-        mend = mend if law else "give its gains in the table 'controller'"
+        text = f"found a controller and the motor input '{kind}'"
+        text = text if law else "give its gains in the table 'controller'"
         raise RobotError(
-            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: {mend}'
+            f'motor_input = "{" or ".join(COMMANDS)}" and a controller go together: {text}'
         )
     if law is None:
         return
