@@ -165,7 +165,7 @@ def test_ripple_is_named_where_the_deflection_itself_is_measured() -> None:
 def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     """An error in rad is that of the encoders, whatever the spring behind the gear is.
 
-    A known amplitude is on the known side.
+    A known amplitude is on the known side, with a known stiffness.
     """
     shoulder: Any = truth().drives["shoulder"]
     name = "transmission_error_joint_3_sin"
@@ -173,7 +173,7 @@ def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     result = found(truth().with_drives({"shoulder": in_series}))
     plain = found(truth()).drives["shoulder"]
     assert result.drives["shoulder"].value(name) == pytest.approx(plain.value(name))
-    known = replace(shoulder, known=(name, name.replace("sin", "cos")))
+    known = replace(shoulder, known=("stiffness", name, name.replace("sin", "cos")))
     robot = truth().with_drives({"shoulder": known}).without_nominal()
     assert robot.drives["shoulder"].own_values[name] == 2e-3
     assert name not in found(robot).drives["shoulder"].names
