@@ -38,6 +38,7 @@ from seaid.drives.terms import (
     between_encoders,
     harmonics_of,
     is_harmonic,
+    is_transmission_error,
     key_of,
     of_spring,
     parameter_named,
@@ -99,10 +100,9 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""
 
 _MOST_EXTRA_TERMS = 20
-_TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
+_TERMS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
 _TABLES = ("nominal", "transmission", "std")
-_RECORDS = ("controller", "angle_ratio")
-_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, *_TABLES, *_RECORDS, "known", "extra_terms", "shared")
+_NO_NUMBERS = (*_TERMS, *FIELDS, *_TABLES, "motor_input", "controller", "angle_ratio", "shared")
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -162,7 +162,7 @@ def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
 
 def _check_terms(drive: Drive) -> None:
     """Check the fields that name terms. Raises RobotError."""
-    for field in _TERM_FIELDS:
+    for field in _TERMS:
         object.__setattr__(drive, field, _names_in(drive, field))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
@@ -255,7 +255,7 @@ def _check_harmonics(drive: Drive) -> None:
             "a transmission error needs a linear spring, whose force is linear in its amplitudes; "
             f"found {', '.join(drive.spring)}"
         )
-    if "transmission_error" in " ".join(drive.known) and "stiffness" not in drive.known:
+    if any(map(is_transmission_error, drive.known)) and "stiffness" not in drive.known:
         raise RobotError(
             "a known transmission error needs a known stiffness: the equation has their product"
         )

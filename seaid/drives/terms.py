@@ -348,12 +348,13 @@ def between_encoders(values: Mapping[str, float], compliance: float) -> dict[str
     """
     softer = 1.0 + compliance * values.get("stiffness", 0.0)
     series = {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
-    for name in filter(_is_error, series):
+    for name in filter(is_transmission_error, series):
         series[name] *= series.get("stiffness", 0.0)
     return series
 
 
-def _is_error(name: str) -> bool:
+def is_transmission_error(name: str) -> bool:
+    """Return whether a parameter is an amplitude of a transmission error."""
     return name.startswith("transmission_error")
 
 
@@ -371,7 +372,7 @@ def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float
     spring = {
         name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()
     }
-    for name in filter(_is_error, spring):
+    for name in filter(is_transmission_error, spring):
         spring[name] = spring[name] / values["stiffness"] if values.get("stiffness") else 0.0
     return spring
 
@@ -382,7 +383,7 @@ def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, d
     share = compliance * stiffness
     slopes = {}
     for name, value in values.items():
-        if _is_error(name) and stiffness:  # own = value / stiffness
+        if is_transmission_error(name) and stiffness:  # own = value / stiffness
             slopes[name] = {name: 1.0 / stiffness, "stiffness": -value / stiffness**2}
             continue
         power = _SERIES_POWERS.get(name, 0)
