@@ -275,7 +275,8 @@ def run_projects(
     """Run all projects below a folder, each in a process with one thread.
 
     The results of each are those of `run_project`, wherever it runs. What is wrong with a project
-    is in its outcome, and the others are run. A project whose process is killed is run again.
+    is in its outcome, and the others are run. A project whose process is killed is run again, into
+    another folder if its first run was complete by then.
 
     Parameters
     ----------

@@ -70,8 +70,8 @@ def results(run: Path) -> dict[str, bytes]:
     return content
 
 
-def check_outcomes(folder: Path, outcomes: Iterable[Any]) -> None:
-    """Compare the outcome of each project with its run alone, and check that each has one run."""
+def check_outcomes(folder: Path, outcomes: Iterable[Any], most: int = 1) -> None:
+    """Compare the outcome of each project with its run alone, and count its runs."""
     by_name = {str(x.project.relative_to(folder)): x for x in outcomes}
     assert [*by_name] == ["a", "b", "broken", "deeper/c"]
     broken = by_name.pop("broken")
@@ -79,12 +79,14 @@ def check_outcomes(folder: Path, outcomes: Iterable[Any]) -> None:
     assert "there is no log" in broken.error
     for name, outcome in by_name.items():
         assert outcome.error == ""
-        (run,) = (x for x in (folder / name / "runs").iterdir() if not x.is_symlink())
-        assert outcome.place == run
+        runs = [x for x in (folder / name / "runs").iterdir() if not x.is_symlink()]
+        assert len(runs) <= most
+        assert outcome.place == max(runs)
         alone = run_project(folder / name)
         assert outcome.verdict == alone.runs[""].identification.verdict.level
         assert outcome.warnings == alone.warnings
-        assert results(run) == results(alone.folder)
+        for run in runs:
+            assert results(run) == results(alone.folder)
 
 
 @pytest.mark.slow  # six identifications
@@ -148,7 +150,8 @@ def test_a_project_whose_process_is_killed_is_run_again(folder: Path, on_cluster
         ) as killed:
             outcomes = run_projects(folder)
     assert killed
-    check_outcomes(folder, outcomes)
+    # A process may have ended a run whose outcome nobody has read when it is killed.
+    check_outcomes(folder, outcomes, most=2)
 
 
 @pytest.mark.slow  # processes that import seaid, and a wait of 5 s
