@@ -166,18 +166,18 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReque
     from seaid.checks.model import selections
     from seaid.drives.drives import DefaultTerms
 
-    module = "seaid.identification.problem"
+    problem, conclusion = "seaid.identification.problem", "seaid.identification.conclusion"
 
     def selected(sides: Sequence[Side]) -> list[SideSelection]:
         drives = [side.robot.drives[joint] for side in sides for joint in side.joints]
         is_open = any(isinstance(drive.friction, DefaultTerms) for drive in drives)
         return selections(sides) if is_open else []
 
-    monkeypatch.setattr(f"{module}.log_findings", lambda *_: [])
-    monkeypatch.setattr(f"{module}.findings_of_setup", lambda _, moving, known, logs: known)
-    monkeypatch.setattr(f"{module}.selections", selected)
-    monkeypatch.setattr(f"{module}.sensitivity_findings", lambda *_: [])
-    monkeypatch.setattr(f"{module}.joint_checks", lambda *_: {})
+    monkeypatch.setattr(f"{problem}.log_findings", lambda *_: [])
+    monkeypatch.setattr(f"{problem}.findings_of_setup", lambda _, moving, known, logs: known)
+    monkeypatch.setattr(f"{problem}.selections", selected)
+    monkeypatch.setattr(f"{conclusion}.sensitivity_findings", lambda *_: [])
+    monkeypatch.setattr(f"{conclusion}.joint_checks", lambda *_: {})
 
 
 @pytest.fixture(scope="module")

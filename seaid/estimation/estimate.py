@@ -369,6 +369,21 @@ def poorly_determined(
     ]
 
 
+def independent_errors(stds: Mapping[str, float]) -> Estimate:
+    """Return independent errors {name: standard deviation} as an estimate of zeros."""
+    errors = np.array([*stds.values()], dtype=float)
+    return Estimate(
+        names=tuple(stds),
+        values=np.zeros(len(stds)),
+        covariance=np.diag(errors**2),
+        units=("",) * len(stds),
+        residual_std=float("nan"),
+        condition_number=float("nan"),
+        white_standard_errors=errors,
+        degrees_of_freedom=np.full(len(stds), np.inf),
+    )
+
+
 def independent_rows(qr_factor: QRFactor, estimate: Estimate) -> float:
     """Return the number of independent rows that give the standard errors of the correlated ones.
 

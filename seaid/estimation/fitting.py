@@ -236,7 +236,8 @@ def estimator_named(name: LinearEstimator) -> Estimator:
     return ESTIMATORS[name]
 
 
-Change = Callable[["Regression"], "Regression"]
+RowChange = Callable[["Regression"], "Regression"]
+"""A function from rows to the rows of the same equations in other columns."""
 
 
 def unchanged(rows: Regression) -> Regression:
@@ -273,7 +274,7 @@ class StoredRows:
         spans = self.spans.items()
         return sum(round((end - start) / self.steps_s[log]) + 1 for log, (start, end) in spans)
 
-    def pieces(self, change: Change | None) -> Iterator[tuple[int, Regression]]:
+    def pieces(self, change: RowChange | None) -> Iterator[tuple[int, Regression]]:
         """Yield the number of the log and the rows of every piece after `change`, if any."""
         # The file has one position: a pass over the pieces ends before the next one begins.
         self.file.seek(0)
@@ -282,7 +283,7 @@ class StoredRows:
             rows = replace(part, **arrays)
             yield log, rows if change is None else change(rows)
 
-    def logs(self, change: Change | None) -> Iterator[tuple[int, Iterator[Regression]]]:
+    def logs(self, change: RowChange | None) -> Iterator[tuple[int, Iterator[Regression]]]:
         """Yield the number of every log that has rows, and the pieces with its rows."""
         pieces = ((log, rows) for log, rows in self.pieces(change) if len(rows.y))
         for log, group in groupby(pieces, key=lambda piece: piece[0]):
@@ -322,7 +323,7 @@ def stored_estimate(
     stored: StoredRows,
     weigh: Callable[[QRFactor], Array],
     propagated: Array | None = None,
-    change: Change | None = None,
+    change: RowChange | None = None,
     cutoff_hz: float | None = None,
 ) -> tuple[Estimate, QRFactor, Array]:
     """Return the estimate from stored rows, their QR factor and the weights, as in memory.
@@ -359,7 +360,7 @@ def stored_estimate(
     return estimate, qr_factor, weights
 
 
-def _whole(stored: StoredRows, change: Change | None) -> Regression:
+def _whole(stored: StoredRows, change: RowChange | None) -> Regression:
     """Return the stored rows of all logs in memory."""
     parts = [replace(rows, run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)]
     together: dict[str, Any] = {
@@ -404,7 +405,7 @@ class FittedRows:
     propagated: Array | None
     settled: Array | None = None
     equal: bool = False
-    change: Change = unchanged
+    change: RowChange = unchanged
     constraint: tuple[Array, Array] | None = None
     shared: tuple[SharedParameter, ...] = ()
 
@@ -469,7 +470,7 @@ def with_further_columns(
         return None
 
 
-def qr_factor_of_rows(rows: Rows, change: Change) -> QRFactor:
+def qr_factor_of_rows(rows: Rows, change: RowChange) -> QRFactor:
     """Return the QR factor of rows after `change`."""
     if isinstance(rows, StoredRows):
         return combined(qr_factor_of(piece) for _, piece in rows.pieces(change))
@@ -480,7 +481,7 @@ def fit(
     rows: Rows,
     estimator: Estimator,
     propagated: Array | None = None,
-    change: Change | None = None,
+    change: RowChange | None = None,
     check: Callable[[QRFactor], None] = lambda _: None,
     cutoff_hz: float | None = None,
 ) -> FittedRows:
@@ -526,7 +527,7 @@ def with_columns(columns: Array, rows: Regression) -> Regression:
 
 
 def _effective(
-    estimator: Estimator, estimate: Estimate, change: Change, rows: Regression
+    estimator: Estimator, estimate: Estimate, change: RowChange, rows: Regression
 ) -> Regression:
     """Return rows after a change as an estimate weights them."""
     return estimator.effective_rows(change(rows), estimate)

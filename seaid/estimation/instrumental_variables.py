@@ -22,19 +22,8 @@ from scipy import linalg
 from seaid._arrays import Array, FrozenMapping, finite, safely
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import (
-    estimate_of_rows,
-    settled_weights,
-    solve,
-    weights_at,
-)
-from seaid.estimation.qr_factor import (
-    RANK_TOLERANCE,
-    ROUNDING,
-    QRFactor,
-    qr_factor_of,
-    triangle,
-)
+from seaid.estimation.least_squares import estimate_of_rows, settled_weights, solve, weights_at
+from seaid.estimation.qr_factor import RANK_TOLERANCE, ROUNDING, QRFactor, qr_factor_of, triangle
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression

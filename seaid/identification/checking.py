@@ -37,7 +37,12 @@ from seaid.errors import (
 from seaid.estimation import estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.nonlinear_terms import linearised_robot
-from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
+from seaid.identification.two_step import (
+    ONLY,
+    Condition,
+    estimate_two_step,
+    joints_with_torque,
+)
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
 from seaid.log import Log, Motion, row_samples
 from seaid.regressor import motor_regressor
@@ -162,7 +167,7 @@ def _quick_fit_findings(
             robot, datasets = linearised_robot(robot, datasets, used)
         model = load_model_of(robot, list(map(first_motion, datasets)), used)
         solver = estimator_named("wls")
-        fit = estimate_two_step({"": Condition(robot, datasets, model)}, solver).of("")
+        fit = estimate_two_step({ONLY: Condition(robot, datasets, model)}, solver).of(ONLY)
         in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
         widths = resolved_widths(robot, logs, motions)
         sides = model_sides(robot, in_memory, (fit.actuators, fit.fit), widths, (), model.base)

@@ -19,8 +19,9 @@ from seaid.estimation import FittedRows, TermTest
 from seaid.estimation.estimate import independent_rows
 from seaid.estimation.fitting import LinearEstimator
 from seaid.estimation.parameters import shared_parameters
+from seaid.identification.conclusion import conclude
 from seaid.identification.datasets import Source, sources_of
-from seaid.identification.problem import Options, concluded, solved
+from seaid.identification.problem import Options, solve
 from seaid.identification.result import Identification
 from seaid.identification.two_step import BODIES, SpecificParameters, TwoStepFits
 from seaid.robot import Robot
@@ -117,8 +118,8 @@ def identify_conditions(
         specific=SpecificParameters(tuple(condition_specific)),
     )
     sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}
-    problem = solved(robots, sources, options)
-    parts = {name: concluded(problem, name) for name in robots}
+    problem = solve(robots, sources, options)
+    parts = {name: conclude(problem, name) for name in robots}
     tests = FrozenMapping(_differences(problem.fits))
     return Conditions(FrozenMapping(parts), tuple(condition_specific), tests)
 

@@ -13,7 +13,7 @@ the motor equation, a torque sensor behind the gear in (4b), or known bodies in 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -204,8 +204,8 @@ def with_fixed_delays(
     return replace(estimate, covariance=covariance), P @ white @ P.T + _FREE * white
 
 
-def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:
-    """Return the robot with the delays of an estimate as nominal ones; itself if they converged.
+def with_estimated_delays(robot: Robot, identified: Robot) -> Robot | None:
+    """Return the robot with the delays of an estimate as nominal ones, None if they converged.
 
     Raises IdentificationError for a delay that is far beyond the range of the linearisation.
     """
@@ -223,7 +223,7 @@ def with_estimated_delays(robot: Robot, identified: Robot) -> Robot:
             scaled = replace(scaled, command_delay_s=delay)
         if scaled is not drive:
             drives[joint] = scaled
-    return robot.with_drives(drives) if drives else robot
+    return robot.with_drives(drives) if drives else None
 
 
 def _estimated_delay(joint: str, drive: Drive, identified: Drive) -> tuple[Drive, float]:
@@ -270,9 +270,25 @@ _SPRING = (
 
 
 class UnknownScaleError(IdentificationError):
-    """Equations that an unknown constant `parameter` of a `joint` makes homogeneous."""
+    """Equations that the unknown constant `scale` makes homogeneous."""
 
-    joint = parameter = ""
+    scale: UnknownScale
+
+
+@dataclass(frozen=True)
+class UnknownScale:
+    """The unknown constant `parameter` of a `joint`, and the `message` if nothing determines it."""
+
+    joint: str
+    parameter: str
+    message: str
+
+    @property
+    def error(self) -> UnknownScaleError:
+        """The error of equations that the constant makes homogeneous."""
+        error = UnknownScaleError(self.message, "known_bodies=")
+        error.scale = self
+        return error
 
 
 def check_scale(qr_factor: QRFactor) -> None:
@@ -302,14 +318,12 @@ def check_scale(qr_factor: QRFactor) -> None:
             joint = qr_factor.joint_names[qr_factor.equations[0]]
             if column.owner:
                 joint, remedy = column.owner, _LOAD_SIDE
-            problem = UnknownScaleError(
+            message = (
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
                 f"so all torques are known only up to scale. Give one of: {remedy}or the constant "
-                f"itself (known = ['{name}'])",
-                "known_bodies=",
+                f"itself (known = ['{name}'])"
             )
-            problem.joint, problem.parameter = joint, name
-            raise problem
+            raise UnknownScale(joint, name, message).error
 
 
 def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
@@ -317,11 +331,12 @@ def with_unit_scale(robot: Robot, problem: UnknownScaleError) -> Robot:
 
     Raises the problem if it is another one: gains in units of the drive still give ratios.
     """
-    drive = robot.drives.get(problem.joint)
-    if drive is None or problem.parameter != "gain_scale":
+    joint = problem.scale.joint
+    drive = robot.drives.get(joint)
+    if drive is None or problem.scale.parameter != "gain_scale":
         raise problem
     fixed = drive.with_values({"gain_scale": drive.scale_of_gains})
-    return robot.with_drives({problem.joint: replace(fixed, known=(*drive.known, "gain_scale"))})
+    return robot.with_drives({joint: replace(fixed, known=(*drive.known, "gain_scale"))})
 
 
 def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
@@ -346,7 +361,7 @@ def fit_constants(
     springs: Mapping[str, Array],
     rows: Rows,
     estimator: Estimator,
-    unscaled: Mapping[str, UnknownScaleError],
+    unscaled: Mapping[str, UnknownScale],
 ) -> FittedRows:
     """Return the fit of (8) with the motor constants of `unscaled` joints as parameters.
 
@@ -354,14 +369,14 @@ def fit_constants(
     of 1 is a column, whose parameter is the constant: known bodies give its scale. Raises
     UnknownScaleError if they do not.
     """
-    constants = {x: ParameterName(problem.parameter, x) for x, problem in unscaled.items()}
+    constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
     change = partial(with_constant_columns, robot, springs, constants=constants)
     try:
         fitted = fit(rows, estimator, None, change, check_scale)
     except UnknownScaleError:
-        raise next(iter(unscaled.values())) from None
+        raise next(iter(unscaled.values())).error from None
     for joint in _without_scale(fitted, constants):
-        raise unscaled[joint]
+        raise unscaled[joint].error
     return fitted
 
 

@@ -21,15 +21,11 @@ from seaid.checks.predictions import not_measured, unseen_motion
 from seaid.checks.setup import log_findings
 from seaid.checks.tolerances import MOST
 from seaid.checks.verdict import explained
-from seaid.errors import (
-    Finding,
-    IdentificationError,
-    SeaidError,
-    checked,
-)
+from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import Estimate
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
+from seaid.identification.conclusion import conclude
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.model_selection import with_fixed_default_terms
 from seaid.identification.output_error import (
@@ -38,7 +34,7 @@ from seaid.identification.output_error import (
     refined_by_motors,
     simulated_from_motors,
 )
-from seaid.identification.problem import Method, Options, concluded, solved
+from seaid.identification.problem import Method, Options, solve
 from seaid.identification.result import (
     Fit,
     Identification,
@@ -47,6 +43,7 @@ from seaid.identification.result import (
     extension_of,
 )
 from seaid.identification.simulated_joints import check_refinable
+from seaid.identification.two_step import ONLY
 from seaid.identification.unseen_springs import (
     cutoff_of,
     hidden_spring_findings,
@@ -168,7 +165,7 @@ _MOST_STEPS = 60
 the torque noise hides, a step goes only part of the way."""
 
 
-_LOWER = (1.0, 0.5, 0.25)
+_CUTOFF_FRACTIONS = (1.0, 0.5, 0.25)
 """Parts of the proposed cutoff that are tried in turn without joint encoders. That of a motion far
 above the antiresonance lets in derivatives of noise, which hide where a search has to start."""
 
@@ -178,58 +175,66 @@ def _identify_from_motors(
 ) -> Identification:
     """Return the identification of logs without a sensor behind the springs of some joints.
 
+    For each cutoff in turn, until one succeeds:
+
+    1. a search of the stiffnesses gives angles of the joints;
+    2. a first regression with these and its refinement give better angles;
+    3. a second regression with those and its refinement are the result.
+
     Where the fit does not end below the proposed cutoff, lower ones are tried. Raises the error of
     the proposed one if none of them shows the springs: a fit of noise may end there too.
     """
     # The simulated angles of the joints come from the springs: both sides at once add nothing.
     steps = replace(options, method="two-step", feasible=False, progress=False)
-    parts = _LOWER if options.cutoff_hz is None else (1.0,)
+    fractions = _CUTOFF_FRACTIONS if options.cutoff_hz is None else (1.0,)
     findings = log_findings(robot, logs, robot.selected(options.torque_joints))
-    with explained(partial(list, findings)):
+    with explained(lambda: findings):  # an error raised inside gets these findings as its cause
         check_refinable(robot, joints)
-        if options.limits is not None:
-            options.limits.refuse_unseen(joints)
+        if options.restrictions is not None:
+            raise options.restrictions.unseen_error(joints)
         proposed_hz = cutoff_of(robot, logs, joints, options.cutoff_hz)
-        attempt = partial(_result_of, robot, logs, joints)
-        cutoffs = (replace(steps, cutoff_hz=part * proposed_hz) for part in parts)
+        attempt = partial(_result_below, robot, logs, joints)
+        cutoffs = (replace(steps, cutoff_hz=part * proposed_hz) for part in fractions)
         result = next(successes(partial(attempt, x, k > 0) for k, x in enumerate(cutoffs)))
     return consistent_bodies(result) if options.feasible else result
 
 
-def _result_of(
+def _result_below(
     robot: Robot, logs: list[Log], joints: Sequence[str], options: Options, is_lower: bool
 ) -> Identification:
     """Return the result of a cutoff; of one `is_lower` than proposed, if it shows the springs."""
-    second = _fit(robot, _simulated(robot, logs, joints, options), options)
-    result = _refined_from_motors(second, logs, joints, options.encoder_offset_std)
+    second_regression = _fit(robot, _with_simulated_angles(robot, logs, joints, options), options)
+    result = _refined_from_motors(second_regression, logs, joints, options.encoder_offset_std)
     if is_lower and any(finding.code == "hidden-resonance" for finding in result.findings):
-        raise IdentificationError(f"the springs are hidden below {second.cutoff_hz:.3g} Hz")
+        raise IdentificationError(f"the springs are hidden below {result.cutoff_hz:.3g} Hz")
     return result
 
 
 def _fit(robot: Robot, logs: Sequence[Source], options: Options) -> Identification:
     """Return the identification of logs that have the joint position of each spring."""
-    return concluded(solved({"": robot}, {"": logs}, options), "")
+    return conclude(solve({ONLY: robot}, {ONLY: logs}, options), ONLY)
 
 
-def _simulated(robot: Robot, logs: list[Log], joints: Sequence[str], options: Options) -> list[Log]:
+def _with_simulated_angles(
+    robot: Robot, logs: list[Log], joints: Sequence[str], options: Options
+) -> list[Log]:
     """Return the logs with the angles of joints as the best of the first estimates simulates them.
 
-    A search of the stiffness gives the angles for a first regression, and its refinement these, for
-    a second, from which the terms of the drives and all findings come.
+    A first estimate is the refined first regression from one of the stiffnesses of the search.
     """
     assert options.cutoff_hz is not None
 
-    def attempt(initial: list[Log], consistent: bool) -> FirstEstimate:
-        return first_estimate(_fit(robot, initial, replace(options, feasible=consistent)), logs)
+    def estimated(initial: list[Log], is_consistent: bool) -> FirstEstimate:
+        first = _fit(robot, initial, replace(options, feasible=is_consistent))
+        return first_estimate(first, logs)
 
-    def best(initial: list[Log]) -> FirstEstimate:
+    def refined(initial: list[Log]) -> FirstEstimate:
         # An inertia as estimated may not be one to simulate.
-        return next(successes(partial(attempt, initial, x) for x in (False, True)))
+        return next(successes(partial(estimated, initial, x) for x in (False, True)))
 
     tried = list[FirstEstimate]()
     starts = starts_by_regression(robot, logs, joints, options.cutoff_hz)
-    for estimate in successes(partial(best, initial) for initial in starts):
+    for estimate in successes(partial(refined, initial) for initial in starts):
         tried.append(estimate)
         if estimate.is_at_noise:
             break
@@ -306,9 +311,10 @@ def _without_joints(fit: Fit, joints: Sequence[int]) -> Fit:
 def _contradictions(
     identification: Identification, result: Validation, unseen: Sequence[int]
 ) -> Iterator[Finding]:
-    """Yield the joints whose torque on the load is not predicted, worse than in the own logs.
+    """Yield a finding for each joint whose torque is predicted worse than in the own logs.
 
-    It is the motor torque of joints whose load side was not measured.
+    Compared is the torque on the load; of the joints at the places `unseen`, whose load side was
+    not measured, that of the motor.
     """
     is_unseen = np.isin(np.arange(len(result.joints)), unseen)
 
@@ -323,8 +329,8 @@ def _contradictions(
     where = {False: "on the load", True: "of the motor"}
     for place in suspects:
         joint, error = result.joints[place], errors[place]
-        known = [float(each[place]) for each in fits if np.isfinite(each[place])]
-        ratio = float(of(result, "rms_error")[place]) / max(known, default=np.inf)
+        in_own_logs = [float(x[place]) for x in fits if np.isfinite(x[place])]
+        ratio = float(of(result, "rms_error")[place]) / max(in_own_logs, default=np.inf)
         torque = f"the torque {where[is_unseen[place]]} of {joint}"
         yield from unseen_motion(torque, joint, float(error), ratio)
 
@@ -447,7 +453,7 @@ class CutoffSensitivity(Result):
         Over cutoffs within a factor of two of the proposed one.
         """
         ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
-        # Cutoffs that failed are NaN.
+        # Cutoffs that failed are NaN. 1.001 covers the rounding of sqrt(2)^2 and of 1/2.
         near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
         off = np.abs(self.values[near] - self.values[self.proposed])
         return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])

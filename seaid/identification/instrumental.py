@@ -45,7 +45,7 @@ from seaid.identification.simulated_joints import (
     smoothed,
 )
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
-from seaid.identification.two_step import Condition, estimate_two_step
+from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
@@ -226,8 +226,9 @@ def _settled(
             fitted=fitted,
             make=make,
         )
-        condition, before = {"": Condition(robot, datasets, model)}, estimate
-        estimate = estimate_two_step(condition, estimator, executor, equations=equations).of("")
+        conditions, before = {ONLY: Condition(robot, datasets, model)}, estimate
+        fits = estimate_two_step(conditions, estimator, executor, equations=equations)
+        estimate = fits.of(ONLY)
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
             return estimate

@@ -27,7 +27,7 @@ from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import Residuals, joined
-from seaid.identification.refined_parameters import Advance, Change, Layout, block_means
+from seaid.identification.refined_parameters import Advance, Layout, MotionChange, block_means
 from seaid.identification.simulated_joints import (
     NUDGE,
     LinearisedLoad,
@@ -451,7 +451,7 @@ class MotorDriven:
 
         return joined([rows for rows, _ in around]), advance
 
-    def changed(self, change: Change) -> MotorDriven:
+    def changed(self, change: MotionChange) -> MotorDriven:
         """Return the simulator with a change of what was logged."""
         return MotorDriven(
             [replace(x, motion=change(x.motion), measured=change(x.measured)) for x in self.runs]

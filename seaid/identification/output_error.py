@@ -42,9 +42,9 @@ from seaid.identification.motor_driven import (
 )
 from seaid.identification.refined_parameters import (
     Advance,
-    Change,
     Layout,
     LogPoint,
+    MotionChange,
     OutputError,
     Simulator,
     identification_at,
@@ -422,7 +422,7 @@ class MeasuredTorques:
         kept = replace(self, near=None if layout.nonlinear else (layout, rows))
         return replace(rows, residual=rows.residual + rows.jacobian @ x), lambda *_: kept
 
-    def changed(self, change: Change) -> MeasuredTorques:
+    def changed(self, change: MotionChange) -> MeasuredTorques:
         """Return the simulator with a change of what was logged."""
         return MeasuredTorques(change(self.motion))
 

@@ -256,7 +256,7 @@ def _positive(parameter: Parameter) -> Parameter:
 
 # Residuals
 
-Change = Callable[[Motion], Motion]
+MotionChange = Callable[[Motion], Motion]
 """Function of a motion that returns it with other inputs."""
 
 Advance = Callable[[Array, float, Array], "Simulator"]
@@ -270,7 +270,7 @@ class Simulator(Protocol):
     def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
         """Return the residuals linearised at x (p,), and how they go on from there."""
 
-    def changed(self, change: Change) -> Simulator:
+    def changed(self, change: MotionChange) -> Simulator:
         """Return the simulator with a change of what was logged."""
 
 
@@ -295,7 +295,7 @@ class OutputError:
         """Return the residuals at parameters x (p,), after a part of a step."""
         return replace(self, simulator=self._linearised[1](x - self.x, part, nuisance), x=x)
 
-    def changed(self, known: Robot, change: Change) -> OutputError:
+    def changed(self, known: Robot, change: MotionChange) -> OutputError:
         """Return the residuals for a robot with other constants, and a change of the log."""
         layout = self.layout.with_known(known)
         return replace(self, layout=layout, simulator=self.simulator.changed(change))

@@ -35,6 +35,7 @@ from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.covariance import at_slots, long_run, row_step, slots
+from seaid.estimation.estimate import independent_errors
 from seaid.estimation.fitting import Rows
 from seaid.estimation.least_squares import equal_weights, solve
 from seaid.estimation.parameters import names_of_all
@@ -49,7 +50,6 @@ from seaid.identification.stacked_fits import (
     LOAD,
     KnownErrors,
     RobotEstimate,
-    known_estimate,
     offset_lever,
     sensed_spring,
 )
@@ -262,8 +262,9 @@ def _cutoff_findings(
         better = _better_cutoff(robot, joint, cutoff_hz, compress(rows.names, scores))
         remedy = f"{better}; compare others with cutoff_sensitivity"
         values = [narrow.values, wide.values]
+        owner = "" if joint == LOAD else joint
         yield from disagreement(
-            CODES["cutoff-sensitive"], joint, narrow.rows, values, scores, ways, remedy
+            CODES["cutoff-sensitive"], owner, narrow.rows, values, scores, ways, remedy
         )
 
 
@@ -489,7 +490,7 @@ def encoder_offsets(robot: Robot, std: float) -> list[Constant]:
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class GivenConstants:
     """What was given as known of the robots of all conditions, with standard deviations.
 
     `constants` {condition: its constants} have one error in all conditions, as the drives are the
@@ -512,7 +513,7 @@ class Given:
         stds = {constant.key: constant.std for constant in self.common}
         own = [x.key for x in self.common if x.is_offset and len(self.conditions) > 1]
         names = {key: names_of_all([key], [*self.conditions], own.__contains__) for key in stds}
-        return known_estimate({str(name): stds[key] for key in names for name in names[key]})
+        return independent_errors({str(name): stds[key] for key in names for name in names[key]})
 
     @contextmanager
     def rows(self, estimates: Mapping[str, RobotEstimate]) -> Iterator[Mapping[str, Rows]]:
@@ -529,11 +530,11 @@ class Given:
             propagated_names(first.robot, [*sides.springs]),
             sides.fit.rows is None,
             self.executor,
-            known=[constant.key for constant in self.common],
-        ) as (rows, _):
-            yield rows
+            error_names=[constant.key for constant in self.common],
+        ) as of_conditions:
+            yield of_conditions.rows
 
-    def known(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
+    def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
         """Return the errors with the slopes of estimates in turn."""
         turn, errors, load = next(iter(estimates.values())).turn, self.errors, None
         assert turn is not None
@@ -562,15 +563,15 @@ class Given:
         if any(sides.turn is None for sides in estimates.values()):
             wide = {name: self._included_at_once(name, x) for name, x in estimates.items()}
         else:
-            known = self.known(estimates)
-            wide = {name: x.with_errors(known, name) for name, x in estimates.items()}
+            known_errors = self.known_errors(estimates)
+            wide = {name: x.with_errors(known_errors, name) for name, x in estimates.items()}
         scales = [shared_scale(x.std) for x in self.common if x.name == "torque"]
         return {name: replace(x, findings=(*x.findings, *scales)) for name, x in wide.items()}
 
     def _included_at_once(self, name: str, sides: RobotEstimate) -> RobotEstimate:
         """Return the estimate of both sides at once with the errors of what was given."""
         assert sides.refit is not None
-        constants = known_estimate({x.key: x.std for x in self.common if not x.is_offset})
+        constants = independent_errors({x.key: x.std for x in self.common if not x.is_offset})
         k = len(constants.names)
         with self.rows({name: sides}) as rows:
             both = rows[LOAD]

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,9 +27,9 @@ from seaid.estimation.nonlinear_least_squares import Residuals
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.refined_parameters import (
     Advance,
-    Change,
     Layout,
     LogPoint,
+    MotionChange,
     block_means,
     layout_of,
     point_of,
@@ -206,7 +206,7 @@ class CommandDriven:
         late = rows.time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
         return replace(rows, kept=rows.kept & late[..., None]), lambda *_: self
 
-    def changed(self, change: Change) -> CommandDriven:
+    def changed(self, change: MotionChange) -> CommandDriven:
         """Return the simulator itself, as commands are inputs that have no scale."""
         return self
 
@@ -390,11 +390,12 @@ def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSp
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a method that goes on from two steps cannot do.
+class Restrictions:
+    """What a method that goes on from two steps refuses.
 
-    `why` it needs a base that is held. Springs have the parameters `needed`, and are linear: `what`
-    says so, and `instead` is the option for others.
+    `option` is how the method is asked for, and `instead` the option for robots that it refuses.
+    `why` is the reason for which the base has to be held. Springs have to be linear and to have the
+    parameters `needed`, which `what` says.
     """
 
     option: str
@@ -429,9 +430,9 @@ class Limits:
                 self.option,
             )
 
-    def refuse_unseen(self, joints: Sequence[str]) -> NoReturn:
-        """Raise IdentificationError for joints without encoder, where the method does nothing."""
-        raise IdentificationError(
+    def unseen_error(self, joints: Sequence[str]) -> IdentificationError:
+        """Return the error for joints without encoder, where the method does nothing."""
+        return IdentificationError(
             f"{self.option} needs the joint position of each spring, and the logs have none of "
             f"{listed(joints)}: these springs are found by a refinement that simulates the motors, "
             f"whatever the first estimate is; remove {self.option}, or log the joint position",
@@ -439,7 +440,7 @@ class Limits:
         )
 
 
-AT_ONCE = Limits(
+AT_ONCE = Restrictions(
     option='method="simultaneous"',
     instead='method="two-step"',
     why="without contact forces each equation has the deflections of several springs",
@@ -448,7 +449,7 @@ AT_ONCE = Limits(
 )
 
 
-BY_INSTRUMENTS = Limits(
+BY_INSTRUMENTS = Restrictions(
     option='estimator="iv"',
     instead='estimator="wls"',
     why="its instruments are a simulation, and seaid does not simulate contacts",

@@ -27,7 +27,7 @@ from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.terms import parameter_of
 from seaid.errors import Finding
 from seaid.estimation import Estimate, FittedRows, SharedParameter
-from seaid.estimation.estimate import ModelChecks, independent_rows
+from seaid.estimation.estimate import ModelChecks, independent_errors, independent_rows
 from seaid.estimation.fitting import Rows
 from seaid.estimation.parameters import Constraints, shared_columns, shared_parameters
 from seaid.estimation.qr_factor import QRFactor, triangle
@@ -38,7 +38,7 @@ from seaid.robot import Robot
 if TYPE_CHECKING:
     from seaid.log import Motion
 
-LOAD = ""
+LOAD = "load side (8)"
 """Key of the load side among equations named by joint."""
 
 SCALE = ParameterName("scale")
@@ -77,21 +77,6 @@ def offset_lever(robot: Robot, joint: str) -> float:
     return drive.ratio / drive.motor_radius
 
 
-def known_estimate(stds: Mapping[str, float]) -> Estimate:
-    """Return independent errors {name: standard deviation} as an estimate of zeros."""
-    errors = np.array([*stds.values()], dtype=float)
-    return Estimate(
-        names=tuple(stds),
-        values=np.zeros(len(stds)),
-        covariance=np.diag(errors**2),
-        units=("",) * len(stds),
-        residual_std=float("nan"),
-        condition_number=float("nan"),
-        white_standard_errors=errors,
-        degrees_of_freedom=np.full(len(stds), np.inf),
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class KnownErrors:
     """The errors (k,) of what was given as known.
@@ -114,7 +99,7 @@ class KnownErrors:
         return self.slopes.get(equation, nothing)
 
 
-EXACT = KnownErrors(known_estimate({}))
+EXACT = KnownErrors(independent_errors({}))
 """Nothing that was given as known has an error."""
 
 

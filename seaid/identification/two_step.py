@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +22,7 @@ from seaid.drives.terms import joint_of, parameter_of, places_of
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimator, FittedRows, SharedParameter, fit
 from seaid.estimation.estimate import ModelChecks
-from seaid.estimation.fitting import Change, Rows, qr_factor_of_rows, with_columns
+from seaid.estimation.fitting import RowChange, Rows, qr_factor_of_rows, with_columns
 from seaid.estimation.instrumental_variables import (
     deflection_instruments,
     instrumental,
@@ -35,6 +35,7 @@ from seaid.estimation.parameters import Share, joined_rows, shares_of
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory, rows_of_equations
 from seaid.identification.drive_estimates import (
     CONSTANTS,
+    UnknownScale,
     UnknownScaleError,
     check_scale,
     fit_constants,
@@ -65,7 +66,8 @@ from seaid.robot import Robot
 from seaid.robot.transmission import group_of
 
 _OF_CURRENT = "torque_constant"
-"""That of a current, which is measured, with noise; a voltage is what the drive applies."""
+"""The constant of a current. A current is measured with noise, so that its column biases least
+squares; a voltage is what the drive applies, without noise."""
 
 _NEEDED = (STIFFNESS, "spring_offset", "deflection_zero")
 
@@ -83,6 +85,10 @@ class Condition:
         """The motions, of long logs those of their first pieces."""
         return [first_motion(dataset) for dataset in self.datasets]
 
+
+ONLY = ""
+"""Name of the condition of an identification that has no other: its parameters have none in their
+names."""
 
 BODIES = "bodies"
 """Stands for all base parameters among those that are specific to a condition."""
@@ -112,15 +118,17 @@ ENCODER_OFFSET = "encoder_offset"
 
 @dataclass(frozen=True, eq=False)
 class TwoStepFits:
-    """The fits of the equations of all conditions, in whose names a condition may be.
+    """One fit per equation over all conditions.
 
-    `shares` are {equation: {condition: its rows}}, and `known` the errors that all estimates have.
+    A parameter that is not shared has one column per condition, with the condition in its name.
+    `shares` {equation: {condition: its rows}} are those of `ConditionRows`, and `known_errors` the
+    errors of what was given as known, which all estimates have.
     """
 
     conditions: Mapping[str, Condition]
     turn: FitsInTurn
     shares: Mapping[str, Mapping[str, Share]]
-    known: KnownErrors = EXACT
+    known_errors: KnownErrors = EXACT
 
     @property
     def actuators(self) -> Mapping[str, FittedRows]:
@@ -130,17 +138,18 @@ class TwoStepFits:
     @property
     def load(self) -> FittedRows:
         """The fit of the load side."""
-        load = self.known.fit or self.turn.load
+        load = self.known_errors.fit or self.turn.load
         assert load is not None
         return load
 
     def of(self, name: str) -> RobotEstimate:
         """Return the estimate of the robot of one condition."""
         robot, model = self.conditions[name].robot, self.conditions[name].model
-        drives, load_side = self.turn.of_condition(name, model.names, self.known)
+        drives, load_side = self.turn.of_condition(name, model.names, self.known_errors)
         names = self.load.estimate.names
         columns = [names[place] for place in places_of(names, name)]
-        # The columns after those of the model are torque offsets.
+        # `model.expressions` are the base parameters. The drive parameters follow in `model.names`,
+        # and torque offsets follow these: a drive may lack its parameters, but not its bodies.
         optional = columns[len(model.expressions) : len(model.names)]
         excluded = {joint: self._excluded(joint, name, x) for joint, x in self.actuators.items()}
         return RobotEstimate(
@@ -174,12 +183,12 @@ def estimate_two_step(
     progress: bool = False,
     specific: SpecificParameters = NOTHING_SPECIFIC,
     equations: Mapping[str, Regress] | None = None,
-    further: tuple[Array, Array] | None = None,
+    sensor_errors: TorqueErrors | None = None,
 ) -> TwoStepFits:
     """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
-    Parameters that are not `specific` are the same in all conditions. `further` are columns (R, k)
-    of the load side of one condition by which errors of known covariance (k, k) change its torques.
+    Parameters that are not `specific` are the same in all conditions. `sensor_errors` change the
+    torques of one condition.
 
     `equations` compute the rows of one condition in place of `two_step_equations`, in columns that
     `estimator` knows and that its `effective_rows` converts to the plain ones; torque offsets then
@@ -192,20 +201,20 @@ def estimate_two_step(
     sensed = tuple(joint for joint in sensed if not specific.of_drive(joint, STIFFNESS))
     by_condition = {
         name: equations
-        or {**two_step_equations(x.robot, x.model, joints), **_sensed_springs(x.robot, sensed)}
+        or {**two_step_equations(x.robot, x.model, joints), **_spring_equations(x.robot, sensed)}
         for name, x in conditions.items()
     }
     stored, propagated = estimator.weigh is not None, propagated_names(robot, joints)
+    is_plain = equations is None
     with rows_of_conditions(
         conditions, specific, by_condition, propagated, stored, executor, progress
-    ) as (rows, shares):
-        turn = _Motors(robot, motions, estimator, joints, sensed).fitted(rows)
-        is_plain = equations is None
-        refit = partial(fit_load, turn, estimator, motions[0].cutoff_hz, is_plain, further)
-        turn = replace(
-            turn, load=refit(rows[LOAD], np.zeros((0, 0))), refit=refit if is_plain else None
-        )
-    return TwoStepFits(conditions, turn, shares)
+    ) as of_conditions:
+        rows = of_conditions.rows
+        motors = _Motors(robot, motions, estimator, joints, sensed).fitted(rows)
+        side = LoadSideFit(motors, estimator, motions[0].cutoff_hz, is_plain, sensor_errors)
+        load = side.fit(rows[LOAD], np.zeros((0, 0)))
+    turn = replace(motors, load=load, refit=side.fit if is_plain else None)
+    return TwoStepFits(conditions, turn, of_conditions.shares)
 
 
 def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
@@ -213,6 +222,17 @@ def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
     return [
         ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionRows:
+    """The rows {equation: its rows} over all conditions, and who has which of them.
+
+    `shares` are {equation: {condition: its rows}}, none for one condition, which has all rows.
+    """
+
+    rows: Mapping[str, Rows]
+    shares: Mapping[str, Mapping[str, Share]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -224,18 +244,18 @@ def rows_of_conditions(
     stored: bool,
     executor: Executor | None,
     progress: bool = False,
-    known: Sequence[str] = (),
-) -> Iterator[tuple[Mapping[str, Rows], Mapping[str, Mapping[str, Share]]]]:
-    """Yield the rows of the equations {condition: {equation: its rows}}, and who has which rows.
+    error_names: Sequence[str] = (),
+) -> Iterator[ConditionRows]:
+    """Yield the rows of the `equations` {condition: {equation: function for its rows}}.
 
     Those of one condition may be stored in files. `propagated` are the columns that the load side
-    has besides its own; those of `known` errors, which all conditions share but for encoder
-    offsets, are in every equation.
+    has besides its own. Every equation has columns of the errors of known constants, which are
+    called `error_names`; all conditions share these but for encoder offsets.
     """
     if len(conditions) == 1:
         ((name, only),) = conditions.items()
         with rows_of_equations(only.datasets, equations[name], stored, executor, progress) as rows:
-            yield rows, {}
+            yield ConditionRows(rows)
         return
     parts = {
         name: rows_in_memory(x.datasets, equations[name], executor, progress)
@@ -249,15 +269,16 @@ def rows_of_conditions(
     for key, rows_of_all in by_equation.items():
         is_load, drive = key == LOAD, partial(specific.of_drive, joint_of(key) or key)
         of_equation: Callable[[str], bool] = specific.of_load if is_load else drive
-        further = [*propagated, *known] if is_load else known
-        is_specific = partial(_is_specific, of_equation, known)
-        joined[key] = joined_rows(rows_of_all, is_specific, further)
-    yield joined, {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
+        propagated_of_all = [*propagated, *error_names] if is_load else error_names
+        is_specific = partial(_is_specific, of_equation, error_names)
+        joined[key] = joined_rows(rows_of_all, is_specific, propagated_of_all)
+    shares = {key: shares_of(rows_of_all) for key, rows_of_all in by_equation.items()}
+    yield ConditionRows(joined, shares)
 
 
-def _is_specific(of_equation: Callable[[str], bool], known: Sequence[str], name: str) -> bool:
+def _is_specific(of_equation: Callable[[str], bool], error_names: Sequence[str], name: str) -> bool:
     """Whether each condition has a column for itself: encoders are zeroed at each start."""
-    return name.startswith(ENCODER_OFFSET) if name in known else of_equation(name)
+    return name.startswith(ENCODER_OFFSET) if name in error_names else of_equation(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,19 +298,18 @@ class _Motors:
     def fitted(self, rows: Mapping[str, Rows]) -> FitsInTurn:
         """Return the fits of the motor equations, and of what gives their constants."""
         robot, estimator, motions = self.robot, self.estimator, self.motions
-        motors, unscaled = dict[str, FittedRows](), dict[str, UnknownScaleError]()
+        motors, unscaled = dict[str, FittedRows](), dict[str, UnknownScale]()
         for joint in robot.elastic_joints:
-            try:
-                motors[joint] = fit_actuator(robot, motions, joint, rows[joint], estimator)
-            except UnknownScaleError as problem:
-                motors[joint] = self._fitted_for_one(joint, rows[joint], problem)
-                unscaled[joint] = problem
-        by_sensor = {
-            joint: _fit_spring(robot, motions, joint, rows[sensed_spring(joint)], estimator)
-            for joint in unscaled
-            if joint in self.sensed
-        }
-        constants = {x: ParameterName(problem.parameter, x) for x, problem in unscaled.items()}
+            fitted = fit_actuator(robot, motions, joint, rows[joint], estimator)
+            if isinstance(fitted, UnknownScale):
+                unscaled[joint] = fitted
+                fitted = self._fitted_for_one(joint, rows[joint], fitted)
+            motors[joint] = fitted
+        by_sensor = {}
+        for joint in (joint for joint in unscaled if joint in self.sensed):
+            spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=motions[0].cutoff_hz)
+            by_sensor[joint] = _with_noisy_deflection(robot, motions, joint, spring, estimator)
+        constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
         turn = FitsInTurn(robot, motors, self.joints, constants, by_sensor)
         of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
         if not of_load:
@@ -298,11 +318,11 @@ class _Motors:
         scales = fit_constants(robot, springs, rows[LOAD], estimator, of_load)
         return replace(turn, by_load=scales)
 
-    def _fitted_for_one(self, joint: str, rows: Rows, problem: UnknownScaleError) -> FittedRows:
-        """Return the fit for a motor constant of 1; raises the problem if nothing gives it."""
+    def _fitted_for_one(self, joint: str, rows: Rows, scale: UnknownScale) -> FittedRows:
+        """Return the fit for a motor constant of 1; raises the error if nothing gives it."""
         # The load would scale each drive of a group for itself.
         if joint not in (*self.joints, *self.sensed) or groups_of(self.robot.drives):
-            raise problem
+            raise scale.error
         # With a constant of 1 the input is in y, where its noise does not attenuate anything: the
         # fit needs no correction for a noisy column.
         cutoff_hz = self.motions[0].cutoff_hz
@@ -323,7 +343,7 @@ def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, Mo
 def two_step_equations(
     robot: Robot, model: LoadModel, springs: Sequence[str]
 ) -> dict[str, Regress]:
-    """Return the functions for the rows: of each elastic joint, and of the load side ("")."""
+    """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`)."""
     # Springs of zero have no torque in y, but their columns T of (4b) are in `propagated`: after
     # the fits of the springs s, y + T s is (8) with their torque, and T C_s T^T its covariance.
     zero = without_torque(robot, springs)
@@ -335,9 +355,15 @@ def two_step_equations(
 
 def fit_actuator(
     robot: Robot, motions: Sequence[Motion], joint: str, rows: Rows, estimator: Estimator
-) -> FittedRows:
-    """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
-    fitted = fit_inputs(rows, estimator, None, None, motions[0].cutoff_hz)
+) -> FittedRows | UnknownScale:
+    """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured.
+
+    Returns the unknown motor constant if that makes the equation homogeneous.
+    """
+    try:
+        fitted = fit_inputs(rows, estimator, None, None, motions[0].cutoff_hz)
+    except UnknownScaleError as problem:
+        return problem.scale
     fitted = with_shared_parameters(robot.drives, fitted, joint)
     if not has_only_spring_torque(robot, motions, joint):
         return fitted
@@ -348,7 +374,7 @@ def _with_noisy_deflection(
     robot: Robot, motions: Sequence[Motion], joint: str, fitted: FittedRows, estimator: Estimator
 ) -> FittedRows:
     """Return the fit of (4b) by errors in variables, if its spring is linear and has an offset."""
-    plain = fitted.estimate.names == ("stiffness", "spring_offset")
+    plain = fitted.estimate.names == (STIFFNESS, "spring_offset")
     if not plain or not estimator.weigh or fitted.rows is None:
         return fitted
     instruments = deflection_instruments(fitted.rows, noise_ratio(robot, motions, joint))
@@ -386,64 +412,73 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
             )
 
 
-def _sensed_springs(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
+def _spring_equations(robot: Robot, joints: Sequence[str]) -> dict[str, Regress]:
     return {sensed_spring(x): partial(spring_regression, robot, joint=x) for x in joints}
 
 
-def _fit_spring(
-    robot: Robot, motions: Sequence[Motion], joint: str, rows: Rows, estimator: Estimator
-) -> FittedRows:
-    """Fit (4b) of a spring whose torque was measured."""
-    fitted = fit(rows, estimator, cutoff_hz=motions[0].cutoff_hz)
-    return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
+@dataclass(frozen=True, eq=False)
+class TorqueErrors:
+    """Errors (k,) of a `covariance` (k, k), and the `columns` (R, k) by which they change y."""
+
+    columns: Array
+    covariance: Array
 
 
-def fit_load(
-    turn: FitsInTurn,
-    estimator: Estimator,
-    cutoff_hz: float,
-    free: bool,
-    further: tuple[Array, Array] | None,
-    rows: Rows,
-    errors: Array,
-) -> FittedRows:
-    """Fit (8) from rows without spring torque, with columns of the identifiable torque offsets.
+@dataclass(frozen=True, eq=False)
+class LoadSideFit:
+    """How (8) is fitted once the `motors` are: with their springs' torques and torque offsets."""
 
-    `errors` is the covariance of the last propagated columns, which are used besides those of the
-    springs, and `further` are more columns with theirs. Unless `free`, torque offsets are 0.
+    motors: FitsInTurn
+    estimator: Estimator
+    cutoff_hz: float
+    has_torque_offsets: bool
+    sensor_errors: TorqueErrors | None
+
+    def fit(self, rows: Rows, error_covariance: Array) -> FittedRows:
+        """Fit (8) from rows without spring torque, with columns of identifiable torque offsets.
+
+        The last propagated columns of the rows are those of errors of the `error_covariance`
+        (k, k), those of the springs the first; what is between them is not used.
+        """
+        robot, motors = self.motors.robot, self.motors
+        springs = {joint: motors.spring(joint) for joint in motors.springs}
+        covariances = [motors.drives.of_names(motors.spring_names).covariance, error_covariance]
+        if self.sensor_errors is not None and isinstance(rows, Regression):
+            columns = np.hstack([rows.propagated, self.sensor_errors.columns])
+            rows = replace(rows, propagated=columns)
+            covariances.append(self.sensor_errors.covariance)
+        covariance = linalg.block_diag(*covariances)
+        freed = tuple(joint for joint, x in springs.items() if offset_places(x))
+        freed = freed if self.has_torque_offsets else ()
+        if freed:
+            with_all = partial(with_torque_columns, robot, springs, freed)
+            # All offsets are tried at once: a column that gravity nearly explains is dropped again.
+            freed = identifiable_offsets(qr_factor_of_rows(rows, with_all), freed)
+        change: RowChange = partial(with_torque_columns, robot, springs, freed)
+        if error_covariance.size:
+            count = len(motors.spring_names)
+            change = partial(_with_outer_columns, change, count, len(covariance) - count)
+        propagated = covariance if covariance.size else None
+        fitted = fit_inputs(rows, self.estimator, propagated, change, self.cutoff_hz)
+        return with_shared_parameters(robot.drives, fitted)
+
+
+def _with_outer_columns(
+    change: RowChange, springs: int, errors: int, rows: Regression
+) -> Regression:
+    """Return changed rows with the propagated columns of springs and errors only.
+
+    The `springs` are the first columns, the `errors` the last ones.
     """
-    robot, springs = turn.robot, {joint: turn.spring(joint) for joint in turn.springs}
-    known = [turn.drives.of_names(turn.spring_names).covariance, errors]
-    if further is not None and isinstance(rows, Regression):
-        rows = replace(rows, propagated=np.hstack([rows.propagated, further[0]]))
-        known.append(further[1])
-    covariance = linalg.block_diag(*known)
-    propagated = covariance if covariance.size else None
-    freed = tuple(joint for joint, spring in springs.items() if free and offset_places(spring))
-    if freed:
-        columns = partial(with_torque_columns, robot, springs, freed)
-        # All offsets are tried at once: a column that gravity nearly explains is dropped again.
-        freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
-    change: Change = partial(with_torque_columns, robot, springs, freed)
-    if errors.size:
-        first = len(turn.spring_names)
-        change = partial(_with_last, change, first, len(covariance) - first)
-    fitted = fit_inputs(rows, estimator, propagated, change, cutoff_hz)
-    return with_shared_parameters(robot.drives, fitted)
-
-
-def _with_last(change: Change, first: int, last: int, rows: Regression) -> Regression:
-    """Return changed rows with the first and the last of their propagated columns."""
-    propagated = rows.propagated
-    used = np.hstack([propagated[:, :first], propagated[:, propagated.shape[1] - last :]])
-    return change(replace(rows, propagated=used))
+    places = np.r_[:springs, rows.propagated.shape[1] - errors : rows.propagated.shape[1]]
+    return change(replace(rows, propagated=rows.propagated[:, places]))
 
 
 def fit_inputs(
     rows: Rows,
     estimator: Estimator,
     propagated: Array | None,
-    change: Change | None,
+    change: RowChange | None,
     cutoff_hz: float | None,
 ) -> FittedRows:
     """Fit rows with the noise of logged currents in their own columns; see `unattenuated`.
@@ -460,8 +495,9 @@ def fit_inputs(
     if theta is None:
         return fitted
 
-    # Least squares with the predicted columns c + r / k has the solution and the residual of
-    # `unattenuated`, so that covariance and checks, which come from the rows, are those of it.
+    # Of a noisy column c with the parameter k and the residual r, c + r / k is the column without
+    # its noise. Least squares with it has the solution and the residual of `unattenuated`, so that
+    # covariance and checks, which come from the rows, are those of it.
     def predicted(part: Regression) -> Regression:
         return with_predicted_columns(part if change is None else change(part), theta, noisy)
 

@@ -34,12 +34,7 @@ from seaid.regressor.base import (
     negligible,
 )
 from seaid.regressor.motor_only import base_by_derivatives
-from seaid.regressor.random_instants import (
-    SumRows,
-    dependencies,
-    random_truth,
-    rows_of_sums,
-)
+from seaid.regressor.random_instants import SumRows, dependencies, random_truth, rows_of_sums
 from seaid.regressor.sensor_equations import (
     MOTOR_SIGNALS,
     System,

@@ -1,0 +1,220 @@
+"""From fitted equations to the identification of a condition: its values, and all findings.
+
+A mistake of the set-up may be the cause of what values and fits show. So the set-up is judged
+first, then what the equations lack, and then how well they fit: each finding comes next to those
+that may explain it, see `consequences`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import BoolArray, FrozenMapping
+from seaid.checks import CODES
+from seaid.checks.channels import standstill_findings
+from seaid.checks.codes import consequences, guarded, is_wrong
+from seaid.checks.commands import delay_estimate_findings
+from seaid.checks.experiment import experiment_of
+from seaid.checks.model import model_findings, without_echoes, without_setup_echoes
+from seaid.checks.setup import joint_checks
+from seaid.checks.values import scale_of_bodies, shared_findings, unknown_scales
+from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
+from seaid.drives import ParameterName
+from seaid.drives.terms import places_of
+from seaid.errors import Finding
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of
+from seaid.identification.datasets import first_motion
+from seaid.identification.drive_estimates import with_free_scale
+from seaid.identification.model_selection import backlash_findings
+from seaid.identification.nonlinear_terms import with_searched_values
+from seaid.identification.result import (
+    Identification,
+    consistent_bodies,
+    extension_of,
+    feasible_of,
+    identification_of,
+    value_findings,
+    with_value_findings,
+)
+from seaid.identification.sensitivity import (
+    exact_constants,
+    scaled_by_bodies,
+    sensitivity_findings,
+)
+from seaid.identification.stacked_fits import LOAD
+from seaid.identification.two_step import TwoStepFits
+from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.identification.problem import Problem
+
+
+def conclude(problem: Problem, name: str) -> Identification:
+    """Return the identification of a condition, with what its values and the checks show."""
+    case, options, estimate = problem.cases[name], problem.options, problem.estimates[name]
+    is_only, cutoff_hz = problem.only is not None, case.datasets[0].cutoff_hz
+    findings = _setup_findings(problem, name)
+    factors = None if is_only else motor_factors(problem.fits, name)
+    values = value_findings(estimate, case.nominal, case.robot, factors)
+    weak = {finding.joint for finding in values if finding.code == "weak-spring"}
+    # A term that the equations lack changes the values: what it explains is no finding of them.
+    lacking = problem.lacking
+    with guarded(CODES["missing-term"], findings):
+        values, lacking = without_echoes(values, lacking, cutoff_hz)
+        findings += consequences(findings, model_findings(lacking, findings))
+    # Estimators and cutoffs are compared by the noise of the logs alone, so that this comes before
+    # the estimate with the errors of constants.
+    if is_only and not is_wrong(findings):
+        equations = case.robot, case.datasets, case.condition.model
+        with guarded(CODES["estimator-disagrees"], findings):
+            findings += sensitivity_findings(*equations, problem.two_step[name], options.estimator)
+    result = _identification(problem, name)
+    estimate = problem.with_errors_of_constants[name]
+    with guarded(CODES["drives-differ"], values):
+        values += shared_findings(estimate.shared)
+    values += [*estimate.findings, *result.findings]
+    motors = (side for side in lacking if side.side.is_motor)
+    joints_lacking_a_term = {joint for side in motors for _, joint in side.doubtful}
+    # The fit is judged without the findings of the values, which are no causes of it.
+    result = _with_fit_quality(problem, name, result, findings, weak, joints_lacking_a_term)
+    result = with_value_findings(result, values)
+    # With several conditions the bodies of each are made consistent after the fit of all.
+    result = consistent_bodies(result) if options.feasible and not is_only else result
+    return _with_free_scales(problem, name, result)
+
+
+def _identification(problem: Problem, name: str) -> Identification:
+    """Return the identification with the errors of what was given as known."""
+    case, estimate = problem.cases[name], problem.with_errors_of_constants[name]
+    robot, model = case.robot, case.condition.model
+    searched = with_searched_values(estimate.drives, case.nominal, robot)
+    estimate = replace(estimate, drives=searched)
+    is_consistent = problem.options.feasible and problem.only is not None
+    consistent = feasible_of(robot, model, estimate) if is_consistent else None
+    return identification_of(robot, model, estimate, case.datasets, consistent, case.declared)
+
+
+def _with_free_scales(problem: Problem, name: str, result: Identification) -> Identification:
+    """Return a result whose gains in units of the drive have unknown scales again, as given."""
+    case, findings = problem.cases[name], [*result.findings]
+    with guarded(CODES["command-delay"], findings):
+        findings += delay_estimate_findings(case.logs.experiment.robot, result.load_side)
+    with guarded(CODES["gain-scale"], findings):
+        findings += unknown_scales(result.robot, result.load_side, problem.unscaled)
+    robot, nominal = result.robot, problem.nominals.get(name, case.nominal)
+    scaled = with_free_scale(robot, problem.unscaled)
+    return replace(result, robot=scaled, nominal=nominal, findings=tuple(findings))
+
+
+def _setup_findings(problem: Problem, name: str) -> list[Finding]:
+    """Return what is wrong with a set-up, with what that of other conditions does to it."""
+    case, logs = problem.cases[name], problem.cases[name].logs
+    findings = list(logs.setup_findings)
+    mistakes = [finding for finding in findings if finding not in logs.channel_findings]
+    findings += [
+        replace(
+            finding, message=f"in condition '{source}', which shares parameters: {finding.message}"
+        )
+        for source, of_source in problem.cases.items()
+        for finding in of_source.logs.setup_findings
+        if source != name and finding.severity == "wrong"
+    ]
+    robot = logs.experiment.robot
+    selected = robot.selected(problem.options.torque_joints)
+    findings += extension_of(robot).torque_findings(robot, selected, case.used)
+    findings += consequences(findings, standstill_findings(case.stopped, logs.standing))
+    findings += [] if case.bias is None else case.bias.findings()
+    findings += problem.notes
+
+    def shown_by(robot: Robot) -> list[Finding]:
+        return logs.findings_of(experiment_of(robot, logs.motions_by_log))
+
+    return without_setup_echoes(findings, mistakes, problem.lacking, case.declared, shown_by)
+
+
+def motor_factors(fits: TwoStepFits, condition: str) -> dict[str, QRFactor]:
+    """Return the QR factors {joint: factor} of the motor equations of one condition."""
+    factors = {}
+    for joint, fit in fits.actuators.items():
+        assert fit.rows is not None
+        rows = fit.rows.at(fits.shares[joint][condition].rows)
+        places = places_of(rows.names, condition)
+        rows = rows.of_columns(places)
+        names = tuple(ParameterName.of(name).within(None) for name in rows.names)
+        factors[joint] = qr_factor_of(replace(rows, names=names))
+    return factors
+
+
+_CONDITIONS_DIFFER = (
+    "; or the conditions differ: give each robot the payload it had (payload=), and name the "
+    "parameters that differ (condition_specific=)"
+)
+
+
+def _own_rows(problem: Problem, name: str) -> tuple[BoolArray | None, dict[int, int]]:
+    """Return the rows of a condition in the load side, None for all, and {run: number of log}."""
+    groups, rows = problem.cases[name].logs.motions_by_log, problem.two_step[name].fit.rows
+    numbers = list(chain(*([number] * len(group) for number, group in enumerate(groups, 1))))
+    if problem.only is not None or rows is None:
+        return None, dict(enumerate(numbers))
+    own = np.zeros(len(rows.y), dtype=bool)
+    own[problem.fits.shares[LOAD][name].rows] = True
+    runs = np.unique(rows.run[own]).astype(int).tolist()
+    return own, dict(zip(runs, numbers, strict=False))
+
+
+def _with_fit_quality(
+    problem: Problem,
+    name: str,
+    result: Identification,
+    known: Sequence[Finding],
+    weak: Collection[str],
+    joints_lacking_a_term: Collection[str],
+) -> Identification:
+    """Return a result with how well it explains the experiment, after the findings `known` so far.
+
+    Some joints have a spring that looks `weak`, and may have backlash; the motor equations of some
+    lack a term.
+    """
+    case, sides, is_only = problem.cases[name], problem.two_step[name], problem.only is not None
+    robot, experiment, findings = case.robot, case.experiment, [*known]
+    # The two-step fit is judged: rows of both sides at once have no torque of a spring as a target,
+    # of which the errors are a part.
+    own, logs = _own_rows(problem, name)
+    judged = RobotFit(robot.joint_names, sides.fit, own=own, logs=logs)
+    judged = replace(judged, weak=weak, lacking=joints_lacking_a_term)
+    bodies = result.robot.parameters + robot.payload_parameters
+    of_load = case.condition.model.base, result.load
+    explains = robot_fit(judged, sides.actuators, experiment, bodies, case.logs.locked, *of_load)
+    of_fit = [
+        replace(finding, remedy=f"{finding.remedy}{_CONDITIONS_DIFFER}")
+        if finding.code == "no-fit" and not is_only
+        else finding
+        for finding in fit_findings(explains)
+    ]
+    findings += consequences(findings, of_fit)
+    drives = [joint for joint in result.drives if joint in weak]
+    backlash = backlash_findings(case.nominal, case.logs.sources, drives, case.used)
+    findings += consequences(findings, backlash)
+    exact = exact_constants(robot, problem.options.known_std)
+    findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
+    extension = extension_of(robot)
+    if is_only:
+        of_rows = extension.fit_findings(result, case.datasets, sides.fit, case.bias)
+        findings += consequences(findings, of_rows)
+    findings += extension.value_findings(case.declared, result)
+    setup = joint_checks(experiment, list(map(first_motion, case.datasets)), findings)
+    return replace(
+        result,
+        findings=tuple(findings),
+        joint_fits=explains.joints,
+        residual=explains.residual,
+        exact_constants=exact,
+        known_std=FrozenMapping(dict(problem.options.known_std)),
+        setup=setup,
+    )
