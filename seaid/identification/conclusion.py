@@ -70,9 +70,9 @@ def conclude(problem: Problem, name: str) -> Identification:
     # Estimators and cutoffs are compared by the noise of the logs alone, so that this comes before
     # the estimate with the errors of constants.
     if is_only and not is_wrong(findings):
-        equations = case.robot, case.datasets, case.condition.model
         with guarded(CODES["estimator-disagrees"], findings):
-            findings += sensitivity_findings(*equations, problem.two_step[name], options.estimator)
+            two_step = problem.two_step[name]
+            findings += sensitivity_findings(case.condition, two_step, options.estimator)
     result = _identification(problem, name)
     estimate = problem.with_errors_of_constants[name]
     with guarded(CODES["drives-differ"], values):

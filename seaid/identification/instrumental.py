@@ -19,7 +19,7 @@ The instruments come from the previous estimate, iterated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,7 +32,6 @@ from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
-from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.refined_parameters import with_bodies
 from seaid.identification.simulated_joints import (
@@ -92,8 +91,8 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
         replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None),
         angle,
     )
-    _, payload, H, _ = load_columns(robot, reference, fitted.model, fitted.springs)
-    torque = payload + H @ fitted.load_side
+    columns = load_columns(robot, reference, fitted.model, fitted.springs)
+    torque = columns.payload + columns.H @ fitted.load_side
     for row, joint in enumerate(fitted.model.torque_joints):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs:
@@ -144,7 +143,7 @@ def load_with_instruments(
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
     joints = [robot.index(joint) for joint in model.torque_joints]
-    Z = load_columns(robot, made, model, springs)[2]
+    Z = load_columns(robot, made, model, springs).H
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
     Z = in_band(made, with_known_friction(motion, joints, Z))
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
@@ -173,11 +172,7 @@ _MOST_ITERATIONS = 20
 
 
 def estimate_instrumental(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    start: RobotEstimate,
-    executor: Executor | None,
+    condition: Condition, start: RobotEstimate, executor: Executor | None
 ) -> RobotEstimate:
     """Estimate both sides by instrumental variables, starting from least squares.
 
@@ -188,8 +183,9 @@ def estimate_instrumental(
     effect (all drives stiff) are flagged too. Raises IdentificationError if the former do not
     converge, and as `instrumental` does.
     """
-    BY_INSTRUMENTS.check(robot, [x for x in model.torque_joints if x in robot.elastic_joints])
-    run = partial(_settled, robot, datasets, model, executor=executor)
+    robot, joints = condition.robot, condition.model.torque_joints
+    BY_INSTRUMENTS.check(robot, [joint for joint in joints if joint in robot.elastic_joints])
+    run = partial(_settled, condition, executor=executor)
     estimate = run(start, make=instrument_motion)
     try:
         estimate = run(estimate, make=driven_motion)
@@ -201,14 +197,10 @@ def estimate_instrumental(
 
 
 def _settled(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    estimate: RobotEstimate,
-    make: Maker,
-    executor: Executor | None,
+    condition: Condition, estimate: RobotEstimate, make: Maker, executor: Executor | None
 ) -> RobotEstimate:
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
+    robot, model = condition.robot, condition.model
     estimator = Estimator(
         _solve, effective_rows=lambda rows, _: split_instruments(rows)[0], columns=_columns
     )
@@ -226,8 +218,8 @@ def _settled(
             fitted=fitted,
             make=make,
         )
-        conditions, before = {ONLY: Condition(robot, datasets, model)}, estimate
-        fits = estimate_two_step(conditions, estimator, executor, equations=equations)
+        before = estimate
+        fits = estimate_two_step({ONLY: condition}, estimator, executor, equations=equations)
         estimate = fits.of(ONLY)
         moved = {name: step for name, step in _moved(before, estimate).items() if step > SETTLED}
         if not moved:
@@ -334,8 +326,7 @@ def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
     for _ in range(_SWEEPS):
         with np.errstate(all="ignore"):
             moved = in_coordinates(simulated, robot.transmission, at_joints)
-            torque, payload, H, _ = load_columns(robot, moved, model, springs)
-            residual = (torque - payload - H @ load_side)[:, rows]
+            residual = load_columns(robot, moved, model, springs).residual(load_side)[:, rows]
             jacobians = torque_jacobians(bodies, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             # The motors are given: a spring, with its damping, pulls as one to a fixed point.

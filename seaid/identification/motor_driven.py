@@ -290,13 +290,13 @@ class _Around:
         """The columns of (8) of all joints with a torque."""
         layout, motion, x = self.layout, self.run.motion, self.x
         model = layout.identification.model
-        torque, payload, H, by_springs = load_columns(self.known, motion, model, self.springs)
-        columns = np.zeros((*torque.shape, 1 + len(x)))
+        side = load_columns(self.known, motion, model, self.springs)
+        columns = np.zeros((*side.torque.shape, 1 + len(x)))
         by_x = columns[:, :, 1:]
-        columns[:, :, 0] = torque - payload - H @ x[layout.load]
-        by_x[:, :, layout.load] = -H
+        columns[:, :, 0] = side.residual(x[layout.load])
+        by_x[:, :, layout.load] = -side.H
         of_springs = [column for joint in layout.simulated for column in layout.spring(joint)]
-        by_x[:, :, of_springs] = by_springs
+        by_x[:, :, of_springs] = side.propagated
         if layout.has_zeros:
             rows = list(map(self.known.index, model.torque_joints))
             # q = reading - zero: -tau(q) changes by +dtau/dq per unit of the zero. Positions

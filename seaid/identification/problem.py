@@ -292,16 +292,14 @@ class Problem:
         if self.only is None:
             return self.two_step
         ((name, start),), options, case = self.two_step.items(), self.options, self.only
-        robot, datasets, model = case.robot, case.datasets, case.condition.model
-        executor = options.executor
+        condition, executor = case.condition, options.executor
 
         def at_once() -> RobotEstimate:
-            estimator = options.linear_estimator
-            both = estimate_simultaneous(robot, datasets, model, start, estimator, executor)
+            both = estimate_simultaneous(condition, start, options.linear_estimator, executor)
             return self.offsets.included({name: both})[name]
 
         if options.estimator == "iv":
-            instrumental = estimate_instrumental(robot, datasets, model, start, executor)
+            instrumental = estimate_instrumental(condition, start, executor)
             return self.offsets.included({name: instrumental})
         if options.method == "simultaneous":
             return {name: at_once()}
@@ -309,7 +307,7 @@ class Problem:
             return self.two_step
         doubtful = [key for side in self.lacking for key in side.doubtful]
         lacking = sorted({(check.code.name, joint) for check, joint in doubtful})
-        return {name: estimate_supported(robot, datasets, start, lacking, at_once)}
+        return {name: estimate_supported(condition, start, lacking, at_once)}
 
     @cached_property
     def with_errors_of_constants(self) -> Mapping[str, RobotEstimate]:

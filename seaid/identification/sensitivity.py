@@ -40,7 +40,6 @@ from seaid.estimation.fitting import Rows
 from seaid.estimation.least_squares import equal_weights, solve
 from seaid.estimation.parameters import names_of_all
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
-from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,
     with_unit_constant,
@@ -87,13 +86,12 @@ _NEGLIGIBLE = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class WeightedFit:
     """Values (p,) of rows, and their derivatives by what they depend on.
 
-    `residual` (R,) of each row has the square of its weight; `inverse` (p, p), that of the normal
-    equations under the constraint of the values, times the row and this residual is the influence
-    of the row on the values. `by_propagated` (p, s) is the derivative by the values from which the
-    targets were computed.
+    `residual` (R,) is w^2 (y - H theta) of each row, and `inverse` (p, p) is (H^T W H)^-1 under the
+    constraint of the values, so that `inverse @ H[i] * residual[i]` is the influence of row i on
+    the values. `by_propagated` (p, s) is d theta / d s by the values s from which y was computed.
     """
 
     rows: Regression
@@ -108,10 +106,10 @@ def fit_of(
     weights: Array,
     qr_factor: QRFactor | None = None,
     constraint: tuple[Array, Array] | None = None,
-) -> Fit:
+) -> WeightedFit:
     """Fit rows with weights (E,) of their equations; `qr_factor` is theirs if it is known.
 
-    The values are P x + c of those of least squares x with a `constraint` P (p, p), c (p,).
+    With a `constraint` P (p, p), c (p,) the values are P x + c, where x are those of least squares.
     """
     qr_factor = qr_factor or qr_factor_of(rows)
     solution = solve(qr_factor, weights)
@@ -122,10 +120,10 @@ def fit_of(
     residual = squares * (rows.y - rows.H @ values)
     # d theta / ds = (H^T W H)^-1 H^T W T for targets y + T s.
     moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-    return Fit(rows, values, residual, inverse, inverse @ moments)
+    return WeightedFit(rows, values, residual, inverse, inverse @ moments)
 
 
-def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Array]:
+def difference(fits: Sequence[WeightedFit], propagated: Array | None) -> tuple[Array, Array]:
     """Return the difference (p,) of two fits, and its standard errors.
 
     The influences are summed over common steps of time, as the rows need not be the same.
@@ -146,7 +144,7 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
     return first.values - second.values, np.sqrt(np.maximum(np.diag(total), 1e-300))
 
 
-def _influences(fits: Sequence[Fit], run: float) -> Array:
+def _influences(fits: Sequence[WeightedFit], run: float) -> Array:
     """Return the influences (T, p) of the rows of a log on a difference, by steps of time.
 
     The steps are those of the fit with the fewest rows; other logs have instants between them.
@@ -166,14 +164,14 @@ def _influences(fits: Sequence[Fit], run: float) -> Array:
     return influences
 
 
-def _rows_of_log(fit: Fit, run: float) -> tuple[Array, Array, Array]:
+def _rows_of_log(fit: WeightedFit, run: float) -> tuple[Array, Array, Array]:
     """Return times, rows and residuals of a fit in one log."""
     is_row = fit.rows.run == run
     rows = slice(None) if np.all(is_row) else is_row  # a view of all rows
     return fit.rows.time[rows], fit.rows.H[rows], fit.residual[rows]
 
 
-def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -> Array:
+def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array | None) -> Array:
     """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
     change, errors = difference(fits, propagated)
     by_name = dict(zip(estimate.names, estimate.standard_errors, strict=True))
@@ -188,11 +186,7 @@ def _scores(fits: Sequence[Fit], estimate: Estimate, propagated: Array | None) -
 
 
 def sensitivity_findings(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    sides: RobotEstimate,
-    estimator: str,
+    condition: Condition, sides: RobotEstimate, estimator: str
 ) -> list[Finding]:
     """Return what another estimator or a wider cutoff contradicts in two steps of wls or ols.
 
@@ -200,7 +194,7 @@ def sensitivity_findings(
     """
     if estimator not in ("wls", "ols"):
         return []
-    ordinary, cutoff_hz = estimator == "ols", datasets[0].cutoff_hz
+    ordinary, cutoff_hz = estimator == "ols", condition.datasets[0].cutoff_hz
     findings = list(
         homogeneous(
             sides.fit,
@@ -209,8 +203,8 @@ def sensitivity_findings(
         )
     )
     with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
-        findings += _estimator_findings(robot, sides.fit, ordinary, cutoff_hz)
-        findings += _cutoff_findings(robot, datasets, model, sides, ordinary)
+        findings += _estimator_findings(condition.robot, sides.fit, ordinary, cutoff_hz)
+        findings += _cutoff_findings(condition, sides, ordinary)
     return findings
 
 
@@ -232,23 +226,19 @@ def _estimator_findings(
 
 
 def _cutoff_findings(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    sides: RobotEstimate,
-    ordinary: bool,
+    condition: Condition, sides: RobotEstimate, ordinary: bool
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
-    motions = list(map(first_motion, datasets))
+    robot, motions = condition.robot, condition.motions
     few = list(map(_decimated, motions))
     cutoff_hz = few[0].cutoff_hz
     # The positions are filtered at a multiple of the narrow cutoff and stay as they are: the wider
     # one is that of regressor and torque.
     wider = [replace(motion, cutoff_hz=WIDER * cutoff_hz) for motion in few]
     ways = (f"a cutoff of {cutoff_hz:.3g} Hz", f"a cutoff of {WIDER * cutoff_hz:.3g} Hz")
-    equations = _compared_equations(robot, motions, model, sides)
+    equations = _compared_equations(robot, motions, condition.model, sides)
     # of long logs, the rows of the fit are those of more than the first pieces
-    in_memory = all(isinstance(dataset, Motion) for dataset in datasets)
+    in_memory = all(isinstance(dataset, Motion) for dataset in condition.datasets)
     for joint, (regress, fit) in equations.items():
         weights = fit.weights if joint == LOAD and not ordinary else equal_weights(fit.qr_factor)
         rows = stacked(list(map(regress, wider)))
@@ -349,11 +339,13 @@ Recorded = TypeVar("Recorded", Log, Motion)
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """A constant with a relative standard deviation, and a robot in which it is larger by `STEP`.
+    """A constant with a standard deviation, and a `robot` in which it is larger by a step.
 
-    `joint` is "" if it is common to all joints, or that of a body. `inputs` are the joints whose
-    inputs are larger: logged ones, and the gains of controllers in the robot. The offset of a
-    joint's encoder is in the motion alone.
+    `std` is in units of the step over `STEP`: relative for a step of `STEP` times the value, and 1
+    for a delay, whose step is `STEP` of its standard deviation. `joint` is "" if the constant is
+    common to all joints, or the name of a body. `inputs` are the joints whose inputs are larger:
+    logged ones, and the gains of controllers in the robot. The offset of a joint's encoder, whose
+    step is `OFFSET_STEP`, is in the motion alone.
     """
 
     name: str
@@ -388,7 +380,10 @@ class Constant:
         return replace(data, **changes)
 
     def is_in_drive(self, joint: str) -> bool:
-        """Whether the equations of a joint's drive may contain it."""
+        """Whether the equations of a joint's drive may contain it.
+
+        Those of any drive may contain a larger input, since coupled drives share torques.
+        """
         return bool(self.inputs) or (
             self.joint == joint and self.name not in ("bodies", ENCODER_OFFSET)
         )
@@ -485,7 +480,7 @@ def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
 
 def encoder_offsets(robot: Robot, std: float) -> list[Constant]:
     """Return the offsets of the joint encoders with a standard deviation [rad or m], if any."""
-    part = std * STEP / OFFSET_STEP  # the step of an offset is larger
+    part = std * STEP / OFFSET_STEP  # in units of the step over `STEP`, see `Constant`
     return [Constant(ENCODER_OFFSET, x, part, robot) for x in robot.joint_names if std]
 
 
@@ -544,10 +539,11 @@ class GivenConstants:
                 load = turn.refit(rows[LOAD], self._offsets)
         k = len(errors.names)
         slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
-        levers = {joint: np.zeros(k) for joint in turn.springs}
-        for joint, changes in levers.items():
+        levers = {}  # relative derivatives of N/r_M by each constant, none by encoders of others
+        for joint in turn.springs:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
-            changes[: len(after)] = (after / offset_lever(turn.robot, joint) - 1) / STEP
+            changes = (after / offset_lever(turn.robot, joint) - 1) / STEP
+            levers[joint] = np.pad(changes, (0, k - len(changes)))
         return KnownErrors(errors, slopes, levers, load, len(self._offsets))
 
     @property
@@ -674,7 +670,8 @@ def _load_rows(
 ) -> Regression:
     """Return the load side without the torques of springs, which propagates them and constants.
 
-    With f_0 = s - b_0 N/r_M in `springs`, the column of the torque offset b_0 is in the residual.
+    With f_0 = s - b_0 N/r_M in `springs`, the column of the torque offset b_0 is in the residual;
+    see `with_torque_columns`.
     """
     theta, in_drives = sides.load_side.values, [x for x in constants if not x.is_offset]
 

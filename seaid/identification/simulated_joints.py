@@ -282,7 +282,7 @@ def _sensitivity(layout: Layout, robot: Robot, motion: Motion, log: Log, x: Arra
     known, model = layout.identification.known, layout.identification.model
     names = model.torque_joints
     order = [robot.index(joint) for joint in names]
-    _, _, H, _ = load_columns(known, motion, model, {})
+    H = load_columns(known, motion, model, {}).H
     ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     changed = [nudged(motion, derivative, ratio) for derivative in range(3)]
     slopes = drive_slopes(known, motion, changed, model, {}, x[layout.load])

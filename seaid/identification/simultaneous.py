@@ -43,7 +43,7 @@ from seaid.estimation.least_squares import (
     with_drifts_of,
 )
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.identification.datasets import Dataset, rows_in_memory
+from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.simulated_joints import AT_ONCE
 from seaid.identification.stacked_fits import (
@@ -53,6 +53,7 @@ from seaid.identification.stacked_fits import (
     offset_lever,
     spring_of,
 )
+from seaid.identification.two_step import Condition
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel
@@ -277,8 +278,7 @@ def settled(
 
 
 def estimate_supported(
-    robot: Robot,
-    datasets: Sequence[Dataset],
+    condition: Condition,
     start: RobotEstimate,
     lacking: Collection[tuple[str, str]],
     estimate: Callable[[], RobotEstimate],
@@ -292,7 +292,7 @@ def estimate_supported(
     """
     if not start.springs:
         return start
-    reason = _obstacle(robot, datasets, start, lacking)
+    reason = _obstacle(condition, start, lacking)
     if not reason:
         try:
             both = estimate()
@@ -306,17 +306,15 @@ def estimate_supported(
 
 
 def _obstacle(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    start: RobotEstimate,
-    lacking: Collection[tuple[str, str]],
+    condition: Condition, start: RobotEstimate, lacking: Collection[tuple[str, str]]
 ) -> str:
     """Return why both sides at once are not even tried, "" if they are."""
+    robot = condition.robot
     if not robot.base_is_held:
         return "the base floats"
     if groups := groups_of(robot.drives):
         return f"drives share parameters ({listed(groups)})"
-    if not all(isinstance(dataset, Motion) for dataset in datasets):
+    if not all(isinstance(dataset, Motion) for dataset in condition.datasets):
         return "a log is read in pieces"
     if lacking:
         return f"the equations lack something ({_named(lacking)})"
@@ -364,35 +362,29 @@ def _moved(first: Estimate, both: Estimate) -> list[tuple[str, float]]:
 
 
 def estimate_simultaneous(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    start: RobotEstimate,
-    estimator: Estimator,
-    executor: Executor | None,
+    condition: Condition, start: RobotEstimate, estimator: Estimator, executor: Executor | None
 ) -> RobotEstimate:
     """Estimate both sides at once; `whole` has the covariance between them.
 
     Raises IdentificationError if the iteration does not converge, and for springs that cannot be
     shared.
     """
-    springs = tuple(start.springs)
+    robot, springs = condition.robot, tuple(start.springs)
     AT_ONCE.check(robot, springs)
     offsets = [joint for joint in springs if TORQUE_OFFSET in start.drives[joint].names]
-    of_robot = partial(simultaneous_regression, model=model, springs=springs, offsets=offsets)
-    rows = rows_in_memory(datasets, {LOAD: partial(of_robot, robot)}, executor)[LOAD]
-    cutoff_hz = datasets[0].cutoff_hz
-    fitted = partial(_estimated, robot, model, start, estimator, cutoff_hz, of_robot)
-    return fitted(_values(rows, start), rows, np.zeros((0, 0)))
+    regress = partial(
+        simultaneous_regression, model=condition.model, springs=springs, offsets=offsets
+    )
+    rows = rows_in_memory(condition.datasets, {LOAD: partial(regress, robot)}, executor)[LOAD]
+    values, nothing = _values(rows, start), np.zeros((0, 0))
+    return _estimated(condition, start, estimator, regress, values, rows, nothing)
 
 
 def _estimated(
-    robot: Robot,
-    model: LoadModel,
+    condition: Condition,
     start: RobotEstimate,
     estimator: Estimator,
-    cutoff_hz: float,
-    of_robot: Callable[[Robot, Motion], Regression],
+    regress: Callable[[Robot, Motion], Regression],
     values: Array,
     rows: Regression,
     errors: Array,
@@ -401,7 +393,7 @@ def _estimated(
 
     `errors` (k, k) is the covariance of these.
     """
-    propagated = errors if len(errors) else None
+    robot, model, propagated = condition.robot, condition.model, errors if len(errors) else None
     whole, _ = settled(robot, rows, values, estimation(estimator, propagated))
     # Weights, drift and checks belong to the whitened rows at the solution: residuals of the plain
     # ones are correlated between (7) and (8).
@@ -410,7 +402,8 @@ def _estimated(
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
     if estimator.weigh is settled_weights:
-        whole = with_drifts_of(solved, weights, solve(qr_factor, weights), whole, cutoff_hz)
+        solution, cutoff_hz = solve(qr_factor, weights), condition.datasets[0].cutoff_hz
+        whole = with_drifts_of(solved, weights, solution, whole, cutoff_hz)
     of_joints, springs = whole.by_owner(), tuple(start.springs)
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     equal = estimator.weigh is equal_weights
@@ -429,10 +422,8 @@ def _estimated(
         checks={"both": both.checks(optional)},
         fit=both,
         whole=whole,
-        regress=of_robot,
-        refit=partial(
-            _estimated, robot, model, start, estimator, cutoff_hz, of_robot, whole.values
-        ),
+        regress=regress,
+        refit=partial(_estimated, condition, start, estimator, regress, whole.values),
     )
 
 

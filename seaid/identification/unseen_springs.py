@@ -281,11 +281,11 @@ class MotorRegression:
         # the torques of the springs are those that (7) leaves of the motors'
         springs = {x: np.zeros(len(spring_regressor(robot, x).names)) for x in self.joints}
         rows = [self.model.torque_joints.index(joint) for joint in self.joints]
-        torque, payload, H, _ = load_columns(robot, motion, self.model, springs)
-        torque[:, rows] = load.torque
-        columns = np.zeros((*H.shape[:2], len(friction)))
-        columns[:, rows] = load.friction
-        whole = np.concatenate([H, columns, (torque - payload)[:, :, None]], axis=2)
+        columns = load_columns(robot, motion, self.model, springs)
+        torque, of_friction = columns.torque, np.zeros((*columns.torque.shape, len(friction)))
+        torque[:, rows], of_friction[:, rows] = load.torque, load.friction
+        y = (torque - columns.payload)[:, :, None]
+        whole = np.concatenate([columns.H, of_friction, y], axis=2)
         return in_band_at(motion, whole, row_samples(motion))
 
 

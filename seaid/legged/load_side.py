@@ -38,6 +38,7 @@ from seaid.log.rows import PIECE_SAMPLES
 from seaid.regressor import Regression
 from seaid.regressor.base import BodyEquations, Joints, JointStates, Links, Stances, left_to_right
 from seaid.regressor.load import (
+    LoadColumns,
     LoadModel,
     LoadSide,
     Springs,
@@ -136,7 +137,7 @@ class FloatingLoadSide(LoadSide):
 
     def columns(
         self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
-    ) -> tuple[Array, Array, Array, Array]:
+    ) -> LoadColumns:
         """Return the `load_columns`."""
         return floating_columns(self.robot, motion, model, springs, further=further)
 
@@ -144,7 +145,8 @@ class FloatingLoadSide(LoadSide):
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
         """Return the `load_torques`, without the columns in memory, which are many."""
-        return floating_columns(self.robot, motion, model, springs, thetas)[:3]
+        columns = floating_columns(self.robot, motion, model, springs, thetas)
+        return columns.torque, columns.payload, columns.H
 
     def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured wrenches contribute to the torque (T, rows) of `load_columns`."""
@@ -189,7 +191,7 @@ def floating_columns(
     springs: Springs,
     thetas: Array | None = None,
     further: Array | None = None,
-) -> tuple[Array, Array, Array, Array]:
+) -> LoadColumns:
     """Return the `load_columns` of a floating base, without contact forces, block by block.
 
     With `thetas` (p + p_d, k) its products with H are in place of H.
@@ -197,11 +199,11 @@ def floating_columns(
     base, q = motion.base, motion.joint_position
     assert base is not None
     robot, joints = guided(robot, base.guided), model.torque_joints
-    known, p = [robot.index(joint) for joint in joints], len(model.base.columns)
-    known_columns = np.flatnonzero(robot.known_parameters)
+    joint_places, p = [robot.index(joint) for joint in joints], len(model.base.columns)
+    known_bodies = np.flatnonzero(robot.known_parameters)
     torque, propagated = load_targets(robot, motion, joints, springs)
     # M v' + h = S^T tau + sum J_c^T w: the base has no motor, so that its rows begin with zeros.
-    torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, known, base.up)
+    torque = below_base(torque) + measured_wrenches(robot, q, base.wrenches, joint_places, base.up)
     unknown = unknown_frictions(robot, motion, joints)
     drives = drive_columns(robot, motion, model)
     propagated = joined(below_base(propagated), further)
@@ -213,25 +215,30 @@ def floating_columns(
     for start in range(0, len(q), step):
         part = slice(start, start + step)
         piece = base.samples(part)
-        # Rows of zeros are no equations: `_load_rows` removes them.
+        # Rows of zeros are no equations: `with_equation` excludes them.
         if not np.any(piece.used):
             continue
         states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
-        Y = floating_regressor(robot, *states, piece.states, [*model.base.columns, *known_columns])
-        Y = floating_rows(robot, Y, known)
-        sides = (torque[part], Y[:, :, p:] @ robot.known_parameters[known_columns])
+        Y = floating_regressor(robot, *states, piece.states, [*model.base.columns, *known_bodies])
+        Y = floating_rows(robot, Y, joint_places)
+        payload = Y[:, :, p:] @ robot.known_parameters[known_bodies]
         if thetas is None:
             H = np.concatenate([Y[:, :, :p], drives[part]], axis=2)
         else:
             H = Y[:, :, :p] @ thetas[:p] + drives[part]
         # The projection is linear and the same for both sides of the equations.
-        rows = np.concatenate([H, *(x[:, :, None] for x in sides), propagated[part]], axis=2)
+        both = np.stack([torque[part], payload], axis=2)
+        rows = np.concatenate([H, both, propagated[part]], axis=2)
         rows = without_contact_forces(
-            robot, states[0], piece.contacts, known, rows, unknown[part], piece.up
+            robot, states[0], piece.contacts, joint_places, rows, unknown[part], piece.up
         )
         table[part] = rows * piece.used[:, None, None]
-    H, (torque, payload) = table[:, :, :count], np.moveaxis(table[:, :, count : count + 2], 2, 0)
-    return torque, payload, H, table[:, :, count + 2 :]
+    return LoadColumns(
+        torque=table[:, :, count],
+        payload=table[:, :, count + 1],
+        H=table[:, :, :count],
+        propagated=table[:, :, count + 2 :],
+    )
 
 
 def contact_force_rows(
@@ -242,9 +249,10 @@ def contact_force_rows(
     theta: Array,
     bodies: Array,
 ) -> tuple[Array, BoolArray]:
-    """Return what contact forces must hold in the rows (T, 6 + k), and unknown rows (T, k).
+    """Return the generalised forces (T, 6 + k) that contacts balance, and unknown rows (T, k).
 
-    That is Y `bodies` less the torques of the drives by a fit `theta` of the load side.
+    They are Y `bodies` less the torques of the drives by a fit `theta` of the load side; the
+    friction of unknown rows is not known.
     """
     base, q = motion.base, motion.joint_position
     assert base is not None
@@ -263,17 +271,20 @@ def contact_force_rows(
 def contact_force_columns(
     robot: Robot, motion: Motion, model: LoadModel, samples: IndexArray
 ) -> tuple[Array, Array]:
-    """Return the columns (S, 6 + k, m) of contact forces by all parameters, and a grouping (f, m).
+    """Return the columns C (S, 6 + k, m) of contact forces by all parameters, and a grouping G.
 
-    The m parameters are those of all bodies, of the identified drives, and the absorbed ones. What
-    they do is that of the f identified ones if it is a combination of the rows of the grouping.
+    The m parameters are those of all bodies, of the identified drives, and the absorbed ones. The f
+    identified combinations are G (f, m) times these: forces follow from them alone where each row
+    of C is a combination of the rows of G, C = C_f G.
     """
     base, p = motion.base, len(model.base.columns)
     assert base is not None
     robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
-    q, v, a, w, e, f = (values[samples] for values in (*motion.joint_states, *base.states))
-    Y = floating_rows(robot, floating_regressor(robot, q, v, a, (w, e, f)), joints)
+    q, v, a = (state[samples] for state in motion.joint_states)
+    angular_velocity, angular_acceleration, specific_force = (x[samples] for x in base.states)
+    base_states = angular_velocity, angular_acceleration, specific_force
+    Y = floating_rows(robot, floating_regressor(robot, q, v, a, base_states), joints)
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
     wanted = [drives.index(drive) for drive in (*model.drives, *model.absorbed)]
@@ -286,9 +297,7 @@ def contact_force_columns(
     return force_columns * is_unknown, grouping * is_unknown
 
 
-def stances_of(
-    robot: FloatingRobot, motions: Sequence[Motion]
-) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
+def stances_of(robot: FloatingRobot, motions: Sequence[Motion]) -> tuple[Stances, Links]:
     """Return the sets of contacts that touch the ground together in motions of a floating base.
 
     The second result are those among them with measured wrenches: flat feet that have one in each
@@ -462,20 +471,22 @@ def _further_rows(
 ) -> Regression:
     """Return the rows of `load_regression` with other columns (T, 6 + n, m) of a piece."""
     motion = _thinned(motion)
-    known = [robot.index(joint) for joint in model.torque_joints]
+    joints = [robot.index(joint) for joint in model.torque_joints]
 
     def regress(piece: Motion) -> Regression:
         base, q = piece.base, piece.joint_position
         assert base is not None
         unknown = unknown_frictions(robot, piece, model.torque_joints)
         held = guided(robot, base.guided)
-        A = floating_rows(held, columns_of(piece), known)
-        # in the place of y: zero in rows without an equation only, so that the rows are the same
-        any_y = np.broadcast_to(np.cos(np.arange(A.shape[1])), A.shape[:2])
-        A = np.concatenate([A, any_y[:, :, None]], axis=2)
-        A = without_contact_forces(held, q, base.contacts, known, A, unknown, base.up)
+        A = floating_rows(held, columns_of(piece), joints)
+        # A y that is zero nowhere, and that no combination of contact forces makes zero, so that
+        # `load_rows` drops exactly the rows without an equation.
+        nonzero_y = np.broadcast_to(np.cos(np.arange(A.shape[1])), A.shape[:2])
+        A = np.concatenate([A, nonzero_y[:, :, None]], axis=2)
+        A = without_contact_forces(held, q, base.contacts, joints, A, unknown, base.up)
         A *= base.used[:, None, None]
-        columns = (A[:, :, -1], A[:, :, -1] * 0.0, A[:, :, :-1], A[:, :, :0])
+        torque = A[:, :, -1]
+        columns = LoadColumns(torque, np.zeros_like(torque), A[:, :, :-1], A[:, :, :0])
         return load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
 
     return rows_by_pieces(motion, regress, _piece_samples(model))

@@ -162,6 +162,24 @@ Springs = Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
+class LoadColumns:
+    """The load side (8) at T samples of a motion, in r rows: torque = payload + H theta.
+
+    `torque` (T, r) is that on the load, with the derivatives `propagated` (T, r, s) by parameters
+    that were estimated before; `payload` (T, r) is that of known bodies; `H` is (T, r, m).
+    """
+
+    torque: Array
+    payload: Array
+    H: Array
+    propagated: Array
+
+    def residual(self, theta: Array) -> Array:
+        """Return the torque (T, r) that parameters (m,) do not explain."""
+        return np.asarray(self.torque - self.payload - self.H @ theta)
+
+
+@dataclass(frozen=True, eq=False)
 class LoadSide:
     """The load side of a robot whose base is held; other kinds of robots replace its parts.
 
@@ -176,8 +194,11 @@ class LoadSide:
 
     def columns(
         self, motion: Motion, model: LoadModel, springs: Springs, further: Array | None = None
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return the `load_columns`."""
+    ) -> LoadColumns:
+        """Return the `load_columns`.
+
+        `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
+        """
         robot = self.robot
         known = [robot.index(joint) for joint in model.torque_joints]
         Y = regressor_at_drives(robot, *motion.joint_states)
@@ -193,14 +214,14 @@ class LoadSide:
         payload = np.zeros_like(torque)
         if np.any(robot.known_parameters):
             payload = (Y @ robot.known_parameters)[:, known]
-        return torque, payload, H, propagated
+        return LoadColumns(torque, payload, H, propagated)
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
         """Return the `load_torques`."""
-        torque, payload, H, _ = self.columns(motion, model, springs)
-        return torque, payload, H @ thetas
+        columns = self.columns(motion, model, springs)
+        return columns.torque, columns.payload, columns.H @ thetas
 
     def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured forces of the ground contribute to the torque (T, rows)."""
@@ -324,18 +345,9 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
     return identifiable, whole
 
 
-def load_columns(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    further: Array | None = None,
-) -> tuple[Array, Array, Array, Array]:
-    """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta.
-
-    `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
-    """
-    return load_side(robot).columns(motion, model, springs, further)
+def load_columns(robot: Robot, motion: Motion, model: LoadModel, springs: Springs) -> LoadColumns:
+    """Return the columns of the load side along a motion."""
+    return load_side(robot).columns(motion, model, springs)
 
 
 def joined(columns: Array, further: Array | None) -> Array:
@@ -347,7 +359,7 @@ def torque_changes(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    springs: Mapping[str, Array],
+    springs: Springs,
     theta: Array,
     changed: Sequence[tuple[Robot, Motion]],
 ) -> Array:
@@ -374,11 +386,7 @@ def torque_changes(
 
 
 def load_torques(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    thetas: Array,
+    robot: Robot, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
 ) -> tuple[Array, Array, Array]:
     """Return torque and payload (T, rows) of `load_columns`, and H @ `thetas` (T, rows, k).
 
@@ -388,7 +396,7 @@ def load_torques(
 
 
 def drive_torques(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+    robot: Robot, motion: Motion, model: LoadModel, springs: Springs, theta: Array
 ) -> Array:
     """Return the torques (T, rows) of the drives on the load by a fit `theta` of the load side.
 
@@ -409,7 +417,7 @@ def load_regression(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    springs: Mapping[str, Array],
+    springs: Springs,
     further: Callable[[Motion], Array] | None = None,
 ) -> Regression:
     """Return the load side (8) over time, with the columns of `model`.
@@ -433,20 +441,19 @@ def load_rows(
     robot: Robot,
     motion: Motion,
     model: LoadModel,
-    columns: tuple[Array, Array, Array, Array],
+    columns: LoadColumns,
     called: tuple[tuple[str, ...], tuple[str, ...]] | None = None,
 ) -> Regression:
     """Return the rows of one piece of a motion, whose `load_columns` are given.
 
     `called` are the names and units of columns that are not those of `model`.
     """
-    torque, payload, H, propagated = columns
     rows = row_samples(motion)
     joints = [robot.index(joint) for joint in model.torque_joints]
     # a combination of equations that are all valid, whatever friction does at rest
     y, H, propagated = (
         in_band_at(motion, with_known_friction(motion, joints, part), rows)
-        for part in (torque - payload, H, propagated)
+        for part in (columns.torque - columns.payload, columns.H, columns.propagated)
     )
     usable = np.ones((len(joints), len(rows)), dtype=bool)
     for row, joint in enumerate(model.torque_joints):
@@ -473,23 +480,23 @@ def load_rows(
 
 
 def with_gear_torque(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+    robot: Robot, motion: Motion, model: LoadModel, springs: Springs, theta: Array
 ) -> Motion:
     """Return the motion with the torque through the gears by a fit `theta` of the load side."""
     check_held(robot, "load-dependent friction", IdentificationError)
     # Friction under load needs a gear torque, but is not among the columns behind the gear.
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
-    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
+    columns = load_columns(robot, unloaded, model, springs)
     drives = [
         place
         for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
         if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
     ]
     # A gear passes on the load behind it, without the motor's own friction and inertia.
-    behind = [place for place in range(H.shape[2]) if place not in drives]
+    behind = [place for place in range(len(model.names)) if place not in drives]
     torque = np.full_like(motion.joint_position, np.nan)
     torque[:, [robot.index(joint) for joint in model.torque_joints]] = (
-        payload + H[:, :, behind] @ theta[behind]
+        columns.payload + columns.H[:, :, behind] @ theta[behind]
     )
     return replace(motion, gear_torque=torque)
 
@@ -545,7 +552,7 @@ def _group_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:
 
 
 def load_targets(
-    robot: Robot, motion: Motion, rows: Sequence[str], springs: Mapping[str, Array]
+    robot: Robot, motion: Motion, rows: Sequence[str], springs: Springs
 ) -> tuple[Array, Array]:
     """Return the torque on the load (T, rows) and its derivative by the springs' parameters."""
     elastic = [joint for joint in rows if joint in springs]

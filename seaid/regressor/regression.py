@@ -172,7 +172,9 @@ class Regression:
     H, y : arrays (R, p) and (R,)
         Observation matrix (W of the paper) and torques [N m, or N].
     joint, time, run : arrays (R,)
-        Index of the row's joint in `joint_names`, instant [s] and index of the log.
+        Index of the row's equation in `joint_names`, instant [s] and index of the log. Whole
+        numbers are stored as floats. Of a robot with a moving base the six rows of the base have
+        the names and indices after those of the n joints.
     excluded : int
         Number of instants near standstill that make no rows.
     propagated : array (R, s)
@@ -221,6 +223,9 @@ def actuator_columns(
     robot: Robot, motion: Motion, joint: str
 ) -> tuple[DriveRegressor, Array, Array]:
     """Return the regressor of an elastic joint's actuator side (10), zeta (T,) and R (T, p).
+
+    They are those of `actuator_equation`, evaluated. `actuator_rows` are the samples at which they
+    are rows, which `actuator_regression` filters and decimates.
 
     From (7) and the motor torque; if the log has only the joint torque, from (4b), which determines
     stiffness and spring offset. Raises LogError if neither was measured.
@@ -290,6 +295,7 @@ def _drive_rows(
 
 
 GEAR = ("gear_compliance", "gear_hysteresis", "gear_offset")
+"""The parameters of `gear_regression`: c, h and the constant."""
 
 
 def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> Regression:
@@ -310,8 +316,8 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
     if np.all(np.isfinite(sensed)):
         force = sensed / drive.load_radius
     # With an infinite share only the speed of the sample itself counts, not its neighbourhood.
-    moving = ~standstill(motion, index, share=np.inf)
-    direction = np.where(moving, np.sign(measured["theta_M_dot"]), 0.0)
+    is_moving = ~standstill(motion, index, share=np.inf)
+    direction = np.where(is_moving, np.sign(measured["theta_M_dot"]), 0.0)
     H = np.column_stack([force, direction, np.ones_like(y)])
     rows = row_samples(motion)
     unit, length = drive.spring_units
@@ -332,11 +338,10 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
 def actuator_rows(
     robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
 ) -> tuple[IndexArray, Array, int]:
-    """Return the samples that become rows of an actuator side, and the number of excluded ones.
+    """Return (samples that become rows, factor (T,) of the equation, number of excluded samples).
 
-    Between them stands where friction is known, of all samples (T,), see `known_friction`.
-
-    The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
+    The factor is `known_friction`. The spring equation (4b) has no derivatives, so that its rows
+    reach the ends of the log.
     """
     if not _has_motor(regressor):
         # Without derivatives there are no filter transients of speed and acceleration at the ends.

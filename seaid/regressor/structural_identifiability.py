@@ -88,7 +88,8 @@ class Identifiability(Result):
         Singular-value gap of the numeric rank decision, see `BaseParameters`.
     agree : bool
         Whether the singular-value gap is clear, and the combinations hold at other random states
-        than those that determined them.
+        than those that determined them. Of a floating base: whether other random states have the
+        same base parameters.
     derivatives : BaseParameters or None
         What the sensors determine locally with their derivatives in time, if motor angle and motor
         torque are all that an elastic joint has; `identify` then estimates it by simulation. The
@@ -182,7 +183,8 @@ def identifiability(
     _check_conditions(robot, conditions)
     system = system_of(robot, sensed, dependencies(robot, seed))
     payloads = [condition.known_parameters for condition in (robot, *conditions)]
-    base, groups, rank, agree = _decided(system, payloads, seed)
+    decision = _decided(system, payloads, seed)
+    base, groups = decision.base, decision.groups
     up_to_scale = np.zeros(len(base.names), dtype=bool)
     up_to_scale[list(chain(*groups))] = True
     alone = np.count_nonzero(base.grouping, axis=1) == 1
@@ -194,14 +196,16 @@ def identifiability(
         names=system.names,
         identifiable=tuple(compress(base.names, alone & ~up_to_scale)),
         combinations=tuple(compress(base.expressions, ~alone & ~up_to_scale)),
-        ratios=tuple(tuple(base.expressions[place] for place in group) for group in groups),
+        ratios=tuple(
+            tuple(base.expressions[place] for place in group) for group in decision.groups
+        ),
         unidentifiable=tuple(compress(system.names, missing)),
         base=base,
-        rank=rank,
+        rank=decision.rank,
         usable=FrozenMapping(usable),
         sensors=FrozenMapping({x: tuple(sorted(sensed[x], key=SENSORS.index)) for x in sensed}),
         gap=base.gap,
-        agree=agree,
+        agree=decision.is_certain,
         derivatives=base_by_derivatives(robot, sensed, system.names, seed),
         commands=tuple(filter(None, _delay_sums(robot, conditions))),
     )
@@ -345,20 +349,42 @@ _CONFIRMED = 1e-6
 
 Groups = tuple[tuple[int, ...], ...]
 
-_Decision = tuple[BaseParameters, Groups, int, bool]
-"""Combinations, groups of them (as indices) up to scale, rank, and whether these are certain."""
+
+@dataclass(frozen=True, eq=False)
+class _Decision:
+    """Identifiable combinations, `groups` of their indices that are up to scale, and the rank."""
+
+    base: BaseParameters
+    groups: Groups
+    rank: int
+    is_certain: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Independent `places` of m columns, and the `grouping` (len(places), m) of all by these.
+
+    `is_confirmed` is whether the singular-value `gap` is clear and other instants have the same
+    dependencies.
+    """
+
+    places: list[int]
+    grouping: Array
+    gap: float
+    is_confirmed: bool
 
 
 def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
     """Return the identifiable combinations, for logs with each of the known `payloads` (10N,)."""
     if not system.sums:
-        return _base_of(system, [], np.zeros((0, len(system.names))), float("inf")), (), 0, True
+        none = _Columns([], np.zeros((0, len(system.names))), float("inf"), is_confirmed=True)
+        return _Decision(_base_of(system, none), (), 0, is_certain=True)
     for draw in range(_MOST_DRAWS):
         rng = np.random.default_rng((seed, draw))
         loads = sum(any(system.equations[e].kind == "load" for e in x) for x in system.sums)
         enough = _ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
         decision = _decision(system, payloads, rng, 2**draw * max(enough, _FEWEST_INSTANTS))
-        if decision[-1]:
+        if decision.is_certain:
             break
     return decision
 
@@ -369,22 +395,23 @@ def _decision(
     """Return the decision at so many random instants."""
     truth, bodies = random_truth(system, rng), system.robot.parameters.size
 
-    def at_free(instants: int) -> list[SumRows]:
+    def rows_at_free_instants(instants: int) -> list[SumRows]:
         return rows_of_sums(system, truth, rng, instants)
 
-    def on_motions(instants: int) -> list[SumRows]:
-        found = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
-        kept = [(seen, values, np.isin(seen, columns)) for seen, values in chain(*found)]
-        return [(np.searchsorted(columns, seen[k]), values[:, k]) for seen, values, k in kept]
+    def rows_on_true_motions(instants: int) -> list[SumRows]:
+        sums = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
+        kept = [(seen, values, np.isin(seen, free.places)) for seen, values in chain(*sums)]
+        return [(np.searchsorted(free.places, seen[k]), values[:, k]) for seen, values, k in kept]
 
-    columns, grouping, gap, is_clear = _confirmed(at_free, count, len(system.names), bodies, rng)
-    groups, rank = Groups(), len(columns)
-    if columns and _can_be_homogeneous(system):
-        # True motions may determine less than free instants do, such as what has no scale.
-        bodies = int(np.searchsorted(columns, bodies))
-        pivots, links, _, is_sure = _confirmed(on_motions, count, rank, bodies, rng)
-        groups, rank, is_clear = _groups(pivots, links), len(pivots), is_clear and is_sure
-    return _base_of(system, columns, grouping, gap), groups, rank, is_clear
+    free = _confirmed(rows_at_free_instants, count, len(system.names), bodies, rng)
+    base, rank = _base_of(system, free), len(free.places)
+    if not (free.places and _can_be_homogeneous(system)):
+        return _Decision(base, (), rank, free.is_confirmed)
+    # True motions may determine less than free instants do, such as what has no scale.
+    bodies = int(np.searchsorted(free.places, bodies))
+    true = _confirmed(rows_on_true_motions, count, rank, bodies, rng)
+    is_certain = free.is_confirmed and true.is_confirmed
+    return _Decision(base, _groups(true), len(true.places), is_certain)
 
 
 def _confirmed(
@@ -393,11 +420,11 @@ def _confirmed(
     width: int,
     bodies: int,
     rng: np.random.Generator,
-) -> tuple[list[int], Array, float, bool]:
+) -> _Columns:
     """Return `_independent` of rows at `count` instants, and whether others confirm it."""
-    columns, grouping, gap = _independent(rows_at(count), width, bodies)
-    holds = _is_confirmed(rows_at(_FRESH_INSTANTS), columns, grouping, bodies, rng)
-    return columns, grouping, gap, bool(gap > _CLEAR_GAP) and holds
+    places, grouping, gap = _independent(rows_at(count), width, bodies)
+    holds = _is_confirmed(rows_at(_FRESH_INSTANTS), places, grouping, bodies, rng)
+    return _Columns(places, grouping, gap, bool(gap > _CLEAR_GAP) and holds)
 
 
 def _independent(
@@ -452,14 +479,14 @@ def _is_confirmed(
     return bool(np.all(error <= _CONFIRMED * size))
 
 
-def _base_of(system: System, columns: Sequence[int], grouping: Array, gap: float) -> BaseParameters:
+def _base_of(system: System, columns: _Columns) -> BaseParameters:
     names = system.names
     return BaseParameters(
-        columns=tuple(columns),
-        names=tuple(names[column] for column in columns),
-        expressions=tuple(grouped_text(row, names, _shown) for row in grouping),
-        grouping=frozen("grouping", grouping, (None, len(names))),
-        gap=gap,
+        columns=tuple(columns.places),
+        names=tuple(names[place] for place in columns.places),
+        expressions=tuple(grouped_text(row, names, _shown) for row in columns.grouping),
+        grouping=frozen("grouping", columns.grouping, (None, len(names))),
+        gap=columns.gap,
     )
 
 
@@ -481,7 +508,11 @@ def _short_rational(size: float) -> str:
 
 
 def _can_be_homogeneous(system: System) -> bool:
-    """Whether the equations can be homogeneous: a dependent signal has an unknown parameter."""
+    """Whether the equations can be homogeneous: a dependent signal has an unknown parameter.
+
+    Every term then has an unknown factor, so that any multiple of the parameters satisfies the
+    equations too: they have no scale.
+    """
     signals = {plain(name) for name in MOTOR_SIGNALS.values()}
     return any(
         system.terms[i].spring is not None or expression.free_symbols & signals
@@ -490,9 +521,9 @@ def _can_be_homogeneous(system: System) -> bool:
     )
 
 
-def _groups(pivots: Sequence[int], grouping: Array) -> Groups:
+def _groups(on_motions: _Columns) -> Groups:
     """Return the groups of combinations that are coupled by directions of the null space."""
-    p = grouping.shape[1]
+    pivots, grouping, p = on_motions.places, on_motions.grouping, on_motions.grouping.shape[1]
     if len(pivots) == p:
         return ()
     links = np.zeros((p, p), dtype=bool)

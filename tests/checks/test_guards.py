@@ -20,7 +20,7 @@ from seaid.checks.codes import Observation, observed
 from seaid.checks.experiment import Experiment
 from seaid.checks.verdict import RobotFit
 from seaid.errors import Finding, LogError
-from seaid.identification import checking, problem, result
+from seaid.identification import checking, conclusion, result
 from tests.experiments import arm, arm_log
 from tests.representatives import quick_only
 
@@ -78,9 +78,9 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "joints": (Experiment, "in_motion", property(fail)),
     "values": (result, "drive_findings", fail),
     "channels": (result, "unused_findings", fail),
-    "sensitivity": (problem, "sensitivity_findings", fail),
-    "echoes": (problem, "without_echoes", fail),
-    "scales": (problem, "unknown_scales", fail),
+    "sensitivity": (conclusion, "sensitivity_findings", fail),
+    "echoes": (conclusion, "without_echoes", fail),
+    "scales": (conclusion, "unknown_scales", fail),
 }
 """{part of the checks: the module or class, its name, and what fails in its place}."""
 

@@ -25,7 +25,7 @@ from seaid.identification.instrumental import (
 )
 from seaid.identification.simulated_joints import finer_side
 from seaid.identification.stacked_fits import RobotEstimate
-from seaid.identification.two_step import Condition, estimate_two_step
+from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.legged import load_robot
 from seaid.log import Motion, reconstruct_motion
 from seaid.regressor import actuator_regression, base_parameters, load_regression
@@ -57,7 +57,7 @@ def noise_free() -> tuple[Robot, LoadModel, Motion, FittedModel, RobotEstimate]:
     robot = TRUTH.without_nominal()
     model = load_model(robot, base_parameters(robot), robot.joint_names)
     motion = reconstruct_motion(robot, perfect_log(TRUTH, true_motion()), 8.0)
-    sides = estimate_two_step({"": Condition(robot, [motion], model)}, ESTIMATORS["wls"]).of("")
+    sides = estimate_two_step({ONLY: Condition(robot, [motion], model)}, ESTIMATORS["wls"]).of(ONLY)
     springs = dict(sides.springs)
     return robot, model, motion, FittedModel(model, sides.load_side.values, springs), sides
 
@@ -132,7 +132,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
         identify(robot, log, estimator="iv", method="simultaneous")
     with pytest.raises(IdentificationError, match="did you mean 'iv'"):
         identify(robot, log, estimator="ivv")  # type: ignore[arg-type]
-    run = partial(estimate_instrumental, robot, [motion], model)
+    run = partial(estimate_instrumental, Condition(robot, [motion], model))
     joint = robot.elastic_joints[0]
     drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
@@ -172,10 +172,10 @@ def test_perfect_motors_drive_the_joints_to_where_they_were() -> None:
 @pytest.mark.slow  # simulates joints in windows of a log
 def test_joints_obey_the_fitted_model_in_every_window() -> None:
     robot, model, motion, fitted, _ = noise_free()
-    torque, payload, H, _ = load_columns(robot, driven(motion), model, dict(fitted.springs))
-    residual = torque - payload - H @ fitted.load_side
+    columns = load_columns(robot, driven(motion), model, dict(fitted.springs))
     rows = [model.torque_joints.index(joint) for joint in SPRINGS]
-    assert np.all(np.std(residual[:, rows], axis=0) < 1e-4 * np.std(torque[:, rows], axis=0))
+    residual, torque = columns.residual(fitted.load_side)[:, rows], columns.torque[:, rows]
+    assert np.all(np.std(residual, axis=0) < 1e-4 * np.std(torque, axis=0))
 
 
 def in_rows(motion: Motion, name: str) -> Array:
@@ -267,7 +267,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
         raise IdentificationError("the fitted model diverges")
 
     monkeypatch.setattr("seaid.identification.instrumental.driven_motion", diverges)
-    found = estimate_instrumental(robot, [motion], model, sides, None)
+    found = estimate_instrumental(Condition(robot, [motion], model), sides, None)
     (finding,) = found.findings
     assert finding.message.startswith("the instruments of the load side come from the smoothed")
     assert finding.message.endswith("the fitted model diverges")
