@@ -23,7 +23,7 @@ from seaid.estimation import estimator_named
 from seaid.identification import Identification
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
 from seaid.identification.result import identification_of, value_findings, with_value_findings
-from seaid.identification.two_step import Condition, estimate_two_step, joints_with_torque
+from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
 from seaid.regressor import base_parameters, joint_torques
@@ -156,10 +156,9 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     used = joints_with_torque(known, [motion]) if rows is None else tuple(rows)
     known, datasets = linearised_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, torque_joints=used), used)
-    sides = estimate_two_step({"": Condition(known, datasets, model)}, estimator_named("wls")).of(
-        ""
-    )
-    values = value_findings(sides, robot, known)
+    condition, estimator = Condition(known, datasets, model), estimator_named("wls")
+    sides = estimate_two_step({ONLY: condition}, estimator).of(ONLY)
+    values = value_findings(sides, robot, known, None)
     sides = replace(sides, drives=with_searched_values(sides.drives, robot, known))
     return with_value_findings(identification_of(known, model, sides, datasets), values)
 

@@ -258,7 +258,6 @@ CAN_FAIL |= {"orth", "pinv", "solve", "solve_triangular", "svd", "cho_factor", "
 CANNOT_FAIL = {
     # factors that were found before of matrices of four by four; it takes no others
     "seaid.estimation.sdp": {"cholesky", "eigh", "eigvalsh", "inv", "solve_triangular"},
-    "seaid.estimation.feasible": {"eigvalsh"},
     "seaid.estimation.qr_factor": {"svd"},  # within what is called safely
     "seaid.export.mjcf_bodies": {"det"},  # of three axes; it raises for no numbers
     "seaid.checks.gears": {"det"},  # of two by two numbers

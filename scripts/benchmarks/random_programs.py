@@ -29,8 +29,14 @@ from seaid._arrays import Array
 from seaid.drives import StiffDrive
 from seaid.errors import SeaidError
 from seaid.estimation import Estimate, nearest
-from seaid.estimation.feasible import FeasiblePoint, regularised, with_selected_weight
-from seaid.estimation.sdp import BARRIER, Program, floored_covariance
+from seaid.estimation.sdp import (
+    BARRIER,
+    FeasiblePoint,
+    Program,
+    floored_covariance,
+    regularised,
+    with_selected_weight,
+)
 from seaid.identification.consistency import body_program, prior_bodies
 from seaid.regressor import base_parameters
 from seaid.regressor.load import LoadModel, load_model

@@ -7,14 +7,14 @@ that may explain it, see `consequences`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import BoolArray, FrozenMapping
+from seaid._arrays import FrozenMapping
 from seaid.checks import CODES
 from seaid.checks.channels import standstill_findings
 from seaid.checks.codes import consequences, guarded, is_wrong
@@ -41,11 +41,7 @@ from seaid.identification.result import (
     value_findings,
     with_value_findings,
 )
-from seaid.identification.sensitivity import (
-    exact_constants,
-    scaled_by_bodies,
-    sensitivity_findings,
-)
+from seaid.identification.sensitivity import exact_constants, scaled_by_bodies, sensitivity_findings
 from seaid.identification.stacked_fits import LOAD
 from seaid.identification.two_step import TwoStepFits
 from seaid.robot import Robot
@@ -80,8 +76,9 @@ def conclude(problem: Problem, name: str) -> Identification:
     values += [*estimate.findings, *result.findings]
     motors = (side for side in lacking if side.side.is_motor)
     joints_lacking_a_term = {joint for side in motors for _, joint in side.doubtful}
+    fit = replace(_two_step_fit(problem, name), weak=weak, lacking=joints_lacking_a_term)
     # The fit is judged without the findings of the values, which are no causes of it.
-    result = _with_fit_quality(problem, name, result, findings, weak, joints_lacking_a_term)
+    result = _with_fit_quality(problem, name, result, findings, fit)
     result = with_value_findings(result, values)
     # With several conditions the bodies of each are made consistent after the fit of all.
     result = consistent_bodies(result) if options.feasible and not is_only else result
@@ -156,41 +153,35 @@ _CONDITIONS_DIFFER = (
 )
 
 
-def _own_rows(problem: Problem, name: str) -> tuple[BoolArray | None, dict[int, int]]:
-    """Return the rows of a condition in the load side, None for all, and {run: number of log}."""
-    groups, rows = problem.cases[name].logs.motions_by_log, problem.two_step[name].fit.rows
+def _two_step_fit(problem: Problem, name: str) -> RobotFit:
+    """Return the fit of the load side in two steps, with the rows and logs of a condition in it.
+
+    It is judged whatever the method: rows of both sides at once have no torque of a spring as a
+    target, of which the errors are a part.
+    """
+    case, fit = problem.cases[name], problem.two_step[name].fit
+    groups, joints = case.logs.motions_by_log, case.robot.joint_names
     numbers = list(chain(*([number] * len(group) for number, group in enumerate(groups, 1))))
-    if problem.only is not None or rows is None:
-        return None, dict(enumerate(numbers))
-    own = np.zeros(len(rows.y), dtype=bool)
+    if problem.only is not None or fit.rows is None:
+        return RobotFit(joints, fit, logs=dict(enumerate(numbers)))
+    own = np.zeros(len(fit.rows.y), dtype=bool)
     own[problem.fits.shares[LOAD][name].rows] = True
-    runs = np.unique(rows.run[own]).astype(int).tolist()
-    return own, dict(zip(runs, numbers, strict=False))
+    runs = np.unique(fit.rows.run[own]).astype(int).tolist()
+    return RobotFit(joints, fit, own=own, logs=dict(zip(runs, numbers, strict=False)))
 
 
 def _with_fit_quality(
-    problem: Problem,
-    name: str,
-    result: Identification,
-    known: Sequence[Finding],
-    weak: Collection[str],
-    joints_lacking_a_term: Collection[str],
+    problem: Problem, name: str, result: Identification, known: Sequence[Finding], fit: RobotFit
 ) -> Identification:
-    """Return a result with how well it explains the experiment, after the findings `known` so far.
+    """Return a result with how well its `fit` explains the experiment, after the `known` findings.
 
-    Some joints have a spring that looks `weak`, and may have backlash; the motor equations of some
-    lack a term.
+    A joint whose spring looks weak may have backlash.
     """
-    case, sides, is_only = problem.cases[name], problem.two_step[name], problem.only is not None
-    robot, experiment, findings = case.robot, case.experiment, [*known]
-    # The two-step fit is judged: rows of both sides at once have no torque of a spring as a target,
-    # of which the errors are a part.
-    own, logs = _own_rows(problem, name)
-    judged = RobotFit(robot.joint_names, sides.fit, own=own, logs=logs)
-    judged = replace(judged, weak=weak, lacking=joints_lacking_a_term)
+    case, is_only, findings = problem.cases[name], problem.only is not None, [*known]
+    robot, experiment, actuators = case.robot, case.experiment, problem.two_step[name].actuators
     bodies = result.robot.parameters + robot.payload_parameters
     of_load = case.condition.model.base, result.load
-    explains = robot_fit(judged, sides.actuators, experiment, bodies, case.logs.locked, *of_load)
+    explains = robot_fit(fit, actuators, experiment, bodies, case.logs.locked, *of_load)
     of_fit = [
         replace(finding, remedy=f"{finding.remedy}{_CONDITIONS_DIFFER}")
         if finding.code == "no-fit" and not is_only
@@ -198,14 +189,14 @@ def _with_fit_quality(
         for finding in fit_findings(explains)
     ]
     findings += consequences(findings, of_fit)
-    drives = [joint for joint in result.drives if joint in weak]
+    drives = [joint for joint in result.drives if joint in fit.weak]
     backlash = backlash_findings(case.nominal, case.logs.sources, drives, case.used)
     findings += consequences(findings, backlash)
     exact = exact_constants(robot, problem.options.known_std)
     findings += scale_of_bodies(scaled_by_bodies(result.drives, exact))
     extension = extension_of(robot)
     if is_only:
-        of_rows = extension.fit_findings(result, case.datasets, sides.fit, case.bias)
+        of_rows = extension.fit_findings(result, case.datasets, fit.fit, case.bias)
         findings += consequences(findings, of_rows)
     findings += extension.value_findings(case.declared, result)
     setup = joint_checks(experiment, list(map(first_motion, case.datasets)), findings)

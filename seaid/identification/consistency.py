@@ -3,7 +3,7 @@
 An estimate determines fewer combinations than there are standard parameters, and noise may make it
 physically inconsistent. `feasible_parameters` returns the consistent robot nearest to both the
 estimate and the robot file, with the weight of the prior selected by the data
-(`seaid.estimation.feasible`). If no consistent robot is near the estimate, the assumption that
+(`seaid.estimation.sdp`). If no consistent robot is near the estimate, the assumption that
 contradicts the data is named.
 
 Limits of the semidefinite program are drive parameters that are not negative. Prior bodies are
@@ -25,8 +25,15 @@ from seaid.drives import ParameterName, readable
 from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, IdentificationError, RobotError
 from seaid.estimation import Estimate, nearest
-from seaid.estimation.feasible import WEIGHTS, FeasiblePoint, regularised, with_selected_weight
-from seaid.estimation.sdp import Program, covariance_root, floored_covariance
+from seaid.estimation.sdp import (
+    WEIGHTS,
+    FeasiblePoint,
+    Program,
+    covariance_root,
+    floored_covariance,
+    regularised,
+    with_selected_weight,
+)
 from seaid.identification.drive_estimates import with_values
 from seaid.regressor.load import LoadModel
 from seaid.robot import Robot, is_physical

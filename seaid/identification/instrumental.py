@@ -19,7 +19,7 @@ The instruments come from the previous estimate, iterated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -48,7 +48,7 @@ from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
-from seaid.regressor.load import LoadModel, load_columns, with_known_friction
+from seaid.regressor.load import LoadModel, Springs, load_columns, with_known_friction
 from seaid.regressor.regression import Regress, actuator_columns, known_friction
 from seaid.robot import Robot, at_drives, at_joints
 from seaid.simulation.plant import Response, torque_jacobians
@@ -69,7 +69,7 @@ class FittedModel:
 
     model: LoadModel
     load_side: Array
-    springs: Mapping[str, Array]
+    springs: Springs
 
 
 Maker = Callable[[Robot, Motion, FittedModel], Motion]
@@ -132,16 +132,11 @@ def actuator_with_instruments(
 
 
 def load_with_instruments(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    fitted: FittedModel,
-    make: Maker = instrument_motion,
+    robot: Robot, motion: Motion, springs: Springs, fitted: FittedModel, make: Maker
 ) -> Regression:
     """Return `load_regression` with instruments from the motion by `make` as further columns."""
+    model, made = fitted.model, make(robot, motion, fitted)
     rows = load_regression(robot, motion, model, springs)
-    made = make(robot, motion, fitted)
     joints = [robot.index(joint) for joint in model.torque_joints]
     Z = load_columns(robot, made, model, springs).H
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
@@ -213,7 +208,6 @@ def _settled(
         equations[LOAD] = partial(
             load_with_instruments,
             robot,
-            model=model,
             springs=without_torque(robot, estimate.springs),
             fitted=fitted,
             make=make,

@@ -314,15 +314,12 @@ def negative_inertias(robot: Robot, drives: Mapping[str, Estimate]) -> dict[str,
 
 
 def value_findings(
-    sides: RobotEstimate,
-    nominal: Robot,
-    robot: Robot,
-    qr_factors: Mapping[str, QRFactor] | None = None,
+    sides: RobotEstimate, nominal: Robot, robot: Robot, qr_factors: Mapping[str, QRFactor] | None
 ) -> list[Finding]:
     """Return what the values of both sides show, and what the errors of their rows do.
 
-    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation}, by
-    default those of the fits.
+    `nominal` is the robot before a search. `qr_factors` {joint: that of its motor equation} are
+    those of the fits if None.
     """
     fits = {joint: side.qr_factor for joint, side in sides.actuators.items()}
     findings: list[Finding] = []

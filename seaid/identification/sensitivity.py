@@ -539,7 +539,7 @@ class GivenConstants:
                 load = turn.refit(rows[LOAD], self._offsets)
         k = len(errors.names)
         slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
-        levers = {}  # relative derivatives of N/r_M by each constant, none by encoders of others
+        levers = {}  # relative derivatives of N/r_M by each error: those of encoders change nothing
         for joint in turn.springs:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
             changes = (after / offset_lever(turn.robot, joint) - 1) / STEP
@@ -633,7 +633,7 @@ def _equations(
     for joint, fit in turn.by_sensor.items():
         estimate = fit.estimate.of_condition(name)
         equations[sensed_spring(joint)] = partial(of_drive, joint, estimate, spring_regression)
-    return equations | {LOAD: partial(_load_rows, robot, condition.model, sides, constants)}
+    return equations | {LOAD: partial(_load_rows, condition, sides, constants)}
 
 
 def _drive_rows(
@@ -662,18 +662,15 @@ def _drive_rows(
 
 
 def _load_rows(
-    robot: Robot,
-    model: LoadModel,
-    sides: RobotEstimate,
-    constants: Sequence[Constant],
-    motion: Motion,
+    condition: Condition, sides: RobotEstimate, constants: Sequence[Constant], motion: Motion
 ) -> Regression:
     """Return the load side without the torques of springs, which propagates them and constants.
 
     With f_0 = s - b_0 N/r_M in `springs`, the column of the torque offset b_0 is in the residual;
     see `with_torque_columns`.
     """
-    theta, in_drives = sides.load_side.values, [x for x in constants if not x.is_offset]
+    robot, model, theta = condition.robot, condition.model, sides.load_side.values
+    in_drives = [constant for constant in constants if not constant.is_offset]
 
     def changes(piece: Motion) -> Array:
         changed = [(constant.robot, constant.changed(piece)) for constant in in_drives]

@@ -393,11 +393,8 @@ def random_states(
     enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
     shape = (count or max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
-    q, v, a = (
-        rng.uniform(-reach, reach, shape),
-        rng.normal(0, 3, shape),
-        rng.normal(0, 10, shape),
-    )
+    q = rng.uniform(-reach, reach, shape)
+    v, a = rng.normal(0, 3, shape), rng.normal(0, 10, shape)
     for joint, place in robot.at_rest.items():
         q[:, robot.index(joint)] = place
         v[:, robot.index(joint)] = a[:, robot.index(joint)] = 0.0

@@ -264,8 +264,8 @@ def load_model(
     robot: Robot,
     base: BaseParameters,
     torque_joints: Sequence[str],
-    stances: Sequence[Sequence[str]] = ((),),
-    measured: Sequence[str] = (),
+    stances: Stances = ((),),
+    measured: Links = (),
 ) -> LoadModel:
     """Return the identifiable columns of the load side, for the torques of some joints.
 
@@ -298,18 +298,14 @@ def load_model(
 
 
 def _random_rows(
-    robot: Robot,
-    base: BaseParameters,
-    torque_joints: Sequence[str],
-    stances: Sequence[Sequence[str]],
-    measured: Sequence[str],
+    robot: Robot, base: BaseParameters, joints: Sequence[str], stances: Stances, measured: Links
 ) -> tuple[Array, list[tuple[str, str, str]]]:
     """Return the rows of the load side at random states, and the drive parameters in them."""
-    known, equations = list(map(robot.index, torque_joints)), body_equations(robot)
+    known, equations = list(map(robot.index, joints)), body_equations(robot)
     parts, drives = [], list[tuple[str, str, str]]()
     for (q, v, a), Y, reduced in equations.random_rows(known, stances, measured):
         signals_of = partial(stiff_signals, robot, q=q, v=v, a=a)
-        columns, drives = drive_parameters(robot, torque_joints, signals_of)
+        columns, drives = drive_parameters(robot, joints, signals_of)
         columns = equations.with_all_rows(columns)
         rows = reduced(np.concatenate([base.reduce(Y), columns], axis=2))
         # not reshape(-1, ...): where all bodies are known there may be no column

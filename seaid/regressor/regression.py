@@ -263,14 +263,9 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
 
 def spring_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     """Return (4b) of an elastic joint over time, with its measured torque: spring parameters."""
-    return _drive_rows(
-        robot, motion, joint, spring_regressor(robot, joint), _sensed_signals(robot, motion, joint)
-    )
-
-
-def _sensed_signals(robot: Robot, motion: Motion, joint: str) -> dict[str, Array]:
     index = robot.index(joint)
-    return signals(robot, motion, index) | {"tau_L": sensed_torque(robot, motion, index)}
+    measured = signals(robot, motion, index) | {"tau_L": sensed_torque(robot, motion, index)}
+    return _drive_rows(robot, motion, joint, spring_regressor(robot, joint), measured)
 
 
 def _drive_rows(

@@ -15,8 +15,16 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidWarning
 from seaid.estimation import feasible, nearest
 from seaid.estimation import sdp as interior_point
-from seaid.estimation.feasible import WEIGHTS, FeasiblePoint, regularised, with_selected_weight
-from seaid.estimation.sdp import RESOLVED, Program, covariance_root, floored_covariance
+from seaid.estimation.sdp import (
+    RESOLVED,
+    WEIGHTS,
+    FeasiblePoint,
+    Program,
+    covariance_root,
+    floored_covariance,
+    regularised,
+    with_selected_weight,
+)
 from seaid.robot.inertia import from_center_of_mass, pseudo_inertia
 from tests.representatives import quick_first
 

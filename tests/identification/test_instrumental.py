@@ -72,7 +72,8 @@ def test_without_noise_the_instruments_are_the_columns() -> None:
         assert np.array_equal(rows.H, plain.H)
         off = np.linalg.norm(Z - rows.H, axis=0) / np.linalg.norm(rows.H, axis=0)
         assert np.all(off < 0.3)
-    rows, Z = split_instruments(load_with_instruments(robot, motion, model, sides.springs, fitted))
+    both = load_with_instruments(robot, motion, sides.springs, fitted, instrument_motion)
+    rows, Z = split_instruments(both)
     plain = load_regression(robot, motion, model, sides.springs)
     assert np.array_equal(rows.H, plain.H)
     assert rows.H.shape == Z.shape
