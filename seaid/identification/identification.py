@@ -225,8 +225,7 @@ def _with_simulated_angles(
     assert options.cutoff_hz is not None
 
     def estimated(initial: list[Log], is_consistent: bool) -> FirstEstimate:
-        first = _fit(robot, initial, replace(options, feasible=is_consistent))
-        return first_estimate(first, logs)
+        return first_estimate(_fit(robot, initial, replace(options, feasible=is_consistent)), logs)
 
     def refined(initial: list[Log]) -> FirstEstimate:
         # An inertia as estimated may not be one to simulate.

@@ -448,8 +448,7 @@ class LoadSideFit:
             rows = replace(rows, propagated=columns)
             covariances.append(self.sensor_errors.covariance)
         covariance = linalg.block_diag(*covariances)
-        freed = tuple(joint for joint, x in springs.items() if offset_places(x))
-        freed = freed if self.has_torque_offsets else ()
+        freed = tuple(x for x in springs if self.has_torque_offsets and offset_places(springs[x]))
         if freed:
             with_all = partial(with_torque_columns, robot, springs, freed)
             # All offsets are tried at once: a column that gravity nearly explains is dropped again.
