@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +46,7 @@ from seaid.identification.two_step import TwoStepFits
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
+    from seaid.checks.model import SideSelection
     from seaid.identification.problem import Problem
 
 
@@ -74,10 +74,8 @@ def conclude(problem: Problem, name: str) -> Identification:
     with guarded(CODES["drives-differ"], values):
         values += shared_findings(estimate.shared)
     values += [*estimate.findings, *result.findings]
-    motors = (side for side in lacking if side.side.is_motor)
-    joints_lacking_a_term = {joint for side in motors for _, joint in side.doubtful}
-    fit = replace(_two_step_fit(problem, name), weak=weak, lacking=joints_lacking_a_term)
     # The fit is judged without the findings of the values, which are no causes of it.
+    fit = replace(_two_step_fit(problem, name, lacking), weak=weak)
     result = _with_fit_quality(problem, name, result, findings, fit)
     result = with_value_findings(result, values)
     # With several conditions the bodies of each are made consistent after the fit of all.
@@ -153,21 +151,23 @@ _CONDITIONS_DIFFER = (
 )
 
 
-def _two_step_fit(problem: Problem, name: str) -> RobotFit:
+def _two_step_fit(problem: Problem, name: str, selected: list[SideSelection]) -> RobotFit:
     """Return the fit of the load side in two steps, with the rows and logs of a condition in it.
 
     It is judged whatever the method: rows of both sides at once have no torque of a spring as a
     target, of which the errors are a part.
     """
     case, fit = problem.cases[name], problem.two_step[name].fit
-    groups, joints = case.logs.motions_by_log, case.robot.joint_names
-    numbers = list(chain(*([number] * len(group) for number, group in enumerate(groups, 1))))
+    motors = (side for side in selected if side.side.is_motor)
+    lacking = {joint for side in motors for _, joint in side.doubtful}
+    numbers = [k for k, group in enumerate(case.logs.motions_by_log, 1) for _ in group]
+    whole = RobotFit(case.robot.joint_names, fit, lacking=lacking, logs=dict(enumerate(numbers)))
     if problem.only is not None or fit.rows is None:
-        return RobotFit(joints, fit, logs=dict(enumerate(numbers)))
+        return whole
     own = np.zeros(len(fit.rows.y), dtype=bool)
     own[problem.fits.shares[LOAD][name].rows] = True
     runs = np.unique(fit.rows.run[own]).astype(int).tolist()
-    return RobotFit(joints, fit, own=own, logs=dict(zip(runs, numbers, strict=False)))
+    return replace(whole, own=own, logs=dict(zip(runs, numbers, strict=False)))
 
 
 def _with_fit_quality(
