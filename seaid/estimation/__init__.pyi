@@ -4,10 +4,10 @@ from .estimate import Estimate as Estimate
 from .estimate import SharedParameter as SharedParameter
 from .estimate import TermTest as TermTest
 from .estimate import Whiteness as Whiteness
-from .feasible import nearest as nearest
 from .fitting import Estimator as Estimator
 from .fitting import FittedRows as FittedRows
 from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
 from .parameters import Parameter as Parameter
 from .parameters import Prior as Prior
+from .sdp import nearest as nearest

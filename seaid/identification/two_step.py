@@ -306,7 +306,7 @@ class _Motors:
                 fitted = self._fitted_for_one(joint, rows[joint], fitted)
             motors[joint] = fitted
         by_sensor = {}
-        for joint in (joint for joint in unscaled if joint in self.sensed):
+        for joint in filter(self.sensed.__contains__, unscaled):
             spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=motions[0].cutoff_hz)
             by_sensor[joint] = _with_noisy_deflection(robot, motions, joint, spring, estimator)
         constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}

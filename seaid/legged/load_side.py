@@ -233,12 +233,8 @@ def floating_columns(
             robot, states[0], piece.contacts, joint_places, rows, unknown[part], piece.up
         )
         table[part] = rows * piece.used[:, None, None]
-    return LoadColumns(
-        torque=table[:, :, count],
-        payload=table[:, :, count + 1],
-        H=table[:, :, :count],
-        propagated=table[:, :, count + 2 :],
-    )
+    H, torque, payload = table[:, :, :count], table[:, :, count], table[:, :, count + 1]
+    return LoadColumns(torque, payload, H, table[:, :, count + 2 :])
 
 
 def contact_force_rows(
