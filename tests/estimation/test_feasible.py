@@ -13,7 +13,7 @@ from scripts.benchmarks.random_programs import (
 )
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidWarning
-from seaid.estimation import feasible, nearest
+from seaid.estimation import nearest, sdp
 from seaid.estimation import sdp as interior_point
 from seaid.estimation.sdp import (
     RESOLVED,
@@ -205,7 +205,7 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
         tried.append(weight)
         return regularised(one, weight)
 
-    monkeypatch.setattr(feasible, "regularised", watched)
+    monkeypatch.setattr(sdp, "regularised", watched)
     for least in (0.0, 1e6, 1e20):
         tried.clear()
         with_selected_weight(program(3), least)
