@@ -154,9 +154,10 @@ def repeats(name: str, time: Array, values: Array, seed: int) -> Damaged:
 
 
 def set_back(name: str, time: Array, values: Array, seed: int) -> Damaged:
-    """Return times of a clock that is set back, by no whole number of samples."""
+    """Return times of a clock that is set back, by more than two samples and no whole number."""
     rng = np.random.default_rng(seed)
-    time[rng.integers(200, len(time) - 200) :] -= (rng.integers(8, 1500) + 0.4) / RATE
+    samples = rng.integers(2, (8, 1500)[seed % 2]) + 0.4
+    time[rng.integers(200, len(time) - 200) :] -= samples / RATE
     return time, values
 
 
@@ -334,10 +335,9 @@ def test_rows_that_each_repeat_the_stamp_and_the_values_of_another_are_no_coarse
         repaired(in_turn)
 
 
-@pytest.mark.parametrize("jump_s", [30.0, -2.3 / RATE])
-def test_a_clock_that_is_set_on_or_hardly_back_while_the_robot_goes_on(jump_s: float) -> None:
-    """The motion is continuous, so neither is a gap, nor are samples late."""
-    wrong = T + jump_s * (np.arange(len(T)) >= 1700)
+def test_a_clock_that_is_set_on_while_the_robot_goes_on() -> None:
+    """The motion is continuous, so that this is no gap."""
+    wrong = T + 30.0 * (np.arange(len(T)) >= 1700)
     grid, values, repairs = repaired([Channel(POSITION, wrong, angle(T))])
     assert kinds(repairs) == {"clock jumps": 1}
     assert off(grid, values[POSITION]) < 0.1

@@ -14,8 +14,8 @@ from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
 from seaid.log.repair import FEWEST, Channel, Fault, Repair, Repairs
 
-_LATE_RUN, _HOLE = 5, 0.3
-"""Most late samples in a row; their distance from earlier stamps in typical steps, at least."""
+_LATE_RUN = 5
+"""Most late samples in a row."""
 
 _NEIGHBOURS, _TOLERANCE = 10, 3.0
 """A signal is continuous if its change is at most this multiple of those of so many neighbours."""
@@ -126,7 +126,7 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
     while place < len(stamps):
         jump = stamps[place] - stamps[place - 1]
         if jump < 0:
-            run = _late_run(stamps, place, step)
+            run = _late_run(stamps, values, place, step)
             if run:
                 late.append(np.arange(place, place + run))
                 # Sorted up to the run only, since the clock may be set back later on.
@@ -163,18 +163,40 @@ def _next_break(stamps: Array, place: int, longest_gap_s: float) -> int:
     return place + int(broken[0]) if len(broken) else len(stamps)
 
 
-def _late_run(stamps: Array, place: int, step: float) -> int:
+def _late_run(stamps: Array, values: Array, place: int, step: float) -> int:
     """Return the number of late samples from `place` on, 0 if the clock was set back."""
     ahead = stamps[place : place + _LATE_RUN + 1] >= stamps[place - 1]
     run = int(np.argmax(ahead)) if np.any(ahead) else len(ahead)
     if run > _LATE_RUN:
         return 0
-    before = stamps[max(0, place - 50) : place]
-    # Late samples fall between the earlier stamps, into their gap; stamps of a clock that was set
-    # back repeat earlier ones. Less than a step is the jitter of the stamp before.
-    distance = np.min(np.abs(stamps[place : place + run, None] - before), axis=1)
-    is_late = stamps[place - 1] - stamps[place] < step or np.all(distance > _HOLE * step)
-    return run if is_late else 0
+    jump = stamps[place] - stamps[place - 1]
+    if -jump < step:  # the jitter of the stamp before
+        return run
+    # In the right reading of the stamps, the motion and the sampling are the smoother ones.
+    near, at = (
+        slice(max(0, place - _NEIGHBOURS), place + run + _NEIGHBOURS),
+        min(place, _NEIGHBOURS),
+    )
+    stamps, values = stamps[near], values[near]
+    late, moved, _ = _sorted(stamps, values, np.arange(len(stamps)), at + run)
+    set_on = np.concatenate([stamps[:at], stamps[at:] - (jump - step)])
+    return run if _roughness(late, moved) < _roughness(set_on, values) else 0
+
+
+def _roughness(time: Array, values: Array) -> float:
+    """Return how far channels (T, any) and their sampling are from smooth, as a sum of logarithms.
+
+    That is -2 / T times the log-likelihood of samples on lines between their neighbours, with
+    noise of unknown variance in each channel. The number of a sample is one more channel, which is
+    a line in the time of regular sampling.
+    """
+    columns = np.column_stack([np.arange(len(time)), np.where(np.isfinite(values), values, np.nan)])
+    share = np.diff(time)[:-1] / np.maximum(time[2:] - time[:-2], np.finfo(float).tiny)
+    off = columns[1:-1] - columns[:-2] - share[:, None] * (columns[2:] - columns[:-2])
+    power, changes = (np.nansum(x**2, axis=0) for x in (off, np.diff(columns, axis=0)))
+    moves = changes > 0
+    # A line without noise has none of its changes left, and would outweigh all other channels.
+    return float(np.sum(np.log(power[moves] + _REGULAR**2 * changes[moves])))
 
 
 def _sorted(
