@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import seaid
@@ -235,6 +235,7 @@ def test_a_lower_rate_passes_a_low_pass_first() -> None:
     assert np.max(np.abs(values[TORQUE] - np.sin(2 * np.pi * 0.5 * grid))[inner]) < 0.02
 
 
+@example(offset=4e-3, drift=-8e-4, seed=0)  # the offset is below a step in the middle of the log
 @given(offset=st.floats(-3e3, 3e3), drift=st.floats(-1.5e-3, 1.5e-3), seed=st.integers(0, 99))
 def test_one_clock_a_joint(offset: float, drift: float, seed: int) -> None:
     """Offsets and drifts of a joint's clock are removed, but for a step of it and its jitter."""

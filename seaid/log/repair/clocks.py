@@ -322,7 +322,7 @@ def clock_lines(
     """Return the line of each clock over the first one; None: the clock is not changed.
 
     A line is determined only for clocks with the same number of samples that run in step. An offset
-    below one step stays, because it cannot be distinguished from sequential sampling.
+    below one step without a drift stays: it cannot be distinguished from sequential sampling.
     """
     return [None, *(_line(group, clocks[0], limits, repairs) for group in clocks[1:])]
 
@@ -340,7 +340,9 @@ def _line(
     # Both tests: a drift of less than a sample over the log does not matter, and one within its
     # confidence interval may be none.
     drifts = abs(line.drift) * span > step and abs(line.drift) > line.drift_error
-    shifted = abs(line.offset_s) > step
+    # A clock that drifts is another one, whose offset changes throughout. That at the middle of the
+    # log is as much a fault of the clock as that at its start.
+    shifted = drifts or abs(line.offset_s) > step
     line = replace(line, drift=line.drift * drifts, offset_s=line.offset_s * shifted)
     name, name_first = _clock_name(group), _clock_name(first)
     if abs(line.drift) > limits.largest_drift:
