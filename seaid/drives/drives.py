@@ -527,17 +527,18 @@ class _Parameters(Display):
 
 
 def _with_amplitudes(drive: Any, values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the fields of periodic errors with the amplitudes in `values`, None without both."""
-    return {
-        field: tuple(
-            replace(harmonic, amplitudes=tuple(values[name] for name in harmonic.names))
-            if set(harmonic.names) <= set(values)
-            else replace(harmonic, amplitudes=None)
-            for harmonic in getattr(drive, field)
-        )
-        for field in FIELDS
-        if getattr(drive, field)
-    }
+    """Return the fields of periodic errors with the amplitudes in `values`, None without both.
+
+    Where one of the two is unknown, it is zero.
+    """
+
+    def valued(harmonic: Harmonic) -> Harmonic:
+        cosine, sine = (values.get(name, 0.0) for name in harmonic.names)
+        is_unknown = values.keys().isdisjoint(harmonic.names)
+        return replace(harmonic, amplitudes=None if is_unknown else (cosine, sine))
+
+    fields_of = {field: getattr(drive, field) for field in FIELDS}
+    return {field: tuple(map(valued, entries)) for field, entries in fields_of.items() if entries}
 
 
 @dataclass(frozen=True, repr=False)

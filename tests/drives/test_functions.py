@@ -179,6 +179,17 @@ def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     assert name not in found(robot).drives["shoulder"].names
 
 
+@pytest.mark.parametrize(("part", "partner"), [("cos", "sin"), ("sin", "cos")])
+def test_a_known_amplitude_stays_where_its_partner_is_unknown(part: str, partner: str) -> None:
+    """The unknown one counts as zero, as all unknown periodic errors do."""
+    name = f"torque_ripple_joint_4_{part}"
+    ripple = {"joint": {4: (1e-3, 2e-3)}}
+    drive = replace(arm().drives["wrist"], torque_ripple=ripple, known=(name,))
+    values = drive.without_nominal().own_values
+    assert values[name] == drive.own_values[name]
+    assert values[name.replace(part, partner)] == 0.0
+
+
 def test_identifiability_does_not_depend_on_harmonics() -> None:
     """Amplitudes are no unknowns of the count."""
     assert identifiability(truth()).summary() == identifiability(arm()).summary()
