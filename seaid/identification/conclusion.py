@@ -180,7 +180,8 @@ def _with_fit_quality(
     case, is_only, findings = problem.cases[name], problem.only is not None, [*known]
     robot, experiment, actuators = case.robot, case.experiment, problem.two_step[name].actuators
     bodies = result.robot.parameters + robot.payload_parameters
-    of_load = case.condition.model.base, result.load
+    # More rows do not reduce the errors of what was given as known.
+    of_load = case.condition.model.base, problem.estimates[name].load
     explains = robot_fit(fit, actuators, experiment, bodies, case.logs.locked, *of_load)
     of_fit = [
         replace(finding, remedy=f"{finding.remedy}{_CONDITIONS_DIFFER}")

@@ -132,8 +132,7 @@ def test_a_file_is_identified_as_the_log_in_memory(
         for joint in ELASTIC:
             assert_same(one.drives[joint], right.drives[joint], 1e-7)
         assert not one.checks["load"].whiteness  # its rows are not kept
-        if not is_stated:  # blocks of rows are compared in memory alone
-            assert one.warnings == right.warnings
+        assert one.warnings == right.warnings
 
 
 @pytest.mark.slow  # 0.6 s
