@@ -26,7 +26,6 @@ from seaid.errors import RobotError, unknown_name
 
 if TYPE_CHECKING:
     from seaid.robot.pinocchio_model import Assembly, BaseKind
-    from seaid.robot.urdf import UrdfJoint
 
 _NORMALS: dict[BaseKind, tuple[float, float, float]] = {
     "planar_yz": (1.0, 0.0, 0.0),
@@ -176,8 +175,8 @@ def base_of_assembly(
     link, at_root = next(iter(built.frames)), built.at_root
     if built.base[0, 0] <= 0:
         raise RobotError(
-            f"base='{kind}': the link '{link}' and what is fixed to it have no mass: give the "
-            "base its <inertial>, or load the robot with base='fixed'",
+            f"base='{kind}': the link '{link}' of '{built.path}' and what is fixed to it have no "
+            "mass: give the base its <inertial>, or load the robot with base='fixed'",
             f"base='{kind}'",
             "base='fixed'",
         )
@@ -191,7 +190,7 @@ def base_of_assembly(
         frames=FrozenMapping(frames, "link"),
         contacts=touching,
         imu_link=imu_link,
-        normal=_normal(kind, at_root),
+        normal=_normal(built, kind),
         upright=at_root.placement.rotation if at_root and at_root.type == "planar" else None,
     )
     _check_links(base)
@@ -237,15 +236,16 @@ def imu_motion(
     return ImuMotion(motion[:, :3], *(motion[:, k] for k in range(3, 7)))
 
 
-def _normal(kind: BaseKind, at_root: UrdfJoint | None) -> tuple[float, float, float] | None:
+def _normal(built: Assembly, kind: BaseKind) -> tuple[float, float, float] | None:
     """Return the normal of the plane of a base. Raises RobotError for one that is no axis."""
+    at_root = built.at_root
     if at_root is None or at_root.type != "planar":
         return _NORMALS.get(kind)
     axis = at_root.axis
     if np.count_nonzero(axis) != 1:
         raise RobotError(
-            f"the axis of the planar joint '{at_root.name}' must be one of those of its child "
-            f"link, found {axis.tolist()}: turn the link, so that the plane is xy, xz or yz"
+            f"'{built.path}': the axis of the planar joint '{at_root.name}' must be one of those "
+            f"of its child link, found {axis.tolist()}: turn it, so that the plane is xy, xz or yz"
         )
     return tuple(axis.tolist())
 

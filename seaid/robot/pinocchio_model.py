@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -123,19 +124,17 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:
-            movable = listed(
-                x.name for x in tree.joints.values() if x.type in _MOVING and not x.mimic
-            )
+            movable = listed(x for x in movable_joints(tree) if tree.joints[x].type in _MOVING)
             base = f"; or that of the base with base='{kind}'" if _is_at_root(tree, name) else ""
             raise RobotError(
-                f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: name the joints that move with joints=[...], which "
-                f"locks '{name}' and all others at zero; there are {movable or 'none'}{base}",
+                f"URDF '{tree.path}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} "
+                "joints of a robot with a fixed base: name those that move with joints=[...], "
+                f"which locks '{name}' and all others at zero; there are {movable or 'none'}{base}",
                 "joints=[...]",
                 f"base='{kind}'",
             )
     if not names:
-        raise RobotError(f"'{tree.name}' has no joint that moves")
+        raise RobotError(f"URDF '{tree.path}' has no joint that moves")
     return tuple(names)
 
 
@@ -149,7 +148,7 @@ def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, Urd
         if kind == "planar":
             raise RobotError(
                 "base='planar' takes the plane of a planar joint at the root of the file, and that "
-                f"of '{tree.name}' has none: name the plane by axes of the base, such as "
+                f"of '{tree.path}' has none: name the plane by axes of the base, such as "
                 "base='planar_xz'",
                 "base='planar'",
                 "base='planar_xz'",
@@ -157,7 +156,7 @@ def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, Urd
         return tree, None
     if below[0].type != kind:
         raise RobotError(
-            f"base='{kind}': the joint '{below[0].name}' at the root of '{tree.name}' is "
+            f"base='{kind}': the joint '{below[0].name}' at the root of '{tree.path}' is "
             f"{below[0].type}: load it with base='{below[0].type}'",
             f"base='{kind}'",
             f"base='{below[0].type}'",
@@ -180,7 +179,7 @@ def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJo
         joint, mimic = tree.joints[name], tree.joints[name].mimic
         if mimic is None or joint.type == "fixed":
             continue
-        where = f"'{tree.name}': joint '{name}' mimics '{mimic.leader}'"
+        where = f"URDF '{tree.path}': joint '{name}' mimics '{mimic.leader}'"
         if joint.type not in _MOVING:
             raise RobotError(f"{where} and is {joint.type}; allowed are {', '.join(_MOVING)}")
         if mimic.leader in moving and mimic.multiplier != 0:
@@ -233,8 +232,8 @@ class Assembly:
     The model has one coordinate for every joint, dependent ones too. `order` has the index of each
     of its joints among the n moving joints and the dependent ones, which follow them. `base` (2,
     10) are the parameters of what no joint moves and of the payloads on it; `frames` {link: joint
-    of the model (0 for the base), placement in its body}, that of the base first. `at_root` is the
-    joint of the file by which the base moves, if it has one.
+    of the model (0 for the base), placement in its body}, that of the base first. `path` is the
+    file for messages, and `at_root` its joint by which the base moves, if it has one.
     """
 
     model: pin.Model
@@ -243,6 +242,7 @@ class Assembly:
     payloads: Array
     base: Array
     frames: Mapping[str, tuple[int, pin.SE3]]
+    path: Path
     at_root: UrdfJoint | None = None
 
     def with_base_last(self, at_root: UrdfJoint | None) -> Assembly:
@@ -294,7 +294,7 @@ def assemble(
     bodies[-1] += tree.links[tree.root]
     _check_masses(tree, moving, bodies[:-1])
     base = np.array([bodies[-1], loads[-1]])
-    return Assembly(model, tuple(order), bodies[:-1], loads[:-1], base, frames)
+    return Assembly(model, tuple(order), bodies[:-1], loads[:-1], base, frames, tree.path)
 
 
 def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
@@ -407,6 +407,6 @@ def _check_masses(tree: UrdfTree, moving: Sequence[str], bodies: Array) -> None:
     for name, parameters in zip(moving, bodies, strict=True):
         if parameters[0] == 0.0 and np.any(parameters):
             raise RobotError(
-                f"'{tree.name}': link '{tree.joints[name].child}' (moved by '{name}') has inertia "
-                "but zero mass; give it a mass of more than zero"
+                f"URDF '{tree.path}': link '{tree.joints[name].child}' (moved by '{name}') has "
+                "inertia but zero mass; give it a mass of more than zero"
             )

@@ -163,7 +163,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "contacts= names 'FL_foot' twice": {"contacts": ["FL_foot", "FL_foot"]},
     "imu_link=: no link is named 'imo'": {"imu_link": "imo"},
     "give base='floating' with them": {"contacts": ["FL_foot"], "base": "fixed"},
-    "the link 'base' and what is fixed to it have no mass": {"path": "hollow.urdf"},
+    "hollow.urdf' and what is fixed to it have no mass": {"path": "hollow.urdf"},
 }
 
 

@@ -187,7 +187,7 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     assert_same(joint_torques(robot, *state), joint_torques(welded, *state))
     with pytest.raises(RobotError, match="joint 'ball' is fixed"):
         load_robot(path, joints=["ball"])
-    with pytest.raises(RobotError, match="'test' has no joint that moves"):
+    with pytest.raises(RobotError, match=r"test\.urdf' has no joint that moves"):
         load_robot(write_chain({"weld": "fixed"}))
 
 
@@ -246,7 +246,7 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
         ({"joints": ["hip_yaw", "knee"]}, r"'tulip_leg': no joint is named 'knee'; did you mean"),
         ({"joints": ["hip_yaw"] * 2}, r"names a joint twice: \['hip_yaw', 'hip_yaw'\]"),
         ({"joints": "hip_yaw"}, r"joints= must be a list of names, found .*'hip_yaw'"),
-        ({"joints": []}, "'tulip_leg' has no joint that moves"),
+        ({"joints": []}, r"leg\.urdf' has no joint that moves"),
         ({"payloads": [Payload("foott", 1.0)]}, r"no link is named 'foott'; did you mean 'foot'\?"),
         ({"payloads": [Payload("trunk", 1.0)]}, "payload on 'trunk': no joint moves this link"),
         ({"gravity": (0.0, 0.0)}, "gravity=? must"),
