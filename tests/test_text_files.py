@@ -112,7 +112,7 @@ def test_names_of_any_letters_come_back_from_drives_and_descriptions(
     drives: dict[str, Drive] = {joint: StiffDrive(gear_ratio=3.0, transmission={joint: 2.0})}
     write_drives(drives, path.with_name("drives.toml"))
     assert read_drives(path.with_name("drives.toml")) == drives
-    written = LogDescription({joint: {"joint_position": Source(column)}}, where=column)
+    written = LogDescription({joint: {"joint_position": Source((column,))}}, where=column)
     path.write_text(written.to_toml(), encoding="utf-8")
     back = description_for(path.with_suffix(".csv"), path)
     assert back is not None

@@ -631,7 +631,7 @@ def with_leg_order(guess: Description, robot: Robot, log: Log) -> Description:
     joints = {x: described.joints[names[j]] for x, j in zip(names, order.joints, strict=True)}
     contacts = {x: described.contacts[order.contacts.get(x, x)] for x in described.contacts}
     positions = (joints[joint].get("joint_position") for joint in names)
-    first = [str(position.column) for position in positions if position is not None]
+    first = [position.column for position in positions if position is not None]
     text = (
         f"joints, contacts: in the order in which standing feet rest, with {order.speed:.2g} m/s "
         f"(rms), {order.speed_as_given:.2g} m/s in the order of the robot: {', '.join(names)} are "
@@ -651,7 +651,7 @@ def _better_order(described: LogDescription, robot: Robot, log: Log) -> LegOrder
     if not isinstance(robot, FloatingRobot) or log.base is None or not log.base.contacts:
         return None
     named = (
-        meaning_of(str(source.column), names).joint == joint
+        meaning_of(source.column, names).joint == joint
         for joint, sources in described.joints.items()
         for source in sources.values()
     )

@@ -112,12 +112,15 @@ _SLICE = re.compile(r"(.*)\[(\d+):(\d+)\]")
 class Source:
     """The source of a quantity: value = sign scale (unit in SI) times column + offset.
 
+    That of a vector of the base or of a contact is scale times its columns.
+
     Attributes
     ----------
-    column, unit : str or None
-        The column, in a file without header its number from 1 on, and its unit; None: SI, "counts"
-        with `counts_per_turn` or `counts_per_m`, "A" or "mA" for a torque with
-        `torque_constant_Nm_per_A`.
+    columns : tuple of str
+        The column, in a file without header its number from 1 on, or those of a vector.
+    unit : str or None
+        Unit of the column; None: SI, "counts" with `counts_per_turn` or `counts_per_m`, "A" or "mA"
+        for a torque with `torque_constant_Nm_per_A`.
     sign, scale, offset : int, float, float
         1 or -1, a factor, and an offset in SI units.
     wraps : float or None
@@ -126,17 +129,28 @@ class Source:
         A column or number to multiply with, as the supply voltage of a duty cycle.
     side : str or None
         "motor" or "joint", if the column holds the value at the other side of the gear.
+    frame : {"base", "world"} or None
+        Of a velocity, an angular velocity or an acceleration (without gravity); None: velocity and
+        acceleration in the world, angular velocity in the base.
+    order : {"wxyz", "xyzw"} or None
+        Of the columns of an orientation, None: wxyz.
+    above : float or None
+        Value of a contact, such as a force, above which it touches the ground; None: 0.5.
+    unknown : float or None
+        Value in the columns of a contact that is no measurement, such as a code for "unknown".
     delay_s : float
-        Delay of the column [s]: its samples show the state `delay_s` before their time.
+        Delay of the columns [s]: their samples show the state `delay_s` before their time.
     time : Clock or None
-        Clock of the column, if it has its own.
+        Clock of the columns, if they have their own.
     servo : Servo or None
         Model of a voltage that is not logged, in place of a column.
     """
 
-    column: ColumnName | None = None
+    columns: tuple[str, ...] = ()
     unit: str | None = None
     sign: int = 1
+    frame: Frame | None = None
+    order: Order | None = None
     scale: Factor = 1.0
     offset: Number = 0.0
     wraps: Divisor | None = None
@@ -145,54 +159,31 @@ class Source:
     torque_constant_Nm_per_A: Divisor | None = None
     times: ColumnName | Number | None = None
     side: Side | None = None
-    delay_s: Number = 0.0
-    time: Clock | None = None
-    servo: Servo | None = None
-
-    def columns(self) -> list[str]:
-        """Return the columns that the source uses, except that of its clock."""
-        columns = [column for column in (self.column, self.times) if isinstance(column, str)]
-        return columns + (self.servo.columns() if self.servo else [])
-
-
-@dataclass(frozen=True)
-class VectorSource:
-    """The source of a vector of the base or of a contact: scale times the columns.
-
-    Attributes
-    ----------
-    columns : tuple of str
-    frame : {"base", "world"} or None
-        Of a velocity, an angular velocity or an acceleration (without gravity); None: velocity and
-        acceleration in the world, angular velocity in the base.
-    order : {"wxyz", "xyzw"} or None
-        Of the columns of an orientation, None: wxyz.
-    scale : float
-        Factor to SI units.
-    above : float or None
-        Value of a contact, such as a force, above which it touches the ground; None: 0.5.
-    unknown : float or None
-        Value in the columns of a contact that is no measurement, such as a code for "unknown".
-    delay_s : float
-        As of `Source`.
-    time : Clock or None
-        Clock of the columns, if they have their own.
-    """
-
-    columns: tuple[str, ...]
-    frame: Frame | None = None
-    order: Order | None = None
-    scale: Factor = 1.0
     above: Number | None = None
     unknown: Number | None = None
     delay_s: Number = 0.0
     time: Clock | None = None
+    servo: Servo | None = None
 
-    def plain(self) -> Any:
-        """Return the source as TOML has it, without default values and its clock."""
-        table = {**_plain(self), "columns": _in_short(self.columns)}
-        table.pop("time", None)
-        return table["columns"] if len(table) == 1 else table
+    @property
+    def column(self) -> str:
+        """The column, the first one of a vector, an empty text for a servo."""
+        return self.columns[0] if self.columns else ""
+
+    @property
+    def used(self) -> list[str]:
+        """The columns that the source uses, except that of its clock."""
+        times = [self.times] if isinstance(self.times, str) else []
+        return [*self.columns, *times, *(self.servo.columns() if self.servo else [])]
+
+    def plain(self, key: str = "column") -> Any:
+        """Return the source as TOML has it, without default values, with its columns as `key`."""
+        table = _plain(self)
+        if table.pop("columns", ()):
+            table = {key: _in_short(self.columns), **table}
+        if self.time:
+            table["time"] = _short(_plain(self.time))
+        return _short(table, key)
 
 
 def _in_short(columns: Sequence[str]) -> Any:
@@ -227,10 +218,10 @@ class LogDescription(Display):
         Intervals [start, end) of the log's time [s] that are excluded.
     repair : Repairs
         Limits of the repair.
-    base : mapping {quantity: VectorSource}
+    base : mapping {quantity: Source}
         Of a floating base: position, orientation, velocity, angular_velocity, acceleration (without
         gravity) and specific_force (with it).
-    contacts : mapping {link: mapping {quantity: VectorSource}}
+    contacts : mapping {link: mapping {quantity: Source}}
         Of its contacts: contact, force and moment.
     files : tuple of str
         The files of the log, if it has several, in the folder of the description or of the first.
@@ -238,7 +229,7 @@ class LogDescription(Display):
     Examples
     --------
     >>> from seaid.log.description import Clock, Source
-    >>> source = Source("pos_2", unit="deg")
+    >>> source = Source(("pos_2",), unit="deg")
     >>> description = seaid.log.LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
     >>> print(description.to_toml())
     """
@@ -248,8 +239,8 @@ class LogDescription(Display):
     where: ColumnName | None = None
     exclude_s: tuple[Interval, ...] = ()
     repair: Repairs = field(default_factory=Repairs)
-    base: Mapping[str, VectorSource] = field(default_factory=dict)
-    contacts: Mapping[str, Mapping[str, VectorSource]] = field(default_factory=dict)
+    base: Mapping[str, Source] = field(default_factory=dict)
+    contacts: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
     files: tuple[FileName, ...] = ()
 
     def _in_short(self) -> str:
@@ -265,13 +256,11 @@ class LogDescription(Display):
 
     def columns(self) -> set[str]:
         """Return the columns that the description uses, those of clocks too."""
-        sources = [*chain.from_iterable(x.values() for x in self.joints.values())]
-        tables = [self.base, *self.contacts.values()]
-        vectors = [*chain.from_iterable(x.values() for x in tables)]
-        clocks = [self.time, *(x.time for x in sources), *(x.time for x in vectors)]
-        columns = [x.columns() for x in sources] + [x.columns() for x in clocks if x]
-        used = set() if self.where is None else {self.where}
-        return used.union(*columns, *(x.columns for x in vectors))
+        tables = [*self.joints.values(), self.base, *self.contacts.values()]
+        sources = [*chain.from_iterable(table.values() for table in tables)]
+        clocks = filter(None, [self.time, *(source.time for source in sources)])
+        columns = [x.used for x in sources] + [x.columns() for x in clocks]
+        return set(() if self.where is None else [self.where]).union(*columns)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
@@ -281,7 +270,7 @@ class LogDescription(Display):
             "where": self.where,
             "exclude_s": [list(interval) for interval in self.exclude_s],
             "joints": {
-                joint: {name: _short(_plain(source)) for name, source in sources.items()}
+                joint: {name: source.plain() for name, source in sources.items()}
                 for joint, sources in self.joints.items()
             },
             "base": _vectors(self.base),
@@ -307,10 +296,10 @@ class LogDescription(Display):
         return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _vectors(sources: Mapping[str, VectorSource]) -> dict[str, Any]:
+def _vectors(sources: Mapping[str, Source]) -> dict[str, Any]:
     """Return a table of vectors as plain data, with their clock, which is that of the table."""
     clock = next((source.time for source in sources.values() if source.time), None)
-    table = {name: source.plain() for name, source in sources.items()}
+    table = {name: replace(x, time=None).plain("columns") for name, x in sources.items()}
     return table if clock is None else {"time": _short(_plain(clock)), **table}
 
 
@@ -324,10 +313,9 @@ def _plain(instance: Any) -> dict[str, Any]:
     }
 
 
-def _short(table: dict[str, Any]) -> Any:
-    """Return the name of the column for a table with a column only, else the table."""
-    table = {key: _short(value) if key == "time" else value for key, value in table.items()}
-    return table["column"] if list(table) == ["column"] else table
+def _short(table: dict[str, Any], key: str = "column") -> Any:
+    """Return the column, or columns, for a table with nothing else, else the table."""
+    return table[key] if list(table) == [key] else table
 
 
 def changed_source(
@@ -454,9 +442,9 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
             for joint, table in tables["joints"].items()
         },
         time=_clock(values.pop("time", None), where),
-        base=_vector_table(f"{where} [base]", tables["base"], OF_BASE),
+        base=_sources(f"{where} [base]", tables["base"], OF_BASE),
         contacts={
-            link: _vector_table(f"{where} [contacts.{link}]", table, OF_CONTACTS)
+            link: _sources(f"{where} [contacts.{link}]", table, OF_CONTACTS)
             for link, table in tables["contacts"].items()
         },
         **values,
@@ -468,39 +456,49 @@ def _clock(value: Any, where: str) -> Clock | None:
     return clock
 
 
-def _quantities(
-    where: str, table: Any, rows: Mapping[str, Quantity]
-) -> tuple[dict[str, Any], Clock | None]:
-    """Return the sources of a table by quantity, and the clock that they share."""
-    sources = _READER.table(dict.fromkeys(("time", *rows), Any), table, where)
-    return sources, _clock(sources.pop("time", None), where)
+def _joint(where: str, table: Any) -> dict[str, Source]:
+    """Return the sources of a joint. Raises LogError for none, and for velocities."""
+    for key in table if isinstance(table, Mapping) else ():
+        if "velocity" in str(key) and key not in OF_JOINTS:
+            name = unknown_name("key", key, OF_JOINTS)
+            raise LogError(f"{where}: {name}; velocities are differentiated from positions")
+    if sources := _sources(where, table, OF_JOINTS):
+        return sources
+    raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
 
 
-def _vector_table(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, VectorSource]:
-    """Return the vectors of a base or of a contact."""
-    sources, clock = _quantities(where, table, rows)
-    return {
-        name: _vector(f"{where} {name}", name, sources[name], clock, row.width)
-        for name, row in rows.items()
-        if name in sources
-    }
+def _sources(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, Source]:
+    """Return the sources of a table by quantity, with the clock that they share."""
+    values = _READER.table(dict.fromkeys(("time", *rows), Any), table, where)
+    clock = _clock(values.pop("time", None), where)
+    read = _source if rows is OF_JOINTS else _vector
+    sources = {name: read(f"{where} {name}", rows[name], value) for name, value in values.items()}
+    return {name: replace(x, time=x.time or clock) for name, x in sources.items()}
 
 
-def _vector(where: str, quantity: str, value: Any, clock: Clock | None, width: int) -> VectorSource:
-    if isinstance(value, VectorSource):
+_OF_VECTORS = ("columns", "frame", "order", "scale", "above", "unknown", "delay_s")
+_KEYS = types_of(Source)
+_KEYS_OF_VECTORS = {key: _KEYS[key] for key in _OF_VECTORS} | {"columns": Any}
+_KEYS_OF_JOINTS = {"column": ColumnName | None} | {
+    key: kind for key, kind in _KEYS.items() if key not in {*_OF_VECTORS} - {"scale", "delay_s"}
+}
+"""{key: type} of the sources of a vector, and of those of a joint."""
+
+
+def _vector(where: str, row: Quantity, value: Any) -> Source:
+    """Return the source of a vector of the base or of a contact."""
+    if isinstance(value, Source):
         return value
     table = value if isinstance(value, Mapping) else {"columns": value}
-    types = types_of(VectorSource)
-    types.pop("time")
-    values = _READER.table({**types, "columns": Any}, table, where, needed=["columns"])
-    columns = _expanded(where, values["columns"])
+    values = _READER.table(_KEYS_OF_VECTORS, table, where, needed=["columns"])
+    columns = _expanded(where, values.pop("columns"))
     # How many of them a planar base needs is known with the robot: `channels` checks that.
-    if len(columns) != width and not (quantity in _PLANAR and len(columns) < width):
-        raise LogError(f"{where}: needs {width} columns, found {len(columns)}")
+    if len(columns) != row.width and not (row.name in _PLANAR and len(columns) < row.width):
+        raise LogError(f"{where}: needs {row.width} columns, found {len(columns)}")
     for key, quantities in _ONLY_OF.items():
-        if key in table and quantity not in quantities:
-            raise LogError(f"{where}: {key} is not for {quantity}, found {shown(table[key])}")
-    return VectorSource(**{**values, "columns": columns, "time": clock})
+        if key in table and row.name not in quantities:
+            raise LogError(f"{where}: {key} is not for {row.name}, found {shown(table[key])}")
+    return Source(columns, **values)
 
 
 _ONLY_OF: dict[str, Collection[str]] = {
@@ -524,26 +522,17 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def _joint(where: str, table: Any) -> dict[str, Source]:
-    for key in table if isinstance(table, Mapping) else ():
-        if "velocity" in str(key) and key not in OF_JOINTS:
-            name = unknown_name("key", key, OF_JOINTS)
-            raise LogError(f"{where}: {name}; velocities are differentiated from positions")
-    sources, clock = _quantities(where, table, OF_JOINTS)
-    if not sources:
-        raise LogError(f"{where}: names no quantity; allowed: {', '.join(OF_JOINTS)}")
-    return {name: _source(f"{where} {name}", name, x, clock) for name, x in sources.items()}
-
-
-def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
+def _source(where: str, row: Quantity, value: Any) -> Source:
+    """Return the source of a quantity of a joint."""
     if isinstance(value, Source):
         return value
     table = _with_column(value)
     if isinstance(table, Mapping) and "time" in table:
         table = {**table, "time": _with_column(table["time"])}
-    source = _READER.instance(Source, table, where)
-    source = replace(source, time=source.time or clock)
-    _check_source(where, quantity, source)
+    values = _READER.table(_KEYS_OF_JOINTS, table, where)
+    column = values.pop("column", None)
+    source = Source(() if column is None else (column,), **values)
+    _check_source(where, row, source)
     return source
 
 
@@ -555,17 +544,17 @@ def _with_column(value: Any) -> Any:
     return table
 
 
-def _check_source(where: str, quantity: str, source: Source) -> None:
+def _check_source(where: str, row: Quantity, source: Source) -> None:
     """Raise LogError for keys that do not fit together or do not fit the quantity."""
-    row, unit = OF_JOINTS[quantity], source.unit
+    unit = source.unit
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = row.kind == "torque" and unit in UNIT_FACTORS["A"]
     units = sorted(units_of(row.kind))
     faults = {
         "needs column (or, for a voltage, servo instead)": (
-            (source.column is None) == (source.servo is None)
+            bool(source.columns) == bool(source.servo)
         ),
-        "servo gives a motor_voltage only": source.servo and quantity != "motor_voltage",
+        "servo gives a motor_voltage only": source.servo and row.name != "motor_voltage",
         unknown_name("unit of this quantity", unit, units): unit not in (None, *units),
         "unit 'counts' and counts_per_turn (or counts_per_m) go together": (
             (unit == "counts") != (counts.count(None) == 1)

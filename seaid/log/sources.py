@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from seaid.log.channels import (
     CHANNELS,
     OF_BASE,
     OF_CONTACTS,
+    OF_JOINTS,
     TEMPERATURES,
     UNIT_FACTORS,
     Quantity,
@@ -32,7 +32,7 @@ from seaid.log.channels import (
     short_name,
     unit_of_column,
 )
-from seaid.log.description import Clock, LogDescription, Servo, Source, VectorSource
+from seaid.log.description import Clock, LogDescription, Servo, Source
 from seaid.log.log import own_names
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import Channel
@@ -54,11 +54,11 @@ def channels_of(
             f"description names none, found: {listed(table.names)}"
         )
     described += _described_vectors(path, table, description, robot)
-    where = description.where and table.in_file_of(description.where, described[0].columns)
+    where = description.where and table.in_file_of(description.where, described[0].source.used)
     shared = [] if where is None else [where]
     wanted = dict[str, None]()
     for spec in described:
-        names = [*shared, *spec.columns, *spec.clock.columns()]
+        names = [*shared, *spec.source.used, *spec.clock.columns()]
         wanted |= _checked_columns(spec.where, names, table)
     data = table.load(list(wanted))
     kept = data[where] != 0 if where else None
@@ -88,26 +88,13 @@ class _Described:
     owner: str
     quantity: str
     names: tuple[str, ...]
-    source: Source | VectorSource
+    source: Source
     clock: Clock
-
-    @property
-    def columns(self) -> Sequence[str]:
-        """The columns of the source."""
-        return _columns_of(self.source)
 
     def channels(self, data: Block, robot: Robot) -> list[Channel]:
         """Return the channels of the columns of a file."""
-        if isinstance(self.source, Source):
-            return [_channel(data, robot, self, self.source)]
-        return _vector_channels(data, self, self.source)
-
-
-_AnySource = TypeVar("_AnySource", Source, VectorSource)
-
-
-def _columns_of(source: Source | VectorSource) -> Sequence[str]:
-    return source.columns() if isinstance(source, Source) else source.columns
+        is_of_joint = self.quantity in OF_JOINTS
+        return [_channel(data, robot, self)] if is_of_joint else _vector_channels(data, self)
 
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
@@ -131,9 +118,9 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
     base = robot.floating_base
     own = own_names(robot).union(() if base is None else base_columns(base))
 
-    def rest(tables: Mapping[str, Mapping[str, _AnySource]]) -> dict[str, dict[str, _AnySource]]:
+    def rest(tables: Mapping[str, Mapping[str, Source]]) -> dict[str, dict[str, Source]]:
         others = {
-            owner: {x: y for x, y in sources.items() if not own.issuperset(_columns_of(y))}
+            owner: {x: y for x, y in sources.items() if not own.issuperset(y.used)}
             for owner, sources in tables.items()
         }
         return {owner: sources for owner, sources in others.items() if sources}
@@ -194,18 +181,18 @@ def _check_vectors(path: Path, description: LogDescription, base: FloatingBase |
             raise LogError(f"'{path}': [contacts.{link}]: {unknown}")
 
 
-def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> VectorSource | None:
+def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> Source | None:
     """Return the columns with seaid's own names of a vector, None if there are too few."""
     if row.name == "acceleration" or (row.name == "angle" and base.normal is None):
         return None
     names = row.columns(owner)
     needed = needed_columns(base, row.name) if row.name in CHANNELS else names
     logged = tuple(name for name in names if name in table.names)
-    return VectorSource(logged) if {*needed} <= {*logged} else None
+    return Source(logged) if {*needed} <= {*logged} else None
 
 
 def _names(
-    where: str, row: Quantity, owner: str, source: VectorSource, base: FloatingBase
+    where: str, row: Quantity, owner: str, source: Source, base: FloatingBase
 ) -> tuple[str, ...]:
     """Return the names of the channels of a vector, also of the part that a planar base needs.
 
@@ -229,13 +216,13 @@ def _sources_by_name(
 ) -> dict[str, Source]:
     """Return the columns with seaid's names for the quantities that are not described."""
     names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-    used = {column for source in described.values() for column in source.columns()} - {*names}
+    used = {column for source in described.values() for column in source.used} - {*names}
     logged: dict[str, Source] = {}
     for name, field in names.items():
         # The long name first: a file with both has the joint's own under it.
         columns = [x for x in (name, short_name(name)) if x in table.names and x not in used]
         if columns and field not in described:
-            logged[field] = Source(columns[0])
+            logged[field] = Source((columns[0],))
     if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
         logged["deflection"] = replace(logged["deflection"], scale=robot.drives[joint].load_radius)
     return logged
@@ -285,10 +272,8 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
         )
 
 
-def _clock_of(
-    where: str, table: Table, description: LogDescription, source: Source | VectorSource
-) -> Clock:
-    columns = _columns_of(source)
+def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
+    columns = source.used
     times = [table.clocks[column] for column in columns if column in table.clocks]
     times.append(table.in_file_of("time_s", columns))
     of_file = next((Clock(column) for column in times if column in table.names), None)
@@ -305,9 +290,9 @@ def _clock_of(
     return replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
 
 
-def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Channel:
+def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
     """Return the channel of a quantity of a joint."""
-    unit = _name_of(robot, spec.owner, spec.quantity)[1]
+    source, unit = spec.source, _name_of(robot, spec.owner, spec.quantity)[1]
     factor, offset = source.sign * source.scale, source.offset
     try:
         if source.servo:
@@ -319,8 +304,8 @@ def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Cha
                 # offset is not.
                 factor, offset = factor * degree, offset + factor * zero
             else:
-                factor *= _unit_factor(robot, spec, source, unit)
-            values = data[str(source.column)] * _number(data, source.times)
+                factor *= _unit_factor(robot, spec, unit)
+            values = data[source.column] * _number(data, source.times)
         time = spec.clock.seconds(data, len(values))
         times = source.times if isinstance(source.times, int | float) else 1.0
         period = None if source.wraps is None else abs(factor * times) * source.wraps
@@ -330,8 +315,9 @@ def _channel(data: Block, robot: Robot, spec: _Described, source: Source) -> Cha
         raise LogError(text if text.startswith(spec.where) else f"{spec.where}: {text}") from None
 
 
-def _vector_channels(data: Block, spec: _Described, source: VectorSource) -> list[Channel]:
+def _vector_channels(data: Block, spec: _Described) -> list[Channel]:
     """Return the channels of a vector as logged: a quaternion without changes of sign."""
+    source = spec.source
     logged = np.column_stack([data[name] for name in source.columns])
     values = source.scale * logged
     if spec.quantity == "orientation":
@@ -363,9 +349,9 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     return name, unit_of_column(name)
 
 
-def _unit_factor(robot: Robot, spec: _Described, source: Source, unit: str) -> float:
+def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:
     """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    factor = 1.0
+    source, factor = spec.source, 1.0
     own_side, _, kind = spec.quantity.partition("_")
     if source.side not in (None, own_side):
         factor = _gear_factor(robot, spec, source.side)

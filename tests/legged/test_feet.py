@@ -29,7 +29,7 @@ from seaid.legged.feet import (
 )
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
-from seaid.log.description import Source, VectorSource
+from seaid.log.description import Source
 from tests.legged.test_floating_base import base_of, go2, with_base
 
 
@@ -251,10 +251,10 @@ def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
         motor_torque=log.motor_torque[:, grouped],
     )
     joints = {
-        name: {"joint_position": Source(f"q[{k}]"), "motor_torque": Source(f"t[{k}]", side="joint")}
+        name: {"joint_position": Source((f"q[{k}]",)), "motor_torque": Source((f"t[{k}]",), side="joint")}
         for k, name in enumerate(robot.joint_names)
     }
-    columns = {foot: VectorSource((f"contact[{k}]",)) for k, foot in enumerate(GO2_FEET)}
+    columns = {foot: Source((f"contact[{k}]",)) for k, foot in enumerate(GO2_FEET)}
     contacts = {foot: {"contact": source} for foot, source in columns.items()}
     plain = Description(LogDescription(joints, None, contacts=contacts), ("q: a guess",), ())
     ordered = with_leg_order(plain, robot, given)

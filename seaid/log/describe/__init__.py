@@ -33,7 +33,7 @@ from seaid.log.describe.joints import (
     take_bare_names,
 )
 from seaid.log.describe.names import Meaning, in_file, is_of_commands, meaning_of
-from seaid.log.description import Clock, LogDescription, Source, VectorSource
+from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair import LARGEST
@@ -99,29 +99,23 @@ class Description(Display):
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
         """Yield a row of texts for each quantity of a joint, of the base and of a contact."""
-        for joint, sources in self.description.joints.items():
+        described = self.description
+        tables = [*described.joints.items(), ("base", described.base), *described.contacts.items()]
+        for owner, sources in tables:
             for name, source in sources.items():
-                yield tuple(map(in_one_line, (joint, name, *self._cells(source))))
-        for place, vectors in {"base": self.description.base, **self.description.contacts}.items():
-            for name, vector in vectors.items():
-                yield tuple(map(in_one_line, (place, name, *_vector_cells(vector))))
+                yield tuple(map(in_one_line, (owner, name, *self._cells(source))))
 
     def _cells(self, source: Source) -> tuple[str, str, str]:
-        """Return column, unit and time of a source."""
-        column = f"{'-' if source.sign < 0 else ''}{source.column or ''}"
-        times = f" * {source.times}" if source.times else ""
-        side = f", at the {source.side}" if source.side else ""
-        clock = source.time or self.description.time
-        time = (clock and clock.column) or "of the file"
-        return column + times, (source.unit or "SI") + side, time
-
-
-def _vector_cells(source: VectorSource) -> tuple[str, str, str]:
-    """Return columns, frame or order, and time of a vector of the base."""
-    plain = source.plain()
-    columns = plain["columns"] if isinstance(plain, dict) else plain
-    more = source.frame or source.order or ("SI" if source.above is None else f"> {source.above:g}")
-    return columns if isinstance(columns, str) else ", ".join(columns), more, "of the file"
+        """Return columns, unit (or frame, or order) and time of a source."""
+        plain = source.plain()
+        columns = plain.get("column", "") if isinstance(plain, dict) else plain
+        columns = columns if isinstance(columns, str) else ", ".join(columns)
+        sign, times = "-" * (source.sign < 0), f" * {source.times}" * bool(source.times)
+        above = "SI" if source.above is None else f"> {source.above:g}"
+        unit = source.unit or source.frame or source.order or above
+        side = f", at the {source.side}" * bool(source.side)
+        clock = source.time or self.description.time or Clock("of the file")
+        return f"{sign}{columns}{times}", unit + side, clock.column or "of the file"
 
 
 @checked(LogError)
@@ -253,13 +247,13 @@ def _sources(
 ) -> dict[str, dict[str, Source]]:
     """Return the sources of each joint, with its own clock or that of the file of the column."""
     own = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
-    return {
-        joint: {
-            name: Source(**x, time=own.get(joint) or clocks.get(files.get(x["column"], joint)))
-            for name, x in draft.items()
-        }
-        for joint, draft in drafts.items()
-    }
+
+    def source(joint: str, column: str, **more: Any) -> Source:
+        return Source(
+            (column,), time=own.get(joint) or clocks.get(files.get(column, joint)), **more
+        )
+
+    return {x: {name: source(x, **y) for name, y in draft.items()} for x, draft in drafts.items()}
 
 
 def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -284,7 +278,7 @@ def _gains(
         unit = f"V per rad, as the motor has the supply '{supplies[0]}': is_up_to_scale = true"
     controllers: dict[str, Controller] = {}
     for joint, sources in joints.items():
-        command = next((str(sources[x].column) for x in COMMANDS if x in sources), "")
+        command = next((sources[x].column for x in COMMANDS if x in sources), "")
         if gains := _gains_at(samples, inference, command, unit):
             controllers[joint] = Controller(
                 position_gain_Nm_per_rad=gains.get("p", 0.0),

@@ -33,7 +33,7 @@ from seaid.log.describe.names import (
     planar_meaning,
     words_of,
 )
-from seaid.log.description import Order, VectorSource
+from seaid.log.description import Order, Source
 from seaid.log.readers.table import Table
 from seaid.robot import FloatingBase, Robot
 
@@ -77,9 +77,9 @@ class Vector:
     factor: float = 1.0
     is_array: bool = False
 
-    def source(self, **more: Any) -> VectorSource:
+    def source(self, **more: Any) -> Source:
         """Return the source of the vector."""
-        return VectorSource(self.columns, **{"scale": self.factor, **more})
+        return Source(self.columns, **{"scale": self.factor, **more})
 
 
 def force_sensors(vectors: Sequence[Vector]) -> dict[str, dict[str, Vector]]:
@@ -97,8 +97,8 @@ def force_sensors(vectors: Sequence[Vector]) -> dict[str, dict[str, Vector]]:
 class BaseGuess:
     """What was found: vectors of the base and of contacts, and meanings of the other columns."""
 
-    base: dict[str, VectorSource] = field(default_factory=dict)
-    contacts: dict[str, dict[str, VectorSource]] = field(default_factory=dict)
+    base: dict[str, Source] = field(default_factory=dict)
+    contacts: dict[str, dict[str, Source]] = field(default_factory=dict)
     meanings: dict[str, Meaning] = field(default_factory=dict)
 
     def columns(self) -> list[str]:
@@ -244,7 +244,7 @@ class _Search:
         names, n = self.robot.joint_names, self.robot.n
         base, joints = vector.columns[:-n], vector.columns[-n:]
         for name, part in _STATES.get((len(base), quantity), {}).items():
-            self.guess.base[name] = VectorSource(base[part])
+            self.guess.base[name] = Source(base[part])
         self.guess.meanings |= dict.fromkeys(base, _TAKEN)
         meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
         for column, joint in zip(joints, names, strict=True):
@@ -307,9 +307,9 @@ class _Search:
         """Take a quaternion for the orientation, and three columns before it for the position."""
         is_alone = len(vector.columns) == 4
         order: Order | None = "wxyz" if is_alone and not vector.is_array else None
-        quaternion = VectorSource(vector.columns[-4:], order=order)
+        quaternion = Source(vector.columns[-4:], order=order)
         if not is_alone:
-            self.guess.base.setdefault("position", VectorSource(vector.columns[:3]))
+            self.guess.base.setdefault("position", Source(vector.columns[:3]))
         self.guess.base.setdefault("orientation", quaternion)
 
     def _take_acceleration(self, vector: Vector, values: Array) -> None:
@@ -400,7 +400,7 @@ class _Search:
             low, high = np.quantile(values, [0.05, 0.95])
             above = float(f"{low + 0.2 * (high - low):.3g}")
             self.note(name, "force", above=above)
-        source = VectorSource((name,), scale=scale, above=above, unknown=unknown)
+        source = Source((name,), scale=scale, above=above, unknown=unknown)
         self.guess.contacts.setdefault(link, {}).setdefault("contact", source)
 
     def take_loads(self) -> None:
@@ -445,21 +445,21 @@ class _Search:
                 columns.setdefault(meaning, column)
         return columns
 
-    def _planar_vectors(self, normal: str) -> dict[str, VectorSource]:
+    def _planar_vectors(self, normal: str) -> dict[str, Source]:
         """Return the vectors of a planar base; note one that lacks an axis."""
         columns = self._planar_columns(normal)
-        plane, vectors = "xyz".replace(normal, ""), dict[str, VectorSource]()
+        plane, vectors = "xyz".replace(normal, ""), dict[str, Source]()
         of_plane = dict.fromkeys(("position", "velocity", "specific_force"), plane)
         for quantity, axes in {**of_plane, "angle": normal, "angular_velocity": normal}.items():
             parts = {x: columns[quantity, x] for x in axes if (quantity, x) in columns}
             if len(parts) == len(axes):
-                vectors[quantity] = VectorSource(tuple(parts.values()))
+                vectors[quantity] = Source(tuple(parts.values()))
             elif parts:
                 lacking = next(x for x in axes if x not in parts)
                 self.note(next(iter(parts.values())), "no_plane_axis", axis=lacking)
         return vectors
 
-    def _in_radians(self, column: str) -> VectorSource:
+    def _in_radians(self, column: str) -> Source:
         """Return the source of an angle or its rate, in degrees by its name or its range."""
         unit, values = self.inference.meanings[column].unit, self.inference.finite(column)
         words = {*words_of(column)}
@@ -469,9 +469,9 @@ class _Search:
         if is_unknown and np.ptp(values) > _TURNS:
             is_in_degrees = True
             self.note(column, "in_degrees", turn=np.ptp(values))
-        return VectorSource((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
+        return Source((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
 
-    def _check_signs(self, vectors: Mapping[str, VectorSource]) -> None:
+    def _check_signs(self, vectors: Mapping[str, Source]) -> None:
         """Note an angle whose derivative is minus the angular velocity."""
         if not {"angle", "angular_velocity"} <= vectors.keys():
             return
@@ -493,7 +493,7 @@ class _Search:
                 base["angular_velocity"] = replace(base["angular_velocity"], frame="world")
             columns = base["orientation"].columns
             R = _rotations(self.samples(columns), order)
-            base["orientation"] = VectorSource(columns, order=None if order == "wxyz" else order)
+            base["orientation"] = Source(columns, order=None if order == "wxyz" else order)
             if "velocity" in base:
                 base["velocity"] = replace(base["velocity"], frame=self._velocity_frame(R))
         if {"velocity", "position", "specific_force"} & base.keys():
@@ -501,7 +501,7 @@ class _Search:
         elif "acceleration" in base:
             self.note("acceleration", "of_imu")
 
-    def _order(self, source: VectorSource) -> tuple[Order, Frame | None]:
+    def _order(self, source: Source) -> tuple[Order, Frame | None]:
         """Return the order of a quaternion, and the frame of the angular velocity."""
         base, values = self.guess.base, self.samples(source.columns)
         orders: tuple[Order, ...] = ("wxyz",) if source.order else ("xyzw", "wxyz")

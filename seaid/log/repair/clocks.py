@@ -342,8 +342,9 @@ def _line(
     drifts = abs(line.drift) * span > step and abs(line.drift) > line.drift_error
     # A clock that drifts is another one, whose offset changes throughout. That at the middle of the
     # log is as much a fault of the clock as that at its start.
-    shifted = drifts or abs(line.offset_s) > step
-    line = replace(line, drift=line.drift * drifts, offset_s=line.offset_s * shifted)
+    if not drifts and abs(line.offset_s) <= step:
+        return None
+    line = replace(line, drift=line.drift * drifts)
     name, name_first = _clock_name(group), _clock_name(first)
     if abs(line.drift) > limits.largest_drift:
         raise LogError(
@@ -359,7 +360,7 @@ def _line(
         if size:
             action = f"{text} relative to {name_first}, removed"
             repairs.append(Repair(name, kind, 1, float(np.nanmin(clock)), action))
-    return line if line.drift or line.offset_s else None
+    return line
 
 
 def _clock_name(group: Sequence[Channel]) -> str:

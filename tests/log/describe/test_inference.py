@@ -126,7 +126,7 @@ def used_as(found: Description) -> dict[str, tuple[str, str, str | None]]:
     used: dict[str, tuple[str, str, str | None]] = {}
     for joint, sources in found.description.joints.items():
         for quantity, source in sources.items():
-            for column in source.columns():
+            for column in source.used:
                 name = "supply" if column == source.times else quantity
                 used[column] = (joint, name, source.unit)
             if source.time is not None and source.time.column:
