@@ -251,7 +251,10 @@ def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
         motor_torque=log.motor_torque[:, grouped],
     )
     joints = {
-        name: {"joint_position": Source((f"q[{k}]",)), "motor_torque": Source((f"t[{k}]",), side="joint")}
+        name: {
+            "joint_position": Source((f"q[{k}]",)),
+            "motor_torque": Source((f"t[{k}]",), side="joint"),
+        }
         for k, name in enumerate(robot.joint_names)
     }
     columns = {foot: Source((f"contact[{k}]",)) for k, foot in enumerate(GO2_FEET)}
