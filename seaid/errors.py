@@ -20,6 +20,7 @@ from typing import (
     Any,
     Literal,
     ParamSpec,
+    Self,
     SupportsFloat,
     TypeVar,
     Union,
@@ -43,16 +44,21 @@ class SeaidError(Exception):
     """Base of all errors that seaid raises on purpose; their messages have a bounded length.
 
     `arguments` are those that the message names, as it does: "joints=" or 'method="two-step"'. The
-    command line names its options in their place.
+    command line names its options in their place. An error has an `advice` of its own, which its
+    message has behind the `reason`, if those who catch it have a better one.
     """
 
-    def __init__(self, message: object = "", *arguments: str) -> None:
-        message = str(message)
+    def __init__(self, message: object = "", *arguments: str, advice: str = "") -> None:
+        self.reason, self.advice, self.arguments = str(message), advice, arguments
+        message = f"{message}; {advice}" if advice else self.reason
         if len(message) > LONGEST_MESSAGE:
             half = LONGEST_MESSAGE // 2
             message = f"{message[:half]} ... {message[-half:]}"
         super().__init__(visible(message))
-        self.arguments = arguments
+
+    def at(self, place: object) -> Self:
+        """Return the error with the place of its cause in front."""
+        return type(self)(f"{place}: {self.reason}", *self.arguments, advice=self.advice)
 
 
 class RobotError(SeaidError):
@@ -148,8 +154,6 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def visible(text: str) -> str:
     """Return a text with control characters escaped, except line breaks."""
-    if text.replace("\n", "").isprintable():
-        return text
     return "".join(
         c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii")
         for c in text
@@ -457,9 +461,8 @@ _KINDS = (
 def _described(parts: Iterable[Any]) -> str:
     """Return the alternatives of an annotation in words."""
     words = list(dict.fromkeys(word for part in parts for word in _kind(part).words(part)))
-    if "a path" in words:
-        words = [word for word in words if word != _WORDS[str]]
-    words = [word for word in words if word != "None"]
+    hidden = {"None", _WORDS[str]} if "a path" in words else {"None"}
+    words = [word for word in words if word not in hidden]
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 

@@ -32,8 +32,11 @@ def test_every_error_is_a_seaid_error_and_keeps_its_arguments() -> None:
     assert SeaidWarning.__bases__ == (UserWarning,)
     for kind in (RobotError, LogError, ExcitationError, SymbolicError, IdentificationError):
         assert issubclass(kind, SeaidError)
-        error = pickle.loads(pickle.dumps(kind("move the joints with joints=", "joints=")))
-        assert (str(error), error.arguments) == ("move the joints with joints=", ("joints=",))
+        first = kind("no joint moves", "joints=", advice="move some with joints=")
+        error = pickle.loads(pickle.dumps(first)).at("leg")
+        assert isinstance(error, kind)
+        assert str(error) == "leg: no joint moves; move some with joints="
+        assert (error.reason, error.arguments) == ("leg: no joint moves", ("joints=",))
 
 
 NAMES = ["hip_pitch", "knee_pitch"]
@@ -103,5 +106,7 @@ def test_every_error_carries_the_arguments_that_it_names(path: Path) -> None:
         if not ast.unparse(node.func).lower().endswith("error"):
             continue
         carried = "\n".join(map(texts, node.args[1:]))
-        for argument in NAMED.findall(texts(node.args[0])):
+        advice = [keyword.value for keyword in node.keywords if keyword.arg == "advice"]
+        said = "\n".join(map(texts, (node.args[0], *advice)))
+        for argument in NAMED.findall(said):
             assert argument in carried, f"{path}:{node.lineno}: {argument}"

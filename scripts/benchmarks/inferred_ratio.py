@@ -19,7 +19,7 @@ import seaid
 from scripts.identify_tulip_leg import MODELS, TEST_MASS, load_leg
 from scripts.short_form import add_quick, sized
 from seaid.drives.toml import drives_from_mapping
-from seaid.project.first_project import inferred_drives
+from seaid.project.first_project import filled, inferred_drives
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
@@ -37,7 +37,7 @@ def inferred(log: seaid.Log) -> Robot:
     """Return the leg with the drives that its log shows; spring forces count at the joint."""
     bare = seaid.load_robot(MODELS / "tulip_leg.urdf", payloads=[TEST_MASS])
     tables, _ = inferred_drives(bare, [log])
-    return bare.with_drives(drives_from_mapping(tables))
+    return bare.with_drives(drives_from_mapping(filled(tables)))
 
 
 def drawn(truth: Robot, random: np.random.Generator) -> Robot:

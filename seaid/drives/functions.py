@@ -412,8 +412,8 @@ def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
     if k <= 0:
         raise ExcitationError(
             f"joint '{joint}': its spring has no linear stiffness, so that the motor motion along "
-            "a plan is undetermined at zero spring force; plan for the base parameters, without "
-            "parameters and limits of its drive"
+            "a plan is undetermined at zero spring force",
+            advice="plan for the base parameters, without parameters and limits of its drive",
         )
     # k + 3 k_3 d^2 + 5 k_5 d^4 = _SOFTEST k, quadratic in d^2.
     squares = np.roots([5 * k_5, 3 * k_3, (1 - _SOFTEST) * k])
@@ -454,8 +454,8 @@ def _joint_terms(drive: Drive) -> list[tuple[str, str]]:
 def missing_value(joint: str, name: str) -> ExcitationError:
     """Return the error for a missing nominal value."""
     return ExcitationError(
-        f"joint '{joint}': its drive has no nominal {name.replace('_', ' ')}; "
-        "this criterion or limit needs one: give it in the drives of load_robot"
+        f"joint '{joint}': its drive has no nominal {name.replace('_', ' ')}",
+        advice="this criterion or limit needs one: give it in the drives of load_robot",
     )
 
 

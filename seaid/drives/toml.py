@@ -73,7 +73,7 @@ def _drive(where: str, table: Any) -> Drive:
     try:
         return _drive_of_table(_kind_of(table), _with_new_keys(table))
     except RobotError as problem:
-        raise RobotError(f"{where}: {problem}") from None
+        raise problem.at(where) from None
 
 
 def _kind_of(table: Mapping[str, Any]) -> type[Drive]:

@@ -318,7 +318,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     except KeyError as problem:
         raise ExcitationError(f"trajectory '{path}' is not complete: {problem!r}") from None
     except ExcitationError as problem:
-        raise ExcitationError(f"trajectory '{path}': {problem}") from None
+        raise problem.at(f"trajectory '{path}'") from None
 
 
 def _names(key: str, value: Any) -> tuple[str, ...]:

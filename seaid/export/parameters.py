@@ -161,7 +161,7 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
             check_kind(joint, "prismatic" if slides else "revolute", drives[joint])
         check_transmission(robot.joint_names, drives, ())
     except RobotError as problem:
-        raise RobotError(f"'{path}': {problem}") from None
+        raise problem.at(f"'{path}'") from None
     return robot.with_values(values, drives)
 
 

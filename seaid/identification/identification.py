@@ -246,10 +246,10 @@ def _refined_from_motors(
     """Return the refinement of a second regression, with what hides the springs of joints."""
     try:
         refined = refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
-    except IdentificationError as reason:
+    except IdentificationError as problem:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "
-            f"({str(reason).split(';')[0]}). "
+            f"({problem.reason}). "
             f"Either the motion, with a band of {second.cutoff_hz:.3g} Hz, stays too far below the "
             "antiresonance of the load for the motor to feel the spring, or the load has a spring "
             "of its own: record a multisine with a larger band (seaid excite --basis multisine), "

@@ -265,8 +265,8 @@ def refined_by_motors(
             return refined_by_motors(held, logs, encoder_offset_std, iterations, progress)
         raise IdentificationError(
             f"the refinement did not converge in {iterations} iterations: its next step would be "
-            f"{point.size:.2g} standard errors; use the result of identify, if the logs and "
-            "the identification belong together"
+            f"{point.size:.2g} standard errors",
+            advice="use the result of identify, if the logs and the identification belong together",
         )
     if unseen:
         if any("motor_inertia" in layout.actuators[joint].names for joint in unseen):

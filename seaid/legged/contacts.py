@@ -61,6 +61,7 @@ from seaid.log import (
     reconstruct_motion,
 )
 from seaid.log.base_log import BaseMotion
+from seaid.log.describe.inference import Doubt
 from seaid.log.describe.names import meaning_of
 from seaid.log.filtering import decimation
 from seaid.log.motion import decimated
@@ -632,16 +633,19 @@ def with_leg_order(guess: Description, robot: Robot, log: Log) -> Description:
     contacts = {x: described.contacts[order.contacts.get(x, x)] for x in described.contacts}
     positions = (joints[joint].get("joint_position") for joint in names)
     first = [position.column for position in positions if position is not None]
-    text = (
-        f"joints, contacts: in the order in which standing feet rest, with {order.speed:.2g} m/s "
-        f"(rms), {order.speed_as_given:.2g} m/s in the order of the robot: {', '.join(names)} are "
-        f"the columns {', '.join(first)}"
+    doubt = Doubt.of(
+        "leg_order",
+        speed=order.speed,
+        as_given=order.speed_as_given,
+        joints=", ".join(names),
+        columns=", ".join(first),
     )
-    unsure = [doubt for doubt in guess.unsure if "beyond the limits of" not in doubt]
+    # Limits that a joint exceeded were those of a joint of another leg.
+    unsure = [x for x in guess.unsure if x.code != "beyond_limits"]
     return replace(
         guess,
         description=replace(described, joints=joints, contacts=contacts),
-        unsure=(text, *unsure),
+        unsure=(doubt.about(["joints", "contacts"]), *unsure),
     )
 
 

@@ -392,7 +392,7 @@ def log_of(
         log = sorted_log(picked, robot, file_names)
         return replace(log, description=description_of(wanted, robot))
     except LogError as problem:
-        raise LogError(f"'{path}': {problem}", *problem.arguments) from None
+        raise problem.at(f"'{path}'") from None
 
 
 def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dict[str, Any] | None:
@@ -454,8 +454,8 @@ def _check_sensors(
         missing = [name for name in names if name not in logged]
         raise LogError(
             f"joint '{joint}' needs {_NEEDS[elastic]}, "
-            f"found {', '.join(logged.values()) or 'none'}; its columns are "
-            f"{', '.join(names)}{near_names(missing, picked, file_names)}"
+            f"found {', '.join(logged.values()) or 'none'}",
+            advice=f"its columns are {', '.join(names)}{near_names(missing, picked, file_names)}",
         )
 
 

@@ -223,7 +223,7 @@ def _repaired(
         log = sorted_log({"time_s": time, **picked}, robot, file_names)
         return replace(log, report=report, description=description)
     except LogError as problem:
-        raise LogError(f"'{path}': {problem}", *problem.arguments) from None
+        raise problem.at(f"'{path}'") from None
 
 
 def _as_described(

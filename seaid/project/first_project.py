@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import tomli_w
 
 from seaid._arrays import Array, resolution, safely
 from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
@@ -20,14 +20,15 @@ from seaid._progress import Display
 from seaid.checks import JointCheck
 from seaid.checks.commands import is_unsigned, no_measurements
 from seaid.checks.tolerances import BODY, POOR
-from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, read_drives, write_drives
+from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table, read_drives
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import LogError, SeaidError, abridged, checked, listed
+from seaid.errors import LogError, SeaidError, abridged, checked
 from seaid.identification import check
 from seaid.legged import FloatingRobot, load_robot, with_leg_order
 from seaid.log import Description, Log, LogDescription, describe_log, low_pass, read_log
 from seaid.log.describe import logs_of_files
+from seaid.log.describe.inference import Doubt
 from seaid.log.description import as_toml
 from seaid.log.filtering import STILL
 from seaid.log.readers.opening import open_tables
@@ -40,15 +41,6 @@ _OWN_PART = 0.7
 _SHORTEST_S = (40.0, 10.0)
 """Duration from which a single log is divided: its first part then has about half a minute. With
 position commands and known bodies few parameters are unknown, and the replay needs another part."""
-
-_SPRING = 0.5
-"""Part of the difference of the encoders that follows the torque from which it is a spring."""
-
-_MOVES_RAD, _MOVES_M = 0.05, 0.005
-
-_BAND_HZ, _WIDTH = 5.0, 0.05
-"""Low pass of the signals from which a gear ratio is inferred, and width of the dry friction over
-the standard deviation of the speed."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,8 +130,7 @@ def write_first_project(
     file = folder / PROJECT_FILE
     _check_request(file, logs, drives, controllers)
     paths = [Path(path) for path in ([logs] if isinstance(logs, str | Path) else logs)]
-    doubts: list[str] = []
-    known = _known_drives(urdf, drives, doubts, bool(controllers))
+    known, of_neighbour = _known_drives(urdf, drives, bool(controllers))
     load = partial(
         load_robot,
         urdf,
@@ -151,33 +142,31 @@ def write_first_project(
         contacts=contacts,
         imu_link=imu_link,
     )
-    robot, joints = _load_named_joints(load, joints, paths, doubts)
+    robot, joints, unnamed = _load_named_joints(load, joints, paths)
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
-    files_of_logs = _files_of_logs(paths, robot, rate_hz, columns, doubts)
-    read, robot = _read_all(files_of_logs, robot, folder, describe, known is None, doubts)
-    texts = {x.description_file: x.text for x in read if x.description_file and x.text}
+    files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
+    read, robot = _read_all(files_of_logs, robot, folder, describe, known is None)
+    texts, of_columns = _descriptions(read)
     logs_read = [entry.log for entry in read]
-    without = _joints_without_torque(robot, logs_read, doubts)
+    without, untrue = _joints_without_torque(robot, logs_read)
+    doubts = [*of_neighbour, *unnamed, *of_files, *of_columns, *untrue]
     doubts += _lock_hints(robot, logs_read)
     tables: dict[str, _Table] = {}
     if known is None:
-        gains = {**_logged_gains(read, doubts), **(controllers or {})}
-        tables, unsure = _all_drives(robot, logs_read, without, gains)
-        doubts += unsure
+        gains, of_gains = _logged_gains(read, controllers or {})
+        tables, unsure = _drives_of_logs(robot, logs_read, without, gains)
+        doubts += [*of_gains, *unsure]
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
             texts[known] = _drives_text(tables, unsure, known)
-    is_commanded = any("controller" in table for table in tables.values())
-    unscaled = _unscaled(robot, logs_read, tables)
-    unflagged = (_about(_unflagged(robot, log), _doubt("unflagged")) for log in logs_read)
-    doubts += dict.fromkeys(chain.from_iterable(unflagged))
+    doubts += _without_flags(robot, logs_read)
     text = from_template(
         "seaid.project",
         "first_project.toml.j2",
         {"toml": as_toml},
         doubts=list(map(_comment, doubts)),
-        **_known_bodies(robot, is_commanded, unscaled),
-        logs=_log_tables(robot, read, folder, _SHORTEST_S[is_commanded]),
+        **_known_bodies(robot, logs_read, tables),
+        logs=_log_tables(robot, read, folder, tables),
         robot=robot,
         contacts=_contact_tables(robot),
         urdf=_relative(urdf, folder),
@@ -205,40 +194,93 @@ def _check_request(file: Path, logs: object, drives: object, controllers: object
         )
 
 
+def _known_drives(
+    urdf: str | Path, drives: str | Path | None, has_controllers: bool
+) -> tuple[str | Path | None, list[str]]:
+    """Return the file of the drives, and a doubt if it was not given.
+
+    That is the one next to the URDF, if there is one, and no gains were given.
+    """
+    neighbour = Path(urdf).with_suffix(".toml")
+    if drives is not None or not neighbour.is_file():
+        return drives, []
+    try:
+        read_drives(neighbour)
+    except SeaidError:
+        return None, []
+    code = "neighbour_not_used" if has_controllers else "neighbour"
+    return None if has_controllers else neighbour, [_doubt(code, file=neighbour.name)]
+
+
 def _load_named_joints(
-    load: Callable[..., Robot],
-    joints: Sequence[str] | None,
-    paths: Sequence[Path],
-    doubts: list[str],
-) -> tuple[Robot, Sequence[str] | None]:
-    """Return the robot with the `joints`, else with those whose names are in columns, if some."""
+    load: Callable[..., Robot], joints: Sequence[str] | None, paths: Sequence[Path]
+) -> tuple[Robot, Sequence[str] | None, list[str]]:
+    """Return the robot with the `joints`, else with those whose names are in columns, if some.
+
+    With it come these joints, and a doubt about those that no column names.
+    """
     robot = load(joints=joints)
     if joints is not None:
-        return robot, joints
+        return robot, joints, []
     columns = {name for path in paths for name in open_tables([path]).names}
     named = [x for x in robot.joint_names if any(x in column for column in columns)]
     if not 0 < len(named) < robot.n:
-        return robot, None
+        return robot, None, []
     unnamed = [joint for joint in robot.joint_names if joint not in named]
-    doubts += _about(unnamed, _doubt("unnamed"))
-    return load(joints=named), named
+    return load(joints=named), named, _about(unnamed, "unnamed")
 
 
 def _files_of_logs(
-    paths: Sequence[Path],
-    robot: Robot,
-    rate_hz: float | None,
-    columns: Sequence[str],
-    doubts: list[str],
-) -> Sequence[tuple[Path, ...]]:
-    """Return the files of each log: those that the user named columns of are one log each."""
+    paths: Sequence[Path], robot: Robot, rate_hz: float | None, columns: Sequence[str]
+) -> tuple[Sequence[tuple[Path, ...]], Sequence[str]]:
+    """Return the files of each log, and what is doubtful about that.
+
+    Those that the user named columns of are one log each.
+    """
     if columns:
-        return [(path,) for path in paths]
-    if rate_hz is not None:
-        return _logs_without_time(paths)
-    grouped, of_files = logs_of_files(paths, robot)
-    doubts += of_files
-    return grouped
+        return [(path,) for path in paths], ()
+    return logs_of_files(paths, robot) if rate_hz is None else (_logs_without_time(paths), ())
+
+
+def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+    """Return the files of each log without time: one log, or one each if they share names."""
+    names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
+    share = any(later & earlier for k, later in enumerate(names) for earlier in names[:k])
+    return [(path,) for path in paths] if share else [tuple(paths)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """The inferred description of a log, and of others with the same columns.
+
+    `name` is that of the log, and `file` the place of the description in the project: one that
+    `is_edited` there is used in place of the `guess`.
+    """
+
+    name: str
+    file: Path
+    guess: Description
+    is_edited: bool = False
+
+    @property
+    def source(self) -> LogDescription | Path:
+        """By what the log is read."""
+        return self.file if self.is_edited else self.guess.description
+
+    @property
+    def columns(self) -> set[str]:
+        """All columns of the log."""
+        return self.guess.description.columns() | {*self.guess.unused}
+
+
+@dataclass(frozen=True)
+class _ReadLog:
+    """The log of some `files`, by its description, if it needs one, and with the gains in it."""
+
+    files: tuple[Path, ...]
+    log: Log
+    described: _Described | None = None
+    gains: Mapping[str, Controller] = field(default_factory=dict)
 
 
 def _read_all(
@@ -247,39 +289,116 @@ def _read_all(
     folder: Path,
     describe: Callable[..., Description],
     infers: bool,
-    doubts: list[str],
 ) -> tuple[list[_ReadLog], Robot]:
-    """Return the logs of files, and the robot with springs in joints whose deflection they have."""
+    """Return the logs of files, and the robot with the springs that their descriptions show.
+
+    These are known if `infers` is False: then the robot has its drives.
+    """
     read: list[_ReadLog] = []
+    sprung = robot
     for files in files_of_logs:
-        read.append(_read(files, robot, folder, describe, infers, read))
-    doubts += [doubt for entry in read for doubt in entry.doubts]
-    return read, _with_springs(robot, {joint for entry in read for joint in entry.springs})
+        guess = read_or_describe(files, robot, describe)
+        if isinstance(guess, Log):
+            read.append(_ReadLog(files, guess))
+            continue
+        joints = guess.description.joints
+        springs = [joint for joint in joints if infers and "deflection" in joints[joint]]
+        read.append(_read_described(files, _with_springs(robot, springs), folder, guess, read))
+        sprung = _with_springs(sprung, springs)
+    return read, sprung
 
 
-def _joints_without_torque(robot: Robot, logs: Sequence[Log], doubts: list[str]) -> set[str]:
-    """Return the joints whose torques are no measurements, each finding as a doubt."""
-    untrue = [finding for log in logs for finding in no_measurements(robot, log)]
-    doubts += dict.fromkeys(f"{finding.joint}: {finding.message}" for finding in untrue)
+def _read_described(
+    files: tuple[Path, ...],
+    robot: Robot,
+    folder: Path,
+    guess: Description,
+    earlier: Sequence[_ReadLog],
+) -> _ReadLog:
+    """Read a log by the description in the project, that of an earlier log, or the guess."""
+    path = files[0]
+    draft = _Described(path.name, folder / f"{path.stem}_columns.toml", guess)
+    # A description that is no draft of the same guess was edited, and is used as it is.
+    if draft.file.exists() and draft.file.read_text(encoding="utf-8") != guess.to_toml():
+        edited = replace(draft, is_edited=True)
+        return _ReadLog(files, read_log(files, robot, description=draft.file), edited, guess.gains)
+    described = (entry.described for entry in earlier if len(files) == 1)
+    for alike in [x for x in described if x and x.columns == draft.columns][:1]:
+        with suppress(LogError):
+            log = read_log(files, robot, description=alike.source)
+            return _ReadLog(files, log, alike, guess.gains)
+    guess, log = _read_guessed(files, robot, draft)
+    return _ReadLog(files, log, replace(draft, guess=guess), guess.gains)
+
+
+def _read_guessed(
+    files: Sequence[Path], robot: Robot, draft: _Described
+) -> tuple[Description, Log]:
+    """Return a log by its inferred description, and that with the order of legs that fits it."""
+    guess, logged = draft.guess, draft.guess.description.joints
+    try:
+        log = read_log(files, robot, description=guess.description)
+    except LogError as problem:
+        # In the place of its advice, which has the names of seaid's own columns.
+        about = [problem.reason, *(x for x in guess.unsure if x.code in _OF_COLUMNS)]
+        if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
+            about.append("joints that stand still, or that no column has, are locked with locked=")
+            write_whole(draft.file, guess.to_toml())
+            about.append(f"name the columns of the others in '{draft.file}', then repeat this")
+        raise LogError("; ".join(about), "locked=") from None
+    # Joints whose positions have seaid's names are in no doubt about their order.
+    if not any(name.endswith("_position") for name in chain.from_iterable(logged.values())):
+        return guess, log
+    ordered = with_leg_order(guess, robot, log)
+    if ordered is guess:
+        return guess, log
+    return ordered, read_log(files, robot, description=ordered.description)
+
+
+_OF_COLUMNS = {"no_effort", "unknown_command", "no_such_joint", "unused"}
+"""The codes of doubts that matter where a joint lacks columns."""
+
+_FEWEST = 2
+"""Columns that each joint needs: a position, and a torque or what stands for it."""
+
+
+def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[str]]:
+    """Return the new descriptions of logs {file: text}, and what is doubtful about them."""
+    described = dict.fromkeys(entry.described for entry in read if entry.described)
+    new = [x for x in described if not x.is_edited]
+    texts = {x.file: x.guess.to_toml() for x in new}
+    return texts, [f"{x.name}: {doubt}" for x in new for doubt in x.guess.unsure]
+
+
+def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
+    """Return the robot with springs in joints whose deflection is logged, and no gear."""
+    turning = SeriesElasticDrive(gear_ratio=1.0)
+    sliding = replace(turning, motor_pulley_radius_m=1.0)
+    slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
+    return robot.with_drives({x: sliding if slides[x] else turning for x in joints})
+
+
+def _joints_without_torque(robot: Robot, logs: Sequence[Log]) -> tuple[set[str], list[str]]:
+    """Return the joints whose torques are no measurements, and each finding as a doubt."""
+    findings = [finding for log in logs for finding in no_measurements(robot, log)]
     # Next to a joint whose torques are magnitudes, those that are never negative are so too.
     torques = zip(*(log.motor_torque.T for log in logs), strict=True)
-    unsigned = (untrue != [] and all(map(is_unsigned, of_joint)) for of_joint in torques)
-    return {*compress(robot.joint_names, unsigned), *(finding.joint for finding in untrue)}
+    unsigned = (findings != [] and all(map(is_unsigned, of_joint)) for of_joint in torques)
+    joints = {*compress(robot.joint_names, unsigned), *(x.joint for x in findings)}
+    return joints, [*dict.fromkeys(f"{x.joint}: {x.message}" for x in findings)]
 
 
-def _about(joints: Sequence[str], doubt: str) -> list[str]:
-    """Return a doubt about joints or links, none without them."""
-    return [f"{listed(joints)}: {doubt}"] if joints else []
+def _logged_gains(
+    read: Sequence[_ReadLog], controllers: Mapping[str, Controller]
+) -> tuple[dict[str, Controller], list[str]]:
+    """Return the given controllers, else those with the gains of the first log.
 
-
-def _doubt(name: str, **values: object) -> str:
-    """Return a doubt of `doubts.toml` with values of the log."""
-    return _DOUBTS[name].format(**values)
-
-
-_FILE_OF_DOUBTS = Path(__file__).with_name("doubts.toml")
-_DOUBTS: Mapping[str, str] = read_toml(_FILE_OF_DOUBTS, "the texts of doubts", SeaidError)
-"""{name of a doubt: its text, with braces for values of the log}."""
+    With them come doubts about logs with other gains.
+    """
+    first = read[0]
+    others = (log.files[0].name for log in read if log.gains != first.gains)
+    doubts = [_doubt("other_gains", file=name, first=first.files[0].name) for name in others]
+    return {**first.gains, **controllers}, doubts
 
 
 def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
@@ -293,7 +412,7 @@ def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
         places = np.mean(positions[:, still], axis=0, where=logged)
         at = {robot.joint_names[j]: place for j, place in zip(still, places.tolist(), strict=True)}
         option = ",".join(f"{joint}={place:.4g}" for joint, place in at.items())
-        yield f"{listed(at)}: {_doubt('still', option=option)}"
+        yield from _about(at, "still", option=option)
 
 
 def _is_still(position: Array) -> bool:
@@ -301,138 +420,144 @@ def _is_still(position: Array) -> bool:
     return bool(np.all(np.isnan(position)) or np.nanmax(position) - np.nanmin(position) < STILL)
 
 
-@dataclass(frozen=True)
-class _ReadLog:
-    """A log with the `description` it needs, if any; `text` where that was inferred.
-
-    `columns` are all of a file that needs one.
-    """
-
-    files: tuple[Path, ...]
-    log: Log
-    description_file: Path | None = None
-    text: str = ""
-    doubts: tuple[str, ...] = ()
-    gains: Mapping[str, Controller] = field(default_factory=dict)
-    springs: tuple[str, ...] = ()
-    columns: Set[str] = frozenset()
-    description: LogDescription | Path | None = None
+def _about(names: Collection[str], code: str, **values: object) -> list[str]:
+    """Return a doubt about joints or links, none without them."""
+    return [_doubt(code, **values).about(names)] if names else []
 
 
-def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
-    """Return the robot with springs in joints whose deflection is logged, and no gear."""
-    turning = SeriesElasticDrive(gear_ratio=1.0)
-    sliding = replace(turning, motor_pulley_radius_m=1.0)
-    slides = dict(zip(robot.joint_names, robot.is_prismatic, strict=True))
-    return robot.with_drives({x: sliding if slides[x] else turning for x in joints})
+def _doubt(code: str, **values: object) -> Doubt:
+    """Return a doubt of `doubts.toml` with values of the log."""
+    return Doubt.of(code, _DOUBTS, **values)
 
 
-def _known_drives(
-    urdf: str | Path, drives: str | Path | None, doubts: list[str], has_controllers: bool
-) -> str | Path | None:
-    """Return the file of the drives: the given one, or without gains the one next to the URDF."""
-    neighbour = Path(urdf).with_suffix(".toml")
-    if drives is not None or not neighbour.is_file():
-        return drives
-    try:
-        read_drives(neighbour)
-    except SeaidError:
-        return None
-    name = "neighbour_not_used" if has_controllers else "neighbour"
-    doubts.append(_doubt(name, file=neighbour.name))
-    return None if has_controllers else neighbour
+_FILE_OF_DOUBTS = Path(__file__).with_name("doubts.toml")
+_DOUBTS: Mapping[str, str] = read_toml(_FILE_OF_DOUBTS, "the texts of doubts", SeaidError)
+"""{code of a doubt: its text, with braces for values of the log}."""
 
 
-def _logs_without_time(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
-    """Return the files of each log without time: one log, or one each if they share names."""
-    names = [{name for name in open_tables([path]).names if not name.isdecimal()} for path in paths]
-    share = any(later & earlier for k, later in enumerate(names) for earlier in names[:k])
-    return [(path,) for path in paths] if share else [tuple(paths)]
+def _comment(doubt: str) -> str:
+    """Return a doubt on one line."""
+    return abridged(" ".join(doubt.split()))
 
 
-def _read(
-    files: tuple[Path, ...],
-    robot: Robot,
-    folder: Path,
-    describe: Callable[..., Description],
-    infers: bool,
-    others: Sequence[_ReadLog],
-) -> _ReadLog:
-    """Read a log by its own column names, its description, that of one of the others, or a guess.
-
-    If the drives are inferred, a joint with a deflection has a spring.
-    """
-    path = files[0]
-    guess = read_or_describe(files, robot, describe)
-    if isinstance(guess, Log):
-        return _ReadLog(files, guess)
-    joints = guess.description.joints
-    springs = tuple(x for x in joints if infers and "deflection" in joints[x])
-    robot = _with_springs(robot, springs)
-    columns = guess.description.columns() | set(guess.unused)
-    target = folder / f"{path.stem}_columns.toml"
-    # A description that is no draft of the same guess was edited, and is used as it is.
-    if target.exists() and target.read_text(encoding="utf-8") != guess.to_toml():
-        log = read_log(files, robot, description=target)
-        return _ReadLog(files, log, target, springs=springs, columns=columns, description=target)
-    alike = _read_alike(files, robot, columns, others)
-    if alike is not None:
-        return replace(alike, gains=guess.gains)
-    guess, log = _read_guessed(files, robot, guess, target)
-    doubts = tuple(f"{path.name}: {doubt}" for doubt in guess.unsure)
-    of_file = target, guess.to_toml(), doubts, guess.gains, springs, columns, guess.description
-    return _ReadLog(files, log, *of_file)
+def _known_bodies(
+    robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]
+) -> dict[str, Any]:
+    """Return the bodies that count as known, if the file has masses, and the width of each mass."""
+    unscaled = _unscaled(robot, logs, tables)
+    is_needed = _is_commanded(tables) or unscaled
+    names = robot.body_names if np.any(robot.parameters) and is_needed else ()
+    return {"known_bodies": names, "std_of_bodies": BODY if names and unscaled else None}
 
 
-def _read_alike(
-    files: tuple[Path, ...], robot: Robot, columns: Set[str], others: Sequence[_ReadLog]
-) -> _ReadLog | None:
-    """Read a file by the description of a log with the same columns, None if that fails."""
-    match = next((entry for entry in others if len(files) == 1 and entry.columns == columns), None)
-    if match is not None and match.description is not None:
-        with suppress(LogError):
-            log = read_log(files, robot, description=match.description)
-            return replace(match, files=files, log=log, text="", doubts=())
-    return None
+def _is_commanded(tables: Mapping[str, _Table]) -> bool:
+    """Return whether some of the inferred drives have a controller."""
+    return any("controller" in table for table in tables.values())
 
 
-def _read_guessed(
-    files: Sequence[Path], robot: Robot, guess: Description, target: Path
-) -> tuple[Description, Log]:
-    """Return a log by its inferred description, and that with the order of legs that fits it."""
-    try:
-        log = read_log(files, robot, description=guess.description)
-    except LogError as problem:
-        what = str(problem).partition("; its columns are ")[0]
-        about = [what, *filter(_OF_COLUMNS.search, guess.unsure)]
-        logged = guess.description.joints
-        if any(len(logged.get(joint, ())) < _FEWEST for joint in robot.joint_names):
-            about.append("joints that stand still, or that no column has, are locked with locked=")
-            write_whole(target, guess.to_toml())
-            about.append(f"name the columns of the others in '{target}', then repeat this")
-        raise LogError("; ".join(about), "locked=") from None
-    fields = chain.from_iterable(guess.description.joints.values())
-    # Joints whose positions have seaid's names are in no doubt about their order.
-    if not any(field.endswith("_position") for field in fields):
-        return guess, log
-    ordered = with_leg_order(guess, robot, log)
-    if ordered is guess:
-        return guess, log
-    return ordered, read_log(files, robot, description=ordered.description)
+def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
+    """Return a table for all links of each shape of contacts of a floating base."""
+    tables: dict[str, dict[str, Any]] = {}
+    for point in robot.floating_base.contacts if isinstance(robot, FloatingRobot) else ():
+        position: Any = list(map(float, point.position_m))
+        shape = {"radius_m": point.radius_m, "is_flat": point.is_flat, "position_m": position}
+        shape = {name: value for name, value in shape.items() if np.any(value)}
+        tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
+    return list(tables.values())
 
 
-_OF_COLUMNS = re.compile("no torque, current or voltage|no joint of the robot|is not used$")
-"""Doubts that matter where a joint lacks columns."""
+def _log_tables(
+    robot: Robot, logs: Sequence[_ReadLog], folder: Path, drives: Mapping[str, _Table]
+) -> list[dict[str, Any]]:
+    """Return the tables of the logs, or of both parts of a long one: the last validates."""
+    tables: list[dict[str, Any]] = [
+        {
+            "files": [_relative(file, folder) for file in entry.files],
+            "description": entry.described and _relative(entry.described.file, folder),
+            "find_contacts": bool(_unflagged(robot, entry.log)),
+        }
+        for entry in logs
+    ]
+    start, end = logs[0].log.time[[0, -1]]
+    if len(logs) == 1 and end - start > _SHORTEST_S[_is_commanded(drives)]:
+        middle = np.round(start + _OWN_PART * (end - start), 1)
+        ends = map(float, (np.floor(start), middle, np.ceil(end + 1)))
+        tables = [{**tables[0], "between_s": part} for part in pairwise(ends)]
+    return tables
 
-_FEWEST = 2
-"""Columns that each joint needs: a position, and a torque or what stands for it."""
 
+def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
+    """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
+    if not isinstance(robot, FloatingRobot) or log.base is None:
+        return ()
+    return log.base.unflagged(robot.floating_base.contact_links)
+
+
+def _without_flags(robot: Robot, logs: Sequence[Log]) -> list[str]:
+    """Return a doubt about the contacts that each log does not flag."""
+    return [*dict.fromkeys(x for log in logs for x in _about(_unflagged(robot, log), "unflagged"))]
+
+
+def _relative(path: str | Path, folder: Path) -> str:
+    """Return a path relative to the folder of the project; the name of a robot stays."""
+    is_name = not Path(path).suffix and not Path(path).is_file()
+    return str(path) if is_name else os.path.relpath(path, folder)
+
+
+_GAP = "?"
+"""Stands in a table for a number that the log does not show and the user has to write."""
+
+_Table = dict[str, Any]
+"""Table of a drive as in TOML, with gaps; its controller is a table, too."""
+
+_INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
+"""Kinds of a motor's input, the most direct one first."""
+
+_TORQUES = ("joint_torque", *(f"motor_{kind}" for kind in _INPUTS))
+"""Sensors of a torque, or of what is proportional to it, the most direct one first."""
+
+_POSITION_GAIN, _VELOCITY_GAIN = "position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad"
 
 _LEAST_STEPS, _PART_OF_STEP = 20, 0.03
 """Changes of a command below which nothing is said about how long it is held; part of the
 mean step that is no change, where larger steps count more."""
-_UNKNOWN = 0.123456789
-"""Stands for a gain or a gear ratio until the file is written, where it is a question mark."""
+
+_SPRING = 0.5
+"""Part of the difference of the encoders that follows the torque from which it is a spring."""
+
+_MOVES_RAD, _MOVES_M = 0.05, 0.005
+"""Least range of a joint that shows a gear ratio."""
+
+_STANDS = 1e-3
+"""Motion of a locked output over that of its motor before the gear."""
+
+_BAND_HZ, _WIDTH = 5.0, 0.05
+"""Low pass of the signals from which a gear ratio is inferred, in which robots move and encoders
+differ by springs rather than noise; width of the tanh of dry friction over the standard deviation
+of the speed, narrow enough for a step wherever the joint moves."""
+
+_STD = "_std"
+_SAME_RATIO = 0.03
+"""Difference of two estimates of a ratio above which neither is taken for the better one."""
+
+
+def _drives_of_logs(
+    robot: Robot, logs: Sequence[Log], without: Set[str], gains: Mapping[str, Controller]
+) -> tuple[dict[str, _Table], list[str]]:
+    """Return the drives of logs, those of commands with their controllers, and what is doubtful.
+
+    The torques of the joints `without` are no measurements.
+    """
+    commanded = _commanded(robot, logs, without)
+    tables, doubts = inferred_drives(robot, logs, commanded)
+    tables |= {joint: _controlled(robot, joint, logs, gains.get(joint)) for joint in commanded}
+    laws = {joint: tables[joint]["controller"] for joint in commanded}
+    doubts += _about([joint for joint, law in laws.items() if _GAP in law.values()], "gains")
+    doubts += [_doubt("delay")] * bool(commanded)
+    fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
+    doubts += _about(fast, "velocity_commands")
+    doubts += _about([joint for joint, law in laws.items() if law.get("is_held")], "held")
+    return tables, doubts
 
 
 def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str, ...]:
@@ -445,78 +570,64 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
     return tuple(joint for joint in joints if _sent(logs, joint) and joint not in measured)
 
 
-def _logged_gains(read: Sequence[_ReadLog], doubts: list[str]) -> dict[str, Controller]:
-    """Return the controllers with the gains of the first log; a doubt if another log has others."""
-    first = read[0]
-    others = (log.files[0].name for log in read if log.gains != first.gains)
-    doubts += [_doubt("other_gains", file=name, first=first.files[0].name) for name in others]
-    return dict(first.gains)
-
-
 def _sent(logs: Sequence[Log], joint: str) -> list[str]:
     """Return the kinds of command that all logs have of a joint."""
     return [kind for kind in COMMANDS if all(kind in log.logged(joint) for log in logs)]
 
 
-def _controlled(
-    robot: Robot, joint: str, logs: Sequence[Log], controllers: Mapping[str, Controller]
-) -> dict[str, object]:
-    """Return the drive table of a joint with a controller; one of velocity commands has K_v = K_d.
-
-    A controller without a position gain takes velocities alone. Gains that do not go with the
-    commands of the logs count as unknown.
-    """
-    sent, law = _sent(logs, joint), controllers.get(joint)
-    if law is not None and not law.position_gain_Nm_per_rad:
-        if law.velocity_gain_Nms_per_rad and "velocity_command" in sent:
-            sent = ["velocity_command"]
-        elif "position_command" in sent:
-            law = None
-    law = law or Controller(
-        position_gain_Nm_per_rad=_UNKNOWN * ("position_command" in sent),
-        velocity_gain_Nms_per_rad=_UNKNOWN * ("velocity_command" in sent),
-    )
-    law = replace(law, is_held=law.is_held or all(_is_held(log, sent[0], joint) for log in logs))
+def _controlled(robot: Robot, joint: str, logs: Sequence[Log], law: Controller | None) -> _Table:
+    """Return the drive table of a joint with a controller, K_v = K_d if it gets velocities."""
+    gains, sent = _gains(law, _sent(logs, joint))
+    if all(_is_held(log, sent[0], joint) for log in logs):
+        gains["is_held"] = True
     if "velocity_command" in sent:
-        law = replace(law, command_velocity_gain_Nms_per_rad=law.velocity_gain_Nms_per_rad)
+        gains["command_velocity_gain_Nms_per_rad"] = gains[_VELOCITY_GAIN]
     return {
         "type": "stiff",
         _ratio_key(robot, robot.index(joint)): 1.0,
         "friction": ["viscous", "coulomb", "offset"],
         "motor_input": sent[0],
-        "controller": law,
+        "controller": gains,
         "command_delay_s": 0.0,
         "command_delay_s_std": 0.005,
     }
 
 
-def _all_drives(
-    robot: Robot, logs: Sequence[Log], without: Set[str], gains: Mapping[str, Controller]
-) -> tuple[dict[str, _Table], list[str]]:
-    """Return the inferred drives, those of position commands with their controllers, and doubts.
+def _gains(law: Controller | None, sent: list[str]) -> tuple[_Table, list[str]]:
+    """Return the table of a controller, and the kinds of the commands `sent` that it takes.
 
-    The torques of the joints `without` are no measurements.
+    A controller without a position gain takes velocities alone. Gains that do not go with the
+    commands are gaps.
     """
-    commanded = _commanded(robot, logs, without)
-    tables, doubts = inferred_drives(robot, logs, commanded)
-    tables |= {joint: _controlled(robot, joint, logs, gains) for joint in commanded}
-    laws: dict[str, Any] = {joint: tables[joint]["controller"] for joint in commanded}
-    asked = [joint for joint in laws if str(_UNKNOWN) in str(laws[joint])]
-    doubts += _about(asked, _doubt("gains"))
-    doubts += [_doubt("delay")] * bool(commanded)
-    fast = [joint for joint in commanded if "velocity_command" in _sent(logs, joint)]
-    doubts += _about(fast, _doubt("velocity_commands"))
-    doubts += _about([joint for joint in laws if laws[joint].is_held], _doubt("held"))
-    return tables, doubts
+    if law is not None and (law.position_gain_Nm_per_rad or sent == ["velocity_command"]):
+        return asdict(law), sent
+    if law is not None and law.velocity_gain_Nms_per_rad and "velocity_command" in sent:
+        return asdict(law), ["velocity_command"]
+    gains: _Table = {_POSITION_GAIN: _GAP} if "position_command" in sent else {}
+    return gains | {_VELOCITY_GAIN: _GAP if "velocity_command" in sent else 0.0}, sent
 
 
 def _drives_text(tables: Mapping[str, _Table], doubts: Sequence[str], file: Path) -> str:
     """Return the text of a new file of drives with doubts and gaps."""
     if file.exists():
         raise SeaidError(f"'{file}' is there already: give it as drives")
-    write_drives(drives_from_mapping(tables), file)
+    drives = drives_from_mapping(filled(tables))
+    text = tomli_w.dumps({x: _with_gaps(drive_table(drives[x]), tables[x]) for x in drives})
     lines = [f"# unsure: {_comment(doubt)}\n" for doubt in doubts]
-    return "".join([*lines, *["\n"] * bool(lines), _with_gaps(file.read_text(encoding="utf-8"))])
+    return "".join([*lines, *["\n"] * bool(lines), text])
+
+
+def filled(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with one in their gaps: motor and joint, or gain and torque, in one unit."""
+    return {
+        key: filled(value) if isinstance(value, Mapping) else 1.0 if value == _GAP else value
+        for key, value in table.items()
+    }
+
+
+def _with_gaps(written: _Table, inferred: _Table) -> _Table:
+    """Return the table of a drive as it is written, with the gaps of the inferred one."""
+    return written | {x: value for x, value in inferred.items() if filled({x: value})[x] != value}
 
 
 def _is_held(log: Log, kind: str, joint: str) -> bool:
@@ -535,27 +646,6 @@ def _is_held(log: Log, kind: str, joint: str) -> bool:
     return bool(np.median(np.diff(changes)) > 1)
 
 
-def _with_gaps(text: str) -> str:
-    """Return the TOML of drives with question marks for the numbers that are unknown."""
-    alone = f"position_gain_Nm_per_rad = {_UNKNOWN}\n"
-    if f"{alone}velocity" not in text:
-        text = text.replace(alone, f"{alone}velocity_gain_Nms_per_rad = 0.0\n")
-    return text.replace(str(_UNKNOWN), '"?"')
-
-
-def _known_bodies(robot: Robot, is_commanded: bool, unscaled: Sequence[str]) -> dict[str, Any]:
-    """Return the bodies that count as known, if the file has masses, and the width of each mass."""
-    names = robot.body_names if np.any(robot.parameters) and (is_commanded or unscaled) else ()
-    return {"known_bodies": names, "std_of_bodies": BODY if names and unscaled else None}
-
-
-_INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
-"""Kinds of a motor's input, the most direct one first."""
-
-_TORQUES = ("joint_torque", *(f"motor_{kind}" for kind in _INPUTS))
-"""Sensors of a torque, or of what is proportional to it, the most direct one first."""
-
-
 def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
     """Return by what a motor is logged, the most direct one; "" by nothing."""
     return next((kind for kind in _INPUTS if f"motor_{kind}" in sensors), "")
@@ -568,10 +658,6 @@ def _has_locked_output(log: Log, index: int) -> bool:
     return has_both and float(np.ptp(joint)) < min(_MOVES_RAD, _STANDS * float(np.ptp(motor)))
 
 
-_STANDS = 1e-3
-"""Motion of a locked output over that of its motor before the gear."""
-
-
 def _unscaled(
     robot: Robot, logs: Sequence[Log], tables: Mapping[str, Mapping[str, object]]
 ) -> list[str]:
@@ -579,11 +665,6 @@ def _unscaled(
     driven = [joint for joint, table in tables.items() if "motor_input" in table]
     sensed = {x for x in driven for log in logs if "joint_torque" in _moving_sensors(log, x)}
     return [joint for joint in driven if joint not in sensed]
-
-
-_Table = dict[str, object]
-_Drive = tuple[_Table | None, str]
-"""Table of a drive, None if its torque counts as known at the joint, and the doubt about it."""
 
 
 def _ratio_key(robot: Robot, index: int) -> str:
@@ -596,39 +677,47 @@ def inferred_drives(
 ) -> tuple[dict[str, _Table], list[str]]:
     """Return drive tables of joints with a motor's torque, and what is doubtful about them.
 
-    Nothing is said of the joints `without`.
+    Nothing is said of the joints `without`. Numbers that no log shows are gaps, see `filled`.
     """
     drives = {
         joint: _inferred_drive(robot, index, logs)
         for index, joint in enumerate(robot.joint_names)
         if joint not in without
     }
-    tables = {joint: table for joint, (table, _) in drives.items() if table is not None}
-    sizes = _confirm_ratios(robot, logs, tables)
-    shared: dict[str, list[str]] = {_doubt("no_encoder"): [], _doubt("no_motor"): []}
-    doubts = []
-    for joint, (_, doubt) in drives.items():
-        if doubt in shared:
-            shared[doubt].append(joint)
+    tables, sizes = _with_confirmed_ratios(
+        robot, logs, {joint: drive.table for joint, drive in drives.items() if drive.table}
+    )
+    doubts, shared = list[str](), dict[str, list[str]](no_encoder=[], no_motor=[])
+    for joint, drive in drives.items():
+        if drive.doubt.code in shared:
+            shared[drive.doubt.code].append(joint)
         else:
-            doubts.append(f"{joint}: {sizes.get(joint, '')}{doubt}")
-    shared[_doubt("unscaled")] = _unscaled(robot, logs, tables)
-    return tables, doubts + [text for doubt in shared for text in _about(shared[doubt], doubt)]
+            doubts.append(f"{joint}: {sizes.get(joint, '')}{drive.doubt}")
+    shared["unscaled"] = _unscaled(robot, logs, tables)
+    return tables, [*doubts, *(x for code, joints in shared.items() for x in _about(joints, code))]
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """An inferred drive and its doubt; no table if the torque counts as known at the joint."""
+
+    table: _Table | None
+    doubt: Doubt
 
 
 def _inferred_drive(robot: Robot, index: int, logs: Sequence[Log]) -> _Drive:
-    """Return the drive of a joint, None if its torque counts as known, and the doubt about it."""
+    """Return the drive of a joint by its sensors that move in the logs."""
     sensors = [_moving_sensors(log, robot.joint_names[index]) for log in logs]
     names, encoded = set[str]().union(*sensors), zip(logs, sensors, strict=True)
     log, channels = next((pair for pair in encoded if "motor_position" in pair[1]), (None, {}))
     drive = _spring_without_gear(robot, index, log, channels)
     if drive is None and log is not None and "joint_position" in channels:
         drive = _drive_of_encoders(robot, index, log.time, channels)
-    table, doubt = drive or _drive_without_encoder(names, _ratio_key(robot, index))
+    drive = drive or _drive_without_encoder(names, _ratio_key(robot, index))
     kind = _input(names)
-    if table is not None and kind not in ("", "torque"):
-        table["motor_input"] = kind
-    return table, doubt
+    if drive.table is not None and kind not in ("", "torque"):
+        return replace(drive, table=drive.table | {"motor_input": kind})
+    return drive
 
 
 def _spring_without_gear(
@@ -639,9 +728,9 @@ def _spring_without_gear(
     key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
     table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
     if log is not None and _has_locked_output(log, index):
-        return {**table, key: _UNKNOWN}, _doubt("locked_output", key=key)
+        return _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
     if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
-        return table, _doubt("of_deflection", key=key)
+        return _Drive(table, _doubt("of_deflection", key=key))
     return None
 
 
@@ -651,36 +740,40 @@ def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
     # A torque sensor has a scale, and behind it are neither friction nor rotor.
     is_known = "joint_torque" in sensors and kind != "torque"
     if "motor_position" in sensors and not is_known:
-        return {"type": "stiff", key: _UNKNOWN}, _doubt("no_joint_encoder", key=key)
-    stiff: _Drive = {"type": "stiff", key: 1.0}, _doubt("no_encoder")
-    return stiff if kind and not is_known else (None, _doubt("no_motor"))
+        return _Drive({"type": "stiff", key: _GAP}, _doubt("no_joint_encoder", key=key))
+    if not kind or is_known:
+        return _Drive(None, _doubt("no_motor"))
+    return _Drive({"type": "stiff", key: 1.0}, _doubt("no_encoder"))
 
 
-def _confirm_ratios(
+def _with_confirmed_ratios(
     robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]
-) -> dict[str, str]:
-    """Replace ratios and standard errors in drive tables by those of `check`; return them as texts.
+) -> tuple[dict[str, _Table], dict[str, str]]:
+    """Return drive tables with the ratios of `check`, and each ratio as a text {joint: text}.
 
-    It has all logs, knows the springs of these drives, and takes (7) where the motor moves. The
-    standard errors go into those of the estimates (`gear_ratio_std`). A ratio with a large one is
-    asked for.
+    That takes a search over all logs: it knows the springs of these drives, and takes (7) where the
+    motor moves. The standard errors go into those of the estimates (`gear_ratio_std`). A ratio with
+    a large one is a gap.
     """
     keys = {joint: key for joint, table in tables.items() for key in table if _STD in key}
-    sizes: dict[str, str] = {}
-    joints: Mapping[str, JointCheck] = {}
+    better, sizes = {joint: {**table} for joint, table in tables.items()}, dict[str, str]()
+    checks: Mapping[str, JointCheck] = {}
     with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
-        joints = check(robot.with_drives(drives_from_mapping(tables)), logs).joints if keys else {}
+        model = robot.with_drives(drives_from_mapping(filled(tables))) if keys else robot
+        checks = check(model, logs).joints if keys else {}
     for joint, key_of_error in keys.items():
-        table, key = tables[joint], key_of_error.removesuffix(_STD)
-        value, error = (float(str(table.pop(name))) for name in (key, key_of_error))
-        value, error = _confirmed(value, error, joints.get(joint), "pulley" in key)
+        table, key = better[joint], key_of_error.removesuffix(_STD)
+        value, error = _confirmed(
+            table[key], table[key_of_error], checks.get(joint), "pulley" in key
+        )
         if error > POOR * value:  # the rotor's inertia behind the gear, N^2 I, has twice as much
-            table[key] = _UNKNOWN
+            table[key] = _GAP
+            del table[key_of_error]
             sizes[joint] = _doubt("undetermined", key=key, value=value, error=error)
         else:
             table[key], table[key_of_error] = float(f"{value:.7g}"), float(f"{error:.2g}")
             sizes[joint] = f"{key} = {value:.7g} +- {error:.2g} "
-    return sizes
+    return better, sizes
 
 
 def _confirmed(
@@ -700,11 +793,6 @@ def _confirmed(
     return value, max(error, abs(better - value))
 
 
-_STD = "_std"
-_SAME_RATIO = 0.03
-"""Difference of two estimates of a ratio above which neither is taken for the better one."""
-
-
 def _moving_sensors(log: Log, joint: str) -> dict[str, Array]:
     """Return the sensors {name: samples} of a joint that change."""
     return {name: values for name, values in log.logged(joint).items() if np.ptp(values) > 0}
@@ -717,13 +805,13 @@ def _drive_of_encoders(
     motor, joint = sensors["motor_position"], sensors["joint_position"]
     unit, least = ("m", _MOVES_M) if robot.is_prismatic[index] else ("rad", _MOVES_RAD)
     if np.array_equal(motor, joint):
-        return None, _doubt("same_values")
+        return _Drive(None, _doubt("same_values"))
     if np.ptp(joint) < least:
-        return None, _doubt("hardly_moves")
+        return _Drive(None, _doubt("hardly_moves"))
     ratio, explained, error = _ratio_with_drift(time, sensors)
     spread = float(np.std(motor / ratio - joint))
-    text = f"from both encoders, which differ by {spread:.2g} {unit} (rms)"
-    text += _doubt("backwards") * (ratio < -error)
+    values = {"spread": spread, "unit": unit, "explained": explained}
+    values["backwards"] = _doubt("backwards") * (ratio < -error)
     key, ratio = _ratio_key(robot, index), abs(ratio)
     table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     explains = explained > _SPRING or "deflection" in sensors
@@ -731,12 +819,11 @@ def _drive_of_encoders(
         key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
         table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / ratio}
     if explains:
-        more = f"{explained:.0%} of that follows the torque: taken for a spring"
-        return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
+        return _Drive({**table, "type": "series_elastic"}, _doubt("spring", **values))
     if "joint_torque" in sensors and "motor_torque" not in sensors:
-        text = f"{key} = {table[key]} +- {error:.2g} {text}; taken for stiff: its torque sensor"
-        return None, f"{text} counts as known at the joint"
-    return table, f"{text}; taken for stiff: compare with the data sheet"
+        ratio_text = f"{key} = {table[key]} +- {error:.2g}"
+        return _Drive(None, _doubt("torque_sensor", ratio=ratio_text, **values))
+    return _Drive(table, _doubt("stiff", **values))
 
 
 def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
@@ -752,9 +839,10 @@ def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float,
 
 
 def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
-    """Return the gear ratio from motor, joint and torque, the part of their difference that is a
-    spring's, and the standard error of the ratio: that of one sample of the residual, as in
-    `gear_ratio`.
+    """Return the gear ratio, the part of the encoders' difference that is a spring's, and an error.
+
+    The columns of `logged` (T, 2 or 3) are motor, joint and, if there is one, torque. The error is
+    the standard error of the ratio by one sample of the residual, as in `gear_ratio`.
 
     motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
     motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
@@ -776,52 +864,3 @@ def _ratio(time: Array, logged: Array) -> tuple[float, float, float]:
     # Of motor - N joint, what torque and motion explain is a spring's; the rest is neither.
     rest = float(np.var(misfit) / max(float(np.var(difference)), 1e-300))
     return float(fit[0]), 1 - rest, float(np.std(misfit) / max(float(np.std(rows[:, 0])), 1e-300))
-
-
-def _comment(doubt: str) -> str:
-    """Return a doubt on one line."""
-    return abridged(" ".join(doubt.split()))
-
-
-def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
-    """Return a table for all links of each shape of contacts of a floating base."""
-    tables: dict[str, dict[str, Any]] = {}
-    for point in robot.floating_base.contacts if isinstance(robot, FloatingRobot) else ():
-        position: Any = list(map(float, point.position_m))
-        shape = {"radius_m": point.radius_m, "is_flat": point.is_flat, "position_m": position}
-        shape = {name: value for name, value in shape.items() if np.any(value)}
-        tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
-    return list(tables.values())
-
-
-def _log_tables(
-    robot: Robot, logs: Sequence[_ReadLog], folder: Path, shortest_s: float
-) -> list[dict[str, Any]]:
-    """Return the tables of the logs, or of both parts of a long one: the last validates."""
-    tables: list[dict[str, Any]] = [
-        {
-            "files": [_relative(file, folder) for file in entry.files],
-            "description": entry.description_file and _relative(entry.description_file, folder),
-            "find_contacts": bool(_unflagged(robot, entry.log)),
-        }
-        for entry in logs
-    ]
-    start, end = logs[0].log.time[[0, -1]]
-    if len(logs) == 1 and end - start > shortest_s:
-        middle = np.round(start + _OWN_PART * (end - start), 1)
-        ends = map(float, (np.floor(start), middle, np.ceil(end + 1)))
-        tables = [{**tables[0], "between_s": part} for part in pairwise(ends)]
-    return tables
-
-
-def _unflagged(robot: Robot, log: Log) -> tuple[str, ...]:
-    """Return the contacts of a floating base of which a log has neither a flag nor a wrench."""
-    if not isinstance(robot, FloatingRobot) or log.base is None:
-        return ()
-    return log.base.unflagged(robot.floating_base.contact_links)
-
-
-def _relative(path: str | Path, folder: Path) -> str:
-    """Return a path relative to the folder of the project; the name of a robot stays."""
-    is_name = not Path(path).suffix and not Path(path).is_file()
-    return str(path) if is_name else os.path.relpath(path, folder)

@@ -524,7 +524,7 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
         try:
             extra_terms(drive)
         except RobotError as problem:
-            raise RobotError(f"joint '{joint}': {problem}") from None
+            raise problem.at(f"joint '{joint}'") from None
     turning, for_turning = kind in TURNING, drive.joint_units[1] == "rad"
     if drive.angle_ratio is not None and not turning:
         raise RobotError(f"joint '{joint}' is {kind}, and a drive with angle_ratio turns a joint")

@@ -347,7 +347,7 @@ def _drive_functions(
             try:
                 functions.append((index, drive_functions(drive)))
             except RobotError as problem:
-                raise RobotError(f"joint '{name}': {problem}") from None
+                raise problem.at(f"joint '{name}'") from None
     return tuple(functions)
 
 

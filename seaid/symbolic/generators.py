@@ -48,7 +48,7 @@ def located(place: str, detail: object = None) -> Iterator[None]:
     except SymbolicError as problem:
         if detail is not None:
             place = f"{place} {shortened(detail)}"
-        raise SymbolicError(f"{place}: {problem}") from None
+        raise problem.at(place) from None
 
 
 def shortened(expression: object) -> str:

@@ -112,7 +112,7 @@ def _logged_traces(
     except SeaidError as problem:
         sources[MEASURED] = [(log.time - start, raw, deflection)]
         return traces_of(duration, sources, at_motor), [f"torques are not computed: {problem}"]
-    unknown: dict[str, str] = {}
+    unknown: dict[str, SeaidError] = {}
     for motion in motions:
         order = columns if motion is log else list(range(robot.n))
         joint, motor = (_states(motion, side, order) for side in ("joint", "motor"))
@@ -124,8 +124,8 @@ def _logged_traces(
             torque, stretch = (_smooth(motion, of_joints) for of_joints in values)
             sources.setdefault(source, []).append((time, torque, stretch))
     notes = [
-        f"torques of the {name} model are not computed: {why.partition(';')[0]}"
-        for name, why in unknown.items()
+        f"torques of the {name} model are not computed: {problem.reason}"
+        for name, problem in unknown.items()
     ]
     return traces_of(duration, sources, at_motor), notes
 
@@ -171,14 +171,14 @@ def _measured_torque(
 
 def _predicted(
     models: Models, time: Array, joint: States, motor: States | None, at_motor: tuple[bool, ...]
-) -> tuple[dict[str, Signals], dict[str, str]]:
+) -> tuple[dict[str, Signals], dict[str, SeaidError]]:
     """Return the torques and deflections of the models, and why one has none."""
     signals, unknown = {}, {}
     for name, model in models.items():
         try:
             signals[name] = (time, *_prediction(model, time, joint, motor, at_motor))
         except SeaidError as problem:
-            unknown[name] = str(problem)
+            unknown[name] = problem
     return signals, unknown
 
 

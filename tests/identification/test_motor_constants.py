@@ -17,7 +17,7 @@ from seaid.identification import identify
 from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.project import load_project, write_first_project
-from seaid.project.first_project import _drives_text, inferred_drives
+from seaid.project.first_project import _drives_text, filled, inferred_drives
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
@@ -253,6 +253,6 @@ def test_a_first_project_asks_for_what_a_locked_output_does_not_show(
     assert f"does not show its {key}" in doubt
     assert tables["elbow"]["type"] == "series_elastic"
     if kind == "prismatic":
-        assert load_robot(tmp_path / "bench.urdf", tables).drives["elbow"].is_elastic
+        assert load_robot(tmp_path / "bench.urdf", filled(tables)).drives["elbow"].is_elastic
     else:
         assert 'gear_ratio = "?"' in _drives_text(tables, [doubt], tmp_path / "drives.toml")

@@ -24,7 +24,7 @@ from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.describe.base import BaseGuess, infer_base
-from seaid.log.describe.inference import Inference, Sources, check_used, is_state, sentences
+from seaid.log.describe.inference import Doubt, Inference, Sources, check_used, is_state, sentences
 from seaid.log.describe.joints import (
     every_joint,
     is_sensor,
@@ -61,12 +61,12 @@ class Description(Display):
     ----------
     description : LogDescription
         The inferred description.
-    unsure : tuple of str
-        The uncertain choices, as sentences.
+    unsure : tuple of Doubt
+        The uncertain choices: sentences, each with the code of its doubt.
     unused : tuple of str
         Columns of the file that are not used.
-    assumed : tuple of str
-        Usual choices that neither names nor samples contradict, as sentences.
+    assumed : tuple of Doubt
+        Usual choices that neither names nor samples contradict.
     gains : mapping {joint: Controller}
         Controllers with the gains of columns "kp" and "kd" next to the command of the joint. They
         are up to scale where the log has the supply of a motor and no torque: then they are in
@@ -74,9 +74,9 @@ class Description(Display):
     """
 
     description: LogDescription
-    unsure: tuple[str, ...]
+    unsure: tuple[Doubt, ...]
     unused: tuple[str, ...]
-    assumed: tuple[str, ...] = ()
+    assumed: tuple[Doubt, ...] = ()
     gains: Mapping[str, Controller] = field(default_factory=dict)
 
     def _in_short(self) -> str:
@@ -382,7 +382,7 @@ class _File:
 
 def logs_of_files(
     paths: Sequence[Path], robot: Robot
-) -> tuple[list[tuple[Path, ...]], tuple[str, ...]]:
+) -> tuple[list[tuple[Path, ...]], tuple[Doubt, ...]]:
     """Return the files of each log, and what is doubtful about it.
 
     Files are of one log if none of their columns is in two of them, their times overlap, and not
@@ -399,24 +399,15 @@ def logs_of_files(
     return [tuple(file.path for file in group) for group in groups], tuple(_doubts(groups))
 
 
-def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[str]:
+def _doubts(groups: Sequence[Sequence[_File]]) -> Iterator[Doubt]:
     """Yield what is doubtful about the files of each log, and about logs that may be one."""
     for group in groups:
         if len(group) > 1:
             common = min(file.end_s for file in group) - max(file.start_s for file in group)
-            yield (
-                f"{listed(file.path.name for file in group)} have different columns over the same "
-                f"time ({common:.4g} s): taken for the files of one log; if they are not, give "
-                "each a [[log]] of its own"
-            )
+            yield Doubt.of("one_log", common=common).about(file.path.name for file in group)
     for earlier, file in combinations([group[0] for group in groups], 2):
         if file.complements(earlier):
-            yield (
-                f"{earlier.path.name} and {file.path.name} have different columns, and one lacks "
-                "positions or torques, but their times do not overlap: if they are of one motion, "
-                "repair a clock and list both in one [[log]], "
-                f'files = ["{earlier.path.name}", "{file.path.name}"]'
-            )
+            yield Doubt.of("no_common_time", first=earlier.path.name, second=file.path.name)
 
 
 def _file_of(path: Path, robot: Robot) -> _File:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -29,6 +29,28 @@ from seaid.robot import Robot
 _FILE = Path(__file__).with_name("doubts.toml")
 DOUBTS: Mapping[str, str] = read_toml(_FILE, "the texts of doubts", LogError)
 """{name of a doubt: its text, with braces for values of the log}."""
+
+
+class Doubt(str):
+    """What is uncertain, in words, and the `code` by which a table of texts names it."""
+
+    code: str
+
+    def __new__(cls, text: str, code: str = "") -> Self:
+        """Return the text as a doubt."""
+        doubt = super().__new__(cls, text)
+        doubt.code = code
+        return doubt
+
+    @classmethod
+    def of(cls, code: str, texts: Mapping[str, str] = DOUBTS, /, **values: Any) -> Self:
+        """Return the doubt of a table {code: text}, with values of the log for its braces."""
+        return cls(texts[code].format(**values), code)
+
+    def about(self, names: Iterable[str], most: int = 20) -> Self:
+        """Return the doubt behind the columns, joints or files that it is about."""
+        return type(self)(in_one_line(f"{listed(names, most)}: {self}"), self.code)
+
 
 Sources = dict[str, dict[str, Any]]
 """Arguments of the Source of each quantity of a joint."""
@@ -82,8 +104,8 @@ class Inference:
     data: Block
     meanings: dict[str, Meaning]
     robot: Robot | None = None
-    notes: dict[str, list[str]] = field(default_factory=dict)
-    assumed: dict[str, list[str]] = field(default_factory=dict)
+    notes: dict[Doubt, list[str]] = field(default_factory=dict)
+    assumed: dict[Doubt, list[str]] = field(default_factory=dict)
     time: Array | None = None
 
     def having(self, quantity: str, joint: str, *sides: str, role: Role = "measured") -> list[str]:
@@ -153,13 +175,13 @@ class Inference:
 
     def limits(self, joint: str) -> tuple[float, float] | None:
         """Return the lowest and the highest position of a joint, None if it is not known."""
-        is_known = self.robot is not None and joint in self.robot.joint_names
-        return self.robot.position_range(joint) if self.robot and is_known else None
+        robot = self.robot
+        return robot.position_range(joint) if robot and joint in robot.joint_names else None
 
     def is_prismatic(self, joint: str) -> bool:
         """Return whether a joint is known to be prismatic."""
-        robot = self.robot if self.limits(joint) else None
-        return robot is not None and robot.is_prismatic[robot.index(joint)]
+        robot = self.robot
+        return bool(robot and self.limits(joint) and robot.is_prismatic[robot.index(joint)])
 
     def is_within(self, column: str, factor: float, joint: str, offset: float = 0.0) -> bool:
         """Return whether factor x position + offset stays about within the limits of a joint."""
@@ -194,7 +216,7 @@ class Inference:
         same text become one sentence.
         """
         if doubt:
-            text = DOUBTS[doubt].format(**values)
+            text = Doubt.of(doubt, **values)
             (self.assumed if is_usual else self.notes).setdefault(text, []).append(about)
 
 
@@ -228,9 +250,9 @@ def follows(position: Array, command: Array) -> bool:
     return bool(is_sum and 1 / _LOOP_SLOPE < fit[0] / sizes[0] < _LOOP_SLOPE)
 
 
-def sentences(notes: Mapping[str, list[str]]) -> tuple[str, ...]:
-    """Return notes {text: what they are about} as sentences."""
-    return tuple(in_one_line(f"{listed(x, _LISTED)}: {text}") for text, x in notes.items())
+def sentences(notes: Mapping[Doubt, list[str]]) -> tuple[Doubt, ...]:
+    """Return notes {doubt: what it is about} as sentences."""
+    return tuple(doubt.about(names, _LISTED) for doubt, names in notes.items())
 
 
 def correlation(first: Array, second: Array) -> float:

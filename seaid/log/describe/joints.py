@@ -188,8 +188,7 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
 def _by_own_number(names: Mapping[str, str]) -> dict[str, str]:
     """Return {number: joint} of {label: joint}, nothing if labels have the same number."""
     numbers = {_number_in(label): joint for label, joint in names.items()}
-    has_all = len(numbers) == len(names)
-    return {number: joint for number, joint in numbers.items() if number and has_all}
+    return {x: joint for x, joint in numbers.items() if x and len(numbers) == len(names)}
 
 
 def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
@@ -240,11 +239,10 @@ def _in_order(labels: Sequence[str], joints: Sequence[str], inference: Inference
     """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
     labels = _sorted(list(filter(_is_number, labels)) or list(labels))
     if len(labels) > len(joints):
-        about = ", ".join(labels)
-        inference.note(about, "more_joints", logged=len(labels), known=len(joints))
+        inference.note(", ".join(labels), "more_joints", logged=len(labels), known=len(joints))
     if labels != [""] or len(joints) > 1:
-        about = ", ".join(x or "columns without a joint" for x in labels[: len(joints)])
-        inference.note(about, "in_order")
+        names = (x or "columns without a joint" for x in labels[: len(joints)])
+        inference.note(", ".join(names), "in_order")
     if not all(map(_number_in, labels)) and not len(labels) == len(joints) == 1:
         _note_guesses(labels, inference)
     return dict(zip(labels, joints, strict=False))
