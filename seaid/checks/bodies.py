@@ -13,7 +13,7 @@ import scipy
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, only_joint, zeros_in_description
+from seaid.checks.codes import CODES, only_joint, with_payload, zeros_in_description
 from seaid.checks.experiment import Experiment, Transform, best_value, moved, near, scaled
 from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
@@ -197,18 +197,19 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         mass, name = known[body, 0], robot.body_names[body]
         com = ",".join(f"{x:.4g}" for x in known[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
+        without = f"option: without --payload {name}:{mass:g}:{com}"
         factor = 1 + experiment.multiple(experiment.regressor @ payload)
         is_off = factor > tol.POOR and abs(factor - 1) > tol.POOR
         # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
             message = f"{text} has {times * mass:.3g} kg" if times else f"{text} is not there"
-            option = f"--payload {name}:{times * mass:.3g}:{com}"
+            remedy = with_payload(name, times * mass, com) if times else without
             yield Transform(
                 CODES["payload"],
                 message,
                 experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload),
                 robot.joint_of(body),
-                f"option: {option if times else f'without --payload {name}:{mass:g}:{com}'}",
+                remedy,
                 penalty=float(times == factor),
             )
         yield from _placed(experiment, experiment.bodies - payload, text, mass)
@@ -240,7 +241,7 @@ def _placed(
             f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
             experiment.with_changes(bodies=changed),
             robot.joint_of(body),
-            f"option: --payload {link}:{point[0]:.3g}:{com}",
+            with_payload(link, point[0], com),
             "wrong" if is_named else "doubtful" if is_beyond else "note",
             penalty=3.0 if is_named else 4.0,
         )
@@ -287,9 +288,7 @@ def _point_mass(experiment: Experiment, bodies: Array, body: int, mass: float | 
             slopes = np.column_stack([slopes, point(x)])
         return np.vstack([R[:, :10] @ slopes, near_body])
 
-    fits = [
-        scipy.optimize.least_squares(residual, start, jacobian, method="lm") for start in starts
-    ]
+    fits = (scipy.optimize.least_squares(residual, x, jacobian, method="lm") for x in starts)
     x = min(fits, key=lambda fit: float(fit.cost)).x
     return point(x) if np.linalg.norm(x[:3]) < _FARTHEST_M else np.zeros(10)
 
@@ -346,9 +345,8 @@ def file_findings(experiment: Experiment) -> Iterator[Finding]:
     is_mostly = differs and abs(share[most] * part) > size
     if not is_heavier and not is_mostly:
         return
-    what, times, its_error = link, 1 + part, error_of_part
-    if is_heavier:
-        what, times, its_error = "bodies", 1 + total, error
+    of_part, of_all = (link, 1 + part, error_of_part), ("bodies", 1 + total, error)
+    what, times, its_error = of_all if is_heavier else of_part
     mostly = f", mostly {link}, by {part:+.0%}" if is_heavier and is_mostly else ""
     word = "heavier" if of_mass[0] > 0 else "lighter"
     rival, measurement = _other_explanation(experiment, link if is_mostly else "", total)
@@ -377,8 +375,7 @@ def _other_explanation(experiment: Experiment, mostly: str, total: float) -> tup
     """
     measurement = f"weigh {mostly or 'a link'}"
     if np.any(experiment.robot.payload_parameters):
-        rival = "a payload has another mass than the one named"
-        return rival, f"{measurement} and the payload"
+        return "a payload has another mass than the one named", f"{measurement} and the payload"
     if mostly:
         return f"a payload on {mostly} was not named", measurement
     return (

@@ -193,6 +193,12 @@ _COMMANDS = ("position_command", "velocity_command", "torque_command")
 """The commands of a joint, of which those of positions have its zero, and all have its sign."""
 
 
+def with_payload(link: str, mass_kg: float, com_m: str) -> str:
+    """Return the remedy that gives a payload: by an option, or by the table of a project."""
+    table = f"[[payload]]\nlink = {toml_text(link)}\nmass_kg = {mass_kg:.3g}\ncom_m = [{com_m}]"
+    return f"option: --payload {link}:{mass_kg:.3g}:{com_m}, or in seaid.toml\n{table}"
+
+
 def joints_of(findings: Iterable[Finding]) -> set[str]:
     """Return the joints that findings name, alone or among several."""
     return {joint for x in findings for joint in (x.joint, *x.joints) if joint}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -294,10 +293,6 @@ def _sources_text(identification: Identification) -> str:
 _MOST_NOTES = 4
 """Notes of one code, without a remedy, that a summary shows."""
 
-_PAYLOAD = re.compile("(option: --payload ([^:]+):([^:]+):(.+))")
-_IN_PROJECT = '\\1, or in seaid.toml\n[[payload]]\nlink = "\\2"\nmass_kg = \\3\ncom_m = [\\4]'
-"""A remedy by an option, and that with the table of a project."""
-
 _MARKS = {"wrong": "!", "doubtful": "?", "note": "-"}
 
 
@@ -314,7 +309,7 @@ def warning_lines(warnings: Sequence[Finding]) -> list[str]:
             if notes[finding.code] > _MOST_NOTES:
                 continue
         lines.append(f"{_MARKS[finding.severity]} {finding.code}: {finding.message}")
-        lines += textwrap.indent(_PAYLOAD.sub(_IN_PROJECT, finding.remedy), "    ").splitlines()
+        lines += textwrap.indent(finding.remedy, "    ").splitlines()
     more = notes - Counter(dict.fromkeys(notes, _MOST_NOTES))
     lines += [f"- {code}: {counted(n, 'more note')} like these" for code, n in more.items()]
     codes = dict.fromkeys(f"#{one.code}" for one in warnings if one.severity != "note")

@@ -147,10 +147,12 @@ def test_a_payload_that_is_declared_otherwise_is_estimated(
     robot = leg(declared) if declared else leg()
     finding = worst(robot, leg_log())
     assert (finding.code, finding.severity) == ("payload", severity)
-    link, mass, com = finding.remedy.removeprefix("option: --payload ").split(":")
-    assert link == "foot"
-    assert float(mass) == pytest.approx(2.0, abs=within)
-    assert [*map(float, com.split(","))] == pytest.approx(IN_FRONT, abs=0.01)
+    option, _, project = finding.remedy.partition(", or in seaid.toml\n")
+    (payload,) = tomllib.loads(project)["payload"]
+    assert option.startswith(f"option: --payload foot:{payload['mass_kg']:.3g}:")
+    assert payload["link"] == "foot"
+    assert payload["mass_kg"] == pytest.approx(2.0, abs=within)
+    assert payload["com_m"] == pytest.approx(IN_FRONT, abs=0.01)
     if declared == Payload("foot", 4.0, IN_FRONT):
         finding = worst(with_masses_of_cad(robot, 5), leg_log(5))
         assert finding.code == "payload"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -140,18 +139,6 @@ def test_doubts_and_mistakes_end_with_the_sections_that_explain_their_codes() ->
     page = (ROOT / "docs/warnings.md").read_text("utf-8")
     assert {"### delay", "### sign"} <= {*page.splitlines()}
     assert warning_lines([note]) == ["- holes: samples are missing"]
-
-
-def test_a_payload_is_advised_as_an_option_and_as_the_table_of_a_project() -> None:
-    """In a project the option of a command is of no use."""
-    remedy = "option: --payload foot:1.9:0.15,0,-0.1"
-    finding = Finding("payload", "a payload was not named", "knee", "wrong", remedy=remedy)
-    _, option, *project, _ = warning_lines([finding])
-    assert option == f"    {remedy}, or in seaid.toml"
-    content = tomllib.loads("\n".join(project))
-    assert content == {"payload": [{"link": "foot", "mass_kg": 1.9, "com_m": [0.15, 0, -0.1]}]}
-    absent = replace(finding, remedy="option: without --payload foot:2:0.15,0,0")
-    assert warning_lines([absent])[1] == f"    {absent.remedy}"
 
 
 def test_a_check_without_a_torque_or_two_encoders_says_what_was_not_compared() -> None:
