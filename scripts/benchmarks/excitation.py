@@ -30,7 +30,7 @@ from seaid.excitation.criteria import CRITERIA, CriterionName, pivoted_base
 from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import load_target
 from seaid.excitation.problem import (
-    Problem,
+    PlanningProblem,
     make_problem,
     random_start,
     scaled_target,
@@ -114,7 +114,7 @@ def figures(seeds: int) -> str:
 
 def make(
     robot: seaid.Robot, limits: seaid.Limits, criterion: CriterionName, count: int, samples: int
-) -> Problem:
+) -> PlanningProblem:
     """Return the planning problem with all torques and without drive limits."""
     basis, bounds = make_basis("bspline", DURATION_S, count), joint_limits(robot, limits)
     space = motion_space(basis, robot.joint_names, bounds, EndState(), EndState())
@@ -135,7 +135,7 @@ def seconds(function: Callable[[], object]) -> float:
     return min(times)
 
 
-def costs(problem: Problem) -> tuple[float, float]:
+def costs(problem: PlanningProblem) -> tuple[float, float]:
     """Return the seconds of the value alone, and of value and gradient."""
     x = random_start(problem, np.random.default_rng(0))
     return seconds(lambda: value_of(problem, x)), seconds(lambda: value_and_gradient(problem, x))

@@ -49,10 +49,10 @@ class Criterion:
     needs_nominal: bool = False
 
 
-def triangular_factor(H: Array, known: Array) -> Array:
-    """Return R (p, p) with R^T R = H^T H + known^T known."""
+def triangular_factor(H: Array, previous: Array) -> Array:
+    """Return R (p, p) with R^T R = H^T H + P^T P for the factor P of `previous` rows."""
     # H = Q R: factors are added by stacking, and H^T H would square the condition number
-    return np.asarray(np.linalg.qr(np.vstack([known, H]), mode="r"))
+    return np.asarray(np.linalg.qr(np.vstack([previous, H]), mode="r"))
 
 
 def singular_values(R: Array) -> Array:

@@ -44,7 +44,7 @@ from seaid.excitation.observation_matrix import (
     stacked_regressor,
 )
 from seaid.excitation.problem import (
-    Problem,
+    PlanningProblem,
     all_margins,
     factor_of,
     make_problem,
@@ -389,7 +389,7 @@ def design_excitation(
         problem = make_problem(target, criterion, space, instants, free_limits, None, None, model)
     target = scaled_target(problem, cold, base, torque_std, problem.measure.needs_nominal)
     # After scaling: the factor of previous logs is in the same scaled columns.
-    target = replace(target, known=previous_logs_factor(target, cold, previous_logs))
+    target = replace(target, previous_factor=previous_logs_factor(target, cold, previous_logs))
     problem = replace(problem, target=target)
     outcome, best_start = search(
         problem, starts, iterations, seed, executor=executor, progress=progress
@@ -407,7 +407,7 @@ def _check_counts(**counts: int) -> None:
 
 def _excitation(
     robot: Robot,
-    problem: Problem,
+    problem: PlanningProblem,
     outcome: Outcome,
     best_start: Array,
     base: BaseParameters,

@@ -79,8 +79,8 @@ class Target:
     counts, then the known torques `rows` and the motors of elastic joints; `at_drives` (r, r) maps
     torques at joints to torques at drives. `needs_load`: columns of drives depend on the load
     torque, which includes the `parallel` elements. `row_weights` (rows,) and `column_scale`
-    (columns,) multiply the matrix; `known` (., columns), scaled alike, is the triangular factor of
-    previous logs.
+    (columns,) multiply the matrix; `previous_factor` (., columns), scaled alike, is the triangular
+    factor of previous logs.
     """
 
     robot: Robot
@@ -95,7 +95,7 @@ class Target:
     at_drives: Array
     row_weights: Array
     column_scale: Array
-    known: Array
+    previous_factor: Array
 
     @property
     def description(self) -> str:
@@ -134,7 +134,7 @@ def load_target(
         at_drives=np.eye(len(known)),
         row_weights=np.ones(len(known)),
         column_scale=np.ones(p),
-        known=np.empty((0, p)),
+        previous_factor=np.empty((0, p)),
     )
 
 
@@ -180,7 +180,7 @@ def drive_target(
         at_drives=torque_map(robot)[np.ix_(plain.rows, plain.rows)],
         row_weights=np.ones(len(known) + len(robot.elastic_joints)),
         column_scale=np.ones(len(names)),
-        known=np.empty((0, len(names))),
+        previous_factor=np.empty((0, len(names))),
     )
 
 

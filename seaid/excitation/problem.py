@@ -47,23 +47,27 @@ from seaid.robot import Robot
 TARGET_USE = 0.97
 """Share of a limit, evaluated at instants only, that the search may use."""
 
-# SLSQP may exceed TARGET_USE slightly: motions are scaled back from this share on
 _SAFE = 0.985
-# [m] beyond the clearance: at this distance a pair uses nothing of its limit
+"""Share from which motions are scaled back: SLSQP may exceed TARGET_USE slightly."""
+
 _SCENE_REACH_M = 0.1
-# consecutive instants that share a constraint, that of the worst one
+"""Distance [m] beyond the clearance at which a pair uses nothing of its limit."""
+
 _INSTANTS = 10
+"""Consecutive instants that share a constraint, that of the worst one."""
+
 _BISECTIONS = 14
+"""Steps of a bisection, to 1 / 16,000 of a motion."""
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class PlanningProblem:
     """Minimise a criterion over x (n k,), within limits.
 
-    `maps`, 3 of (T, k), give position, velocity and acceleration at `time` (T,) for joints of unit
-    range, `start_states` (3, T, n) those at x = 0. Joint j keeps its linear limits at every instant
-    if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k). In a `stance` the n joints are its
-    planned coordinates, those of the base first.
+    With `maps`, 3 matrices M of (T, k), and `start_states` (3, T, n), position, velocity and
+    acceleration of joint j at `time` (T,) are start_j + half_range_j (M x_j). It keeps its linear
+    limits at every instant if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k). In a
+    `stance` the n joints are its planned coordinates, those of the base first.
     """
 
     target: Target
@@ -99,11 +103,11 @@ def make_problem(
     drives: DriveLimits | None,
     scene: Scene | None,
     stance: StandingRobot | None = None,
-) -> Problem:
+) -> PlanningProblem:
     """Return the problem with a number of equally spaced instants."""
     rows, offset = limit_rows(space, limits)
     time, maps, start_states = _at_instants(space, samples)
-    return Problem(
+    return PlanningProblem(
         target=target,
         criterion=criterion,
         space=space,
@@ -119,7 +123,7 @@ def make_problem(
     )
 
 
-def recentred(problem: Problem, x: Array) -> Problem:
+def recentred(problem: PlanningProblem, x: Array) -> PlanningProblem:
     """Return the problem with the motion x as its origin."""
     joints = x.reshape(problem.shape)
     # linear limits about the new origin: |rows (x + dx) + offset| <= 1
@@ -135,15 +139,13 @@ def _at_instants(
     space: MotionSpace, samples: int
 ) -> tuple[Array, tuple[Array, Array, Array], Array]:
     time = np.linspace(0.0, space.basis.duration, samples)
-    position, velocity, acceleration = space.basis.matrices(time)
-    maps = (position @ space.free, velocity @ space.free, acceleration @ space.free)
-    start_states = np.stack(
-        [matrix @ space.feasible_start for matrix in (position, velocity, acceleration)]
-    )
-    return time, maps, start_states
+    matrices = space.basis.matrices(time)
+    position, velocity, acceleration = (matrix @ space.free for matrix in matrices)
+    start_states = np.stack([matrix @ space.feasible_start for matrix in matrices])
+    return time, (position, velocity, acceleration), start_states
 
 
-def states_of(problem: Problem, x: Array) -> States:
+def states_of(problem: PlanningProblem, x: Array) -> States:
     """Return q, v and a of x, each (T, n)."""
     joints = x.reshape(problem.shape).T
     q, v, a = (
@@ -153,7 +155,7 @@ def states_of(problem: Problem, x: Array) -> States:
     return q, v, a
 
 
-def observation_matrix(problem: Problem, time: Array, states: States) -> Array:
+def observation_matrix(problem: PlanningProblem, time: Array, states: States) -> Array:
     """Return the weighted and scaled observation matrix (T rows, columns), (15)."""
     target = problem.target
     if problem.stance is None:
@@ -162,7 +164,8 @@ def observation_matrix(problem: Problem, time: Array, states: States) -> Array:
     return (H * target.column_scale).reshape(-1, len(target.names))
 
 
-def _pull_back(problem: Problem, states: States, G: Array) -> States:
+def _pull_back(problem: PlanningProblem, states: States, G: Array) -> States:
+    """Return d value / d states, each (T, n), from G = d value / d H of `observation_matrix`."""
     target, time = problem.target, problem.time
     if problem.stance is None:
         return regressor_pull_back(target, time, states, G)
@@ -170,23 +173,23 @@ def _pull_back(problem: Problem, states: States, G: Array) -> States:
     return problem.stance.pull_back(states, G * reading_weights(target, time))
 
 
-def factor_of(problem: Problem, x: Array) -> Array:
+def factor_of(problem: PlanningProblem, x: Array) -> Array:
     """Return the triangular factor of the observation matrix of x and the previous logs."""
     H = observation_matrix(problem, problem.time, states_of(problem, x))
-    return triangular_factor(H, problem.target.known)
+    return triangular_factor(H, problem.target.previous_factor)
 
 
-def value_of(problem: Problem, x: Array) -> float:
+def value_of(problem: PlanningProblem, x: Array) -> float:
     """Return the log of the criterion, infinite if a parameter is unidentifiable."""
     R = factor_of(problem, x)
     return problem.measure.log_value(R) if has_full_rank(R) else np.inf
 
 
-def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
+def value_and_gradient(problem: PlanningProblem, x: Array) -> tuple[float, Array]:
     """Return the smooth criterion and its exact gradient (n k,), zero where it is infinite."""
     states = states_of(problem, x)
     H = observation_matrix(problem, problem.time, states)
-    R = triangular_factor(H, problem.target.known)
+    R = triangular_factor(H, problem.target.previous_factor)
     if not has_full_rank(R):
         return np.inf, np.zeros(x.size)
     value, slope = problem.measure.smooth(R)
@@ -197,7 +200,7 @@ def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
     return value, np.ravel((problem.half_range * np.sum(by_joint, axis=0)).T)
 
 
-def linear_use(problem: Problem, x: Array) -> Array:
+def linear_use(problem: PlanningProblem, x: Array) -> Array:
     """Return the share of its linear limits that each joint uses between 0 and x (n,)."""
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape))
     # from 0 to x, rows x + offset goes from offset to +1 or -1: the room is 1 -+ offset
@@ -205,7 +208,7 @@ def linear_use(problem: Problem, x: Array) -> Array:
     return np.asarray((np.abs(used) / room).max(axis=(1, 2)))
 
 
-def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
+def linear_slack(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     """Return the smallest slack of each group of rows (2 n g,), and its derivative."""
     # SLSQP solves a quadratic program over all constraints: of each group of consecutive rows it
     # gets only the largest and the least, whose rows are the derivatives
@@ -221,12 +224,12 @@ def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
     return slack, gradient.reshape(2 * n * groups, n * k)
 
 
-def has_nonlinear_limits(problem: Problem) -> bool:
+def has_nonlinear_limits(problem: PlanningProblem) -> bool:
     """Return whether there are limits that are not linear in x."""
     return any(limit is not None for limit in (problem.drive_limits, problem.scene, problem.stance))
 
 
-def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
+def nonlinear_use(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     """Return the used shares (m,) of the limits on drives and distances, and derivatives (m, n k).
 
     There is one entry per limit and ten instants, the largest there.
@@ -247,7 +250,7 @@ def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
     )
 
 
-def largest_nonlinear_use(problem: Problem, x: Array) -> float:
+def largest_nonlinear_use(problem: PlanningProblem, x: Array) -> float:
     """Return the largest used share of a limit on drives or distances, 0 without any."""
     states, most = states_of(problem, x), 0.0
     if problem.drive_limits is not None:
@@ -261,7 +264,7 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
     return most
 
 
-def scaled_into_limits(problem: Problem, x: Array) -> Array:
+def scaled_into_limits(problem: PlanningProblem, x: Array) -> Array:
     """Return x with each joint (or, for drives and distances, all) scaled into the limits."""
     joints = x.reshape(problem.shape)
     return scaled_into_nonlinear_limits(
@@ -269,7 +272,7 @@ def scaled_into_limits(problem: Problem, x: Array) -> Array:
     )
 
 
-def scaled_into_nonlinear_limits(problem: Problem, x: Array, most: float) -> Array:
+def scaled_into_nonlinear_limits(problem: PlanningProblem, x: Array, most: float) -> Array:
     """Return x, scaled towards zero until no drive or distance uses more than `most` of a limit."""
     if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, x) <= most:
         return x
@@ -282,7 +285,7 @@ def scaled_into_nonlinear_limits(problem: Problem, x: Array, most: float) -> Arr
     return inside * x
 
 
-def random_start(problem: Problem, rng: np.random.Generator) -> Array:
+def random_start(problem: PlanningProblem, rng: np.random.Generator) -> Array:
     """Return a random x within limits that uses 60 to 95 % of each joint's linear ones."""
     joints = rng.normal(size=problem.shape)
     share = rng.uniform(0.6, 0.95, problem.shape[0])
@@ -290,28 +293,28 @@ def random_start(problem: Problem, rng: np.random.Generator) -> Array:
     return scaled_into_limits(problem, x)
 
 
-def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[Array, Array]:
+def _drive_use(
+    problem: PlanningProblem, limits: DriveLimits, states: States
+) -> tuple[Array, Array]:
     loads = drive_loads(limits, problem.time, states)
     # (L, 2): kind and joint of each limit; then its worst instant in every block of ten, (L b,)
     limited = np.argwhere(np.isfinite(limits.largest))
     starts = np.arange(0, len(problem.time), _INSTANTS)
     kinds, joints = (np.repeat(column, len(starts)) for column in limited.T)
-    used = (
-        np.abs(loads[limited[:, 0], :, limited[:, 1]]) / limits.largest[tuple(limited.T)][:, None]
-    )
+    largest = limits.largest[tuple(limited.T)][:, None]
+    used = np.abs(loads[limited[:, 0], :, limited[:, 1]]) / largest
     instants = np.concatenate(
         [start + used[:, start : start + _INSTANTS].argmax(axis=1)[:, None] for start in starts], 1
     ).ravel()
     picked = (kinds, instants, joints)
-    maps = problem.maps
-    gradient = drive_load_gradient(limits, problem.time, states, loads, picked, maps)
+    gradient = drive_load_gradient(limits, problem.time, states, loads, picked, problem.maps)
     signed = loads[kinds, instants, joints] / limits.largest[kinds, joints]
     # d |load| = sign(load) d load
     factor = np.sign(signed) / limits.largest[kinds, joints]
     return np.abs(signed), gradient * factor[:, None, None] * problem.half_range[:, None]
 
 
-def _scene_use(problem: Problem, scene: Scene, states: States) -> tuple[Array, Array]:
+def _scene_use(problem: PlanningProblem, scene: Scene, states: States) -> tuple[Array, Array]:
     far = _capped(scene, states[0])
     starts = np.arange(0, len(problem.time), _INSTANTS)
     instants = np.array(
@@ -340,7 +343,7 @@ def _use_of_distance(scene: Scene, distance: Array) -> Array:
     return 1.0 - (distance - scene.clearance_m) / _SCENE_REACH_M
 
 
-def constraints(problem: Problem, nonlinear: bool = True) -> list[dict[str, Any]]:
+def constraints(problem: PlanningProblem, nonlinear: bool = True) -> list[dict[str, Any]]:
     """Return the limits as constraints of scipy's SLSQP, with or without the nonlinear ones."""
     functions = [_remembered(lambda x: linear_slack(problem, x))]
     if nonlinear and has_nonlinear_limits(problem):
@@ -356,25 +359,31 @@ def constraints(problem: Problem, nonlinear: bool = True) -> list[dict[str, Any]
     ]
 
 
-def _nonlinear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
+def _nonlinear_slack(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     use, gradient = nonlinear_use(problem, x)
     return TARGET_USE - use, -gradient
 
 
 def _remembered(function: Callable[[Array], Any]) -> Callable[[bytes], Any]:
-    """Return a function of x as bytes that caches its last results: SLSQP evaluates x twice."""
+    """Return a function of x that caches its last results: SLSQP evaluates x twice.
+
+    It takes x as bytes, since arrays are not hashable.
+    """
     return lru_cache(maxsize=2)(lambda x: function(np.frombuffer(x)))
 
 
 _FINER, _MOST_INSTANTS = 8, 2000
+"""Instants of the fine grid over those of the search, and how many it has at most."""
 
 
-def motion_within(problem: Problem, x: Array) -> Array:
+def motion_within(problem: PlanningProblem, x: Array) -> Array:
     """Return x, scaled towards zero if a limit is broken between the instants of the search."""
     return scaled_into_nonlinear_limits(_on_fine_grid(problem), x, 1.0)
 
 
-def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
+def all_margins(
+    problem: PlanningProblem, x: Array, trajectory: Trajectory, bounds: JointLimits
+) -> Margins:
     """Return the margins of x: linear ones at every instant, the others on a finer grid."""
     # the knots of a trajectory by inverse kinematics are dense as they are
     margin = (
@@ -396,7 +405,7 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
     return margin
 
 
-def _on_fine_grid(problem: Problem) -> Problem:
+def _on_fine_grid(problem: PlanningProblem) -> PlanningProblem:
     samples = len(problem.time)
     count = min(_FINER * samples, max(_MOST_INSTANTS, samples))
     time, maps, start_states = _at_instants(problem.space, count)
@@ -404,15 +413,18 @@ def _on_fine_grid(problem: Problem) -> Problem:
 
 
 _REFERENCES = 3
-# least nominal size over the median of its unit; scale of parameters without a nominal size,
-# over the largest column, so that their relative errors stay below the others
+"""Random motions by whose columns the parameters are scaled."""
+
 _SMALL, _UNCOUNTED = 0.1, 10.0
-# samples at once: the differentiation matrices of a block are (400, 400)
+"""Least nominal size over the median of its unit; scale of parameters without a nominal size, over
+the largest column, so that their relative errors stay below the others."""
+
 _BLOCK = 400
+"""Samples at once: the differentiation matrices of a block are (400, 400)."""
 
 
 def scaled_target(
-    problem: Problem,
+    problem: PlanningProblem,
     robot: Robot,
     base: BaseParameters,
     torque_std: float | Sequence[float] | Mapping[str, float],

@@ -26,7 +26,7 @@ from seaid.excitation.collision import distances
 from seaid.excitation.limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
     TARGET_USE,
-    Problem,
+    PlanningProblem,
     constraints,
     has_nonlinear_limits,
     largest_nonlinear_use,
@@ -160,7 +160,7 @@ class _StopError(Exception):
     """Stops SLSQP: a motion is well within the limits, or the criterion no longer decreases."""
 
 
-def with_feasible_start(problem: Problem, seed: int) -> Problem:
+def with_feasible_start(problem: PlanningProblem, seed: int) -> PlanningProblem:
     """Return the problem with a motion within all limits as its origin.
 
     If a drive or a distance breaks a limit at the present origin, SLSQP minimises the used share of
@@ -183,7 +183,7 @@ def with_feasible_start(problem: Problem, seed: int) -> Problem:
     raise _infeasible(problem, min(tried, key=lambda x: largest_nonlinear_use(problem, x)))
 
 
-def _least_use(problem: Problem, start: Array) -> Array:
+def _least_use(problem: PlanningProblem, start: Array) -> Array:
     """Return an x within the linear limits that minimises the used share of the others."""
     from scipy.optimize import minimize
 
@@ -216,7 +216,7 @@ def _least_use(problem: Problem, start: Array) -> Array:
     return latest
 
 
-def _infeasible(problem: Problem, x: Array) -> ExcitationError:
+def _infeasible(problem: PlanningProblem, x: Array) -> ExcitationError:
     """Return the error that names the most broken limit of the best motion found."""
     states, worst, words = states_of(problem, x), 0.0, ""
     if problem.drive_limits is not None:
@@ -262,7 +262,7 @@ class Outcome:
 
 
 def search(
-    problem: Problem,
+    problem: PlanningProblem,
     starts: int,
     iterations: int,
     seed: int,
@@ -302,7 +302,7 @@ def search(
 
 
 def optimise(
-    problem: Problem, start: Array, iterations: int, report: Report | None = None
+    problem: PlanningProblem, start: Array, iterations: int, report: Report | None = None
 ) -> Outcome:
     """Return the best motion of SLSQP from one start, which is never worse than the start."""
     from scipy.optimize import minimize

@@ -390,7 +390,7 @@ def _joints_without_torque(robot: Robot, logs: Sequence[Log]) -> tuple[set[str],
 
 def _logged_gains(
     read: Sequence[_ReadLog], controllers: Mapping[str, Controller]
-) -> tuple[dict[str, Controller], list[str]]:
+) -> tuple[dict[str, Controller], list[Doubt]]:
     """Return the given controllers, else those with the gains of the first log.
 
     With them come doubts about logs with other gains.

@@ -159,10 +159,10 @@ def _elastic_side(
     lever = drive.ratio / drive.motor_radius if is_motor else 1.0
     by_name = signals(identification.known, motion, identification.known.index(joint))
     turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
-    stretch = turned - drive.load_radius * by_name["theta_L"]
+    deflection = turned - drive.load_radius * by_name["theta_L"]
     friction = in_band(motion, torques["friction"]) if is_motor else np.full_like(residual, np.nan)
     zero = _spring_zero(drive, estimate.by_name)
-    return friction, in_band(motion, stretch) - zero, lever * in_band(motion, torques["spring"])
+    return friction, in_band(motion, deflection) - zero, lever * in_band(motion, torques["spring"])
 
 
 def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:

@@ -121,8 +121,8 @@ def _logged_traces(
         torque, _ = _measured_torque(valued, motion, order)
         signals[MEASURED] = time, torque, _sampled(motion.time, [(log.time, deflection)])
         for source, (_, *values) in signals.items():
-            torque, stretch = (_smooth(motion, of_joints) for of_joints in values)
-            sources.setdefault(source, []).append((time, torque, stretch))
+            torque, deflected = (_smooth(motion, of_joints) for of_joints in values)
+            sources.setdefault(source, []).append((time, torque, deflected))
     notes = [
         f"torques of the {name} model are not computed: {problem.reason}"
         for name, problem in unknown.items()
@@ -230,8 +230,7 @@ def _motor_torque(
     except ExcitationError:  # a value is missing
         return np.full(len(speed), np.nan)
     # (7) with the torque of spring or gear at the motor, r_M/N F_s = r_M/(N r_L) tau_phi
-    lever = 1.0 / total_ratio(drive)
-    return np.asarray(inertia * acceleration + friction + lever * load)
+    return np.asarray(inertia * acceleration + friction + load / total_ratio(drive))
 
 
 Shown = Log | Motion | Trajectory | Excitation

@@ -15,7 +15,7 @@ from seaid.excitation.collision import distances
 from seaid.excitation.criteria import CRITERIA, pivoted_base
 from seaid.excitation.limits import joint_limits
 from seaid.excitation.observation_matrix import load_target, stacked_regressor
-from seaid.excitation.problem import Problem
+from seaid.excitation.problem import PlanningProblem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
 from seaid.log import Log
 from seaid.regressor import base_parameters, rigid_body_regressor
@@ -88,7 +88,7 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
 ) -> None:
     calls = 0
 
-    def blind_once(problem: Problem, x: Array) -> tuple[float, Array]:
+    def blind_once(problem: PlanningProblem, x: Array) -> tuple[float, Array]:
         nonlocal calls
         calls += 1
         return (np.inf, 0 * x) if calls == 3 else true_value_and_gradient(problem, x)
