@@ -458,12 +458,12 @@ def validation_table(result: Validation) -> Text:
 
     If samples at standstill do not count, also the share of those that do, and the error of all.
     """
-    run = Run(name="motion", result=result, is_unseen=False)
+    run = Run(name="", result=result, is_unseen=False)
     joints = tables.error_rows([run])
     made = [tables.error_table([*joints, *tables.whole_rows(run)])]
     title = "Unseen motion: relative error below the cutoff"
     nothing = "Unseen motion: no joint has a torque that could be compared"
-    contacts = tables.contact_tables([run])
+    contacts = tables.contact_tables([Run(name="motion", result=result, is_unseen=False)])
     return joined(
         [
             *([] if joints else [nothing]),
