@@ -519,13 +519,11 @@ def offset_findings(experiment: Experiment) -> Iterator[Finding]:
     logs = np.unique(experiment.log).tolist()
     for j in np.flatnonzero(experiment.both).tolist() if len(logs) > 1 else ():
         drive = experiment.robot.drives[experiment.robot.joint_names[j]]
+        if drive.is_elastic and not experiment.robot.base_is_held:
+            continue  # its load is unknown, and is another one hanging than standing
         y = experiment.apart[:, j]
         # One column per log, its offset; the first len(logs) parameters are these offsets.
-        H = np.equal.outer(experiment.log, logs).astype(float)
-        if drive.is_elastic and j in experiment.used:
-            H = np.column_stack([H, experiment.target[:, j], experiment.friction[j][:, :2]])
-        elif drive.is_elastic and not experiment.robot.base_is_held:
-            continue  # its load is unknown, and is another one hanging than standing
+        H = np.column_stack([np.equal.outer(experiment.log, logs), experiment.deflection(j)])
         x = scaled_svd(H).solve(y)
         size = float(np.std(H[:, len(logs) :] @ x[len(logs) :]))
         least = tol.POOR * size if drive.is_elastic else tol.LEAST_OFFSET

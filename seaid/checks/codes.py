@@ -169,28 +169,20 @@ def zeros_in_description(
     Their commands move along. `sources` {joint: {quantity: column or entry of a description}} has
     what was logged; the positions and commands of joints that are `reverses` change their sign.
     """
-    moved = {
-        (joint, quantity): angle * ("position" in quantity)
-        for joint, angle in angles.items()
-        for quantity in ("joint_position", *_COMMANDS)
-    }
-    added = np.array([angles.get(joint, 0.0) for joint in robot.joint_names])
-    for turned, (joint, drive) in zip(
-        robot.transmission @ added, robot.drives.items(), strict=True
-    ):
-        # theta_M = N r_L / r_M phi, phi = C q: the zero of a joint moves all motors that turn it.
-        moved[joint, "motor_position"] = float(turned) * total_ratio(drive)
+    added = [angles.get(joint, 0.0) for joint in robot.joint_names]
+    # theta_M = N r_L / r_M phi, phi = C q: the zero of a joint moves all motors that turn it.
+    turned = robot.transmission @ added * [total_ratio(drive) for drive in robot.drives.values()]
     entries: dict[str, dict[str, str]] = {}
-    for (joint, quantity), offset in moved.items():
-        source, factor = sources.get(joint, {}).get(quantity), -1.0 if joint in reverses else 1.0
-        if source and (offset or factor < 0):
-            changed = changed_source(source, factor=factor, offset=round(offset, 5))
-            entries.setdefault(joint, {})[quantity] = changed
+    for joint, angle, of_motor in zip(robot.joint_names, added, turned.tolist(), strict=True):
+        factor = -1.0 if joint in reverses else 1.0
+        offsets = dict.fromkeys(("joint_position", "position_command"), angle)
+        offsets |= {"motor_position": of_motor, "velocity_command": 0.0, "torque_command": 0.0}
+        for quantity, offset in offsets.items():
+            source = sources.get(joint, {}).get(quantity)
+            if source and (offset or factor < 0):
+                changed = changed_source(source, factor=factor, offset=round(offset, 5))
+                entries.setdefault(joint, {})[quantity] = changed
     return in_description(entries)
-
-
-_COMMANDS = ("position_command", "velocity_command", "torque_command")
-"""The commands of a joint, of which those of positions have its zero, and all have its sign."""
 
 
 def with_payload(link: str, mass_kg: float, com_m: str) -> str:

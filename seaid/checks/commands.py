@@ -65,19 +65,10 @@ class Commanded:
     asked: Array
 
     @property
-    def place(self) -> int:
-        """The column of the joint in the log."""
-        return self.log.joint_names.index(self.joint)
-
-    @property
-    def unit(self) -> str:
-        """The unit of the position."""
-        return "m" if self.log.is_prismatic[self.place] else "rad"
-
-    @property
-    def torque_unit(self) -> str:
-        """The unit of the torque, or of the force of a sliding joint."""
-        return "N" if self.log.is_prismatic[self.place] else "N m"
+    def units(self) -> tuple[str, str]:
+        """The units of position and torque, or of the force of a sliding joint."""
+        slides = self.robot.is_prismatic[self.robot.index(self.joint)]
+        return ("m", "N") if slides else ("rad", "N m")
 
 
 def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -203,7 +194,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
 
 def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint that is commanded beyond its limits and does not follow there."""
-    robot, joint, unit = commanded.robot, commanded.joint, commanded.unit
+    robot, joint, unit = commanded.robot, commanded.joint, commanded.units[0]
     lower, upper = robot.position_range(joint)
     command_beyond, position_beyond = (
         np.abs(angle - np.clip(angle, lower, upper))
@@ -233,14 +224,14 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         if robot.drives[joint].is_up_to_scale:
             return  # its gains are in other units than the limit
         limit = float(robot.effort_limits[robot.index(joint)])
-    asked = np.abs(commanded.asked)
+    asked, unit = np.abs(commanded.asked), commanded.units[1]
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
         return
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
     asks = (
-        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} "
-        f"{commanded.torque_unit}, in {share:.1%} of the samples"
+        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} {unit}, in "
+        f"{share:.1%} of the samples"
     )
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
@@ -256,9 +247,9 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         yield CODES["saturation"].note(message, joint, evidence=evidence)
     else:
         yield CODES["saturation"].finding(
-            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} "
-            f"{commanded.torque_unit}, in {share:.1%} of the samples more than the effort limit of "
-            f"the robot file ({limit:.4g} {commanded.torque_unit}), and has no torque limit",
+            f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} {unit}, in "
+            f"{share:.1%} of the samples more than the effort limit of the robot file ({limit:.4g} "
+            f"{unit}), and has no torque limit",
             joint,
             evidence=evidence,
             remedy=in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
@@ -278,12 +269,12 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
     gain = law.velocity_gain_Nms_per_rad
     if rates is None or not gain or law.command_velocity_gain_Nms_per_rad:
         return
-    largest = float(np.max(np.abs(rates[:, commanded.place])))
+    largest = float(np.max(np.abs(rates[:, commanded.log.joint_names.index(joint)])))
     if largest > 0:  # False for a joint without them, too, whose samples are NaN
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
         yield CODES["unused-command"].finding(
-            f"the log has velocity commands of {joint}, of up to {largest:.3g} {commanded.unit}/s, "
-            "and its controller has no gain for them: they are not used",
+            f"the log has velocity commands of {joint}, of up to {largest:.3g} "
+            f"{commanded.units[0]}/s, and its controller has no gain for them: they are not used",
             joint,
             evidence={"largest velocity command": largest},
             remedy=in_drives({(joint, "controller"): line}, "if the drive gets them"),
@@ -306,14 +297,14 @@ def _encoder_noise(position: Array) -> float:
 def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
     joint, size = commanded.joint, float(np.std(commanded.command - commanded.position))
-    noise = _encoder_noise(commanded.position)
+    noise, unit = _encoder_noise(commanded.position), commanded.units[0]
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
     yield CODES["unidentifiable"].finding(
         f"the position of {joint} follows its command within {1e3 * size:.3g} "
-        f"m{commanded.unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and "
-        f"resolution of its encoder ({1e3 * noise:.2g} m{commanded.unit}): what its controller "
-        "gives is mostly noise, and no parameter is identifiable from it",
+        f"m{unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and resolution of "
+        f"its encoder ({1e3 * noise:.2g} m{unit}): what its controller gives is mostly noise, and "
+        "no parameter is identifiable from it",
         joint,
         evidence={"tracking error over noise": size / noise if noise else 0.0},
         remedy="record a faster motion, lower gains, or a payload; or log the torque",

@@ -375,19 +375,16 @@ class Trial:
     comparison: ModelComparison
     alternative: Alternative
 
-    @property
-    def is_supported_at_its_rows(self) -> bool:
-        """Whether the criterion and the prediction improve, and a part of the residual goes.
-
-        The part is that of the rows on which it acts: a joint's own part is small among many
-        joints.
-        """
-        return self.comparison.share > LEAST_EXPLAINED and self.comparison.is_better
-
 
 def best_trial(trials: Iterable[Trial]) -> Trial | None:
-    """Return the best of the supported trials, None without any."""
-    return best_of({trial: trial.comparison for trial in trials if trial.is_supported_at_its_rows})
+    """Return the best of the supported trials, None without any.
+
+    Supported are those by which the criterion and the prediction improve and a part of the residual
+    goes, of the rows on which they act: a joint's own part is small among many joints.
+    """
+    compared = {trial: trial.comparison for trial in trials}
+    better = (trial for trial, x in compared.items() if x.share > LEAST_EXPLAINED and x.is_better)
+    return best_of({trial: compared[trial] for trial in better})
 
 
 @dataclass(frozen=True, eq=False)

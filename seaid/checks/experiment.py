@@ -486,20 +486,17 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            H, apart = with_constant(self.deflection(j)), self.apart[:, j]
-            residual = apart - H @ scaled_svd(H).solve(apart)
-            misfit[j] = float(np.std(residual)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
+            apart = left_of(self.apart[:, j], with_constant(self.deflection(j)))
+            misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return misfit
 
-    def deflection(self, j: int) -> Array:
-        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j.
+    def by_torque(self, j: int) -> Array:
+        """Return columns (R, 3) of a deflection by the torque of motor j but for its friction."""
+        return np.column_stack([self.friction[j][:, :2], self.target[:, j]])
 
-        It is proportional to the torque of the spring, which is that of the motor but for friction.
-        """
-        if j not in self._elastic:
-            return np.empty((len(self.target), 0))
-        torque = self.target[:, j] / max(self._torque_sizes[j], _LEAST)
-        return np.column_stack([self.friction[j][:, :2], torque])
+    def deflection(self, j: int) -> Array:
+        """Return columns (R, k) of the deflection of a spring, none of a stiff joint j."""
+        return self.by_torque(j) if j in self._elastic else np.empty((len(self.target), 0))
 
     @derived("torque", "sensed")
     def has_both_torques(self) -> BoolArray:
@@ -512,9 +509,8 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.has_both_torques).tolist():
             target, sensed, columns = self._of_sensor(j)
-            apart = target - sensed
-            residual = apart - columns @ scaled_svd(columns).solve(apart)
-            misfit[j] = float(np.std(residual)) / max(float(np.std(sensed)), _LEAST)
+            apart = left_of(target - sensed, columns)
+            misfit[j] = float(np.std(apart)) / max(float(np.std(sensed)), _LEAST)
         return misfit
 
     @cached_property
@@ -867,6 +863,11 @@ class Experiment:
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
     return fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
+
+
+def left_of(y: Array, columns: Array) -> Array:
+    """Return what columns (R, k) leave of y (R,)."""
+    return np.asarray(y - columns @ scaled_svd(columns).solve(y))
 
 
 Change = Callable[[Experiment, float], Experiment]

@@ -413,10 +413,10 @@ def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
 
 def _spring(experiment: Experiment, j: int) -> tuple[float, Array] | None:
     """Return the stiffness between the encoders of joint j, and what deflects its motor (R,)."""
-    # The spring has the torque of the motor but for its friction: k apart = tau - friction.
-    H = np.column_stack([experiment.friction[j], experiment.target[:, j]])
+    H = with_constant(experiment.by_torque(j))
     x = scaled_svd(H).solve(experiment.apart[:, j])
     is_shown = experiment.of_encoders[j] > tol.FEW and not experiment.robot.is_prismatic[j]
+    # k apart = tau - friction: the last column is the torque
     return (1 / float(x[-1]), experiment.lever[j] * (H @ x)) if is_shown and x[-1] > 0 else None
 
 
