@@ -328,9 +328,7 @@ def _as_one(findings: Sequence[Finding]) -> Finding:
         message=f"{first.message}; likewise at {listed(joints[1:])}",
         joint="",
         joints=joints,
-        evidence={
-            f"{x.joint}: {key}": value for x in findings for key, value in x.evidence.items()
-        },
+        evidence={f"{x.joint}: {key}": x.evidence[key] for x in findings for key in x.evidence},
         remedy="\n".join(lines),
     )
 

@@ -17,11 +17,11 @@ import numpy as np
 from seaid._arrays import Array, IndexArray, white_noise
 from seaid.checks import engine
 from seaid.checks.codes import CODES, in_drives
+from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
     TermComparison,
     actuator_drive,
-    evidence_of,
     load_drive,
     possible_terms,
     reference_position,
@@ -50,7 +50,7 @@ class Side:
     those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
     base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
     zeros that the errors of the estimate contain. `notes` are on checks of all equations that could
-    not be made.
+    not be made; `logs` are the numbers, from 1, of the logs of the motions.
     """
 
     robot: Robot
@@ -63,6 +63,7 @@ class Side:
     notes: tuple[Finding, ...] = ()
     base: BaseParameters | None = None
     offset_std: float = 0.0
+    logs: tuple[int, ...] = ()
 
     @property
     def is_checked(self) -> bool:
@@ -90,8 +91,7 @@ class Side:
     @property
     def sources(self) -> Mapping[str, Mapping[str, Any]]:
         """Columns, or entries in the description of the first log: {joint: {quantity: source}}."""
-        processing = self.motions[0].processing
-        return (processing and processing.sources) or {}
+        return sources_of(self.motions)
 
     @cached_property
     def once(self) -> Callable[[Callable[[Side, str], Any], str], Any]:
@@ -305,28 +305,23 @@ def _missing_terms(
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]
     names = " and ".join(f"'{term}'" for term in terms)
+    lacking = "the spring of {} is not linear" if field == "spring" else "{} lacks a term"
+    lacking = _FOLLOWS.get(terms[0], lacking).format(joint)
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
     is_spring = field == "spring"
     return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
-        f"{_what_is_lacking(joint, field, terms[0])}: {names} in its {field} would explain "
+        f"{lacking}: {names} in its {field} would explain "
         # Next to other weights the residual may be larger than before.
         f"{max(share, 0.0):.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
         f"blocks by {comparison.improvement:.0%}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
-        evidence_of(comparison, values) | {"explained": share},
+        {**comparison.evidence, **values, "explained": share},
         _lines_of_terms(side, joint, field, terms, values),
     )
-
-
-def _what_is_lacking(joint: str, field: str, term: str) -> str:
-    """Return what the support of a term of a drive means."""
-    if term in _FOLLOWS:
-        return _FOLLOWS[term].format(joint)
-    return f"the spring of {joint} is not linear" if field == "spring" else f"{joint} lacks a term"
 
 
 def _lines_of_terms(
@@ -383,6 +378,7 @@ def _gain_is_scaled(
     times, others = 1.0 + change, _contradicting(side, joint)
     if times <= 0:
         return None
+    errors = {"standard error": error, "explained": share}
     gains = f"its gains are in another unit, such as V per rad, and {1 / times:.3g} times as large "
     cause = f"{gains}in N m; or the bodies are {times:.3g} times as heavy as in the robot file"
     if others:
@@ -394,11 +390,7 @@ def _gain_is_scaled(
         f"{cause}",
         joint,
         "doubtful",
-        {
-            "torque over that of the known bodies": times,
-            "standard error": error,
-            "explained": share,
-        },
+        {"torque over that of the known bodies": times, **errors},
         "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
         + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
     )
@@ -448,7 +440,7 @@ def included_term(trial: engine.Trial) -> Finding:
         "squared residual; name the terms in friction = [...] to decide it",
         candidate.joint,
         "note",
-        evidence_of(comparison, values),
+        {**comparison.evidence, **values},
         certainty="certain",
     )
 
@@ -465,6 +457,6 @@ def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
         "stiffness without it is not that of the spring",
         joint,
         "doubtful",
-        evidence_of(comparison, values),
+        {**comparison.evidence, **values},
         f"in the drives file:\n{toml_of(joint, drive, law.field, [law.term], values)}",
     )

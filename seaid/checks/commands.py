@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from seaid._arrays import Array, is_constant, resolution
+from seaid.checks import engine
 from seaid.checks import tolerances as tol
 from seaid.checks.codes import (
     CODES,
@@ -29,19 +30,20 @@ from seaid.checks.codes import (
     in_drives,
     only_joint,
 )
-from seaid.checks.experiment import Experiment, TorqueScale, scaled
+from seaid.checks.experiment import Experiment, TorqueScale, left_of, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
 from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
+from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.parameters import Bus, buses_of, is_stated
-from seaid.estimation.qr_factor import scaled_svd
+from seaid.estimation.qr_factor import qr_factor_of, scaled_svd
 from seaid.log import Log, Motion
 from seaid.log.commands import with_commanded_torque
 from seaid.log.description import changed_source
-from seaid.regressor import Regression, load_regression
+from seaid.regressor import load_regression
 from seaid.regressor.load import load_model_of
 from seaid.regressor.regression import is_linear, stacked
 from seaid.robot import Robot
@@ -377,8 +379,8 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     names = experiment.robot.joint_names
     for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
         torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
-        residual = torque - friction @ scaled_svd(friction).solve(np.nan_to_num(torque))
-        is_friction = float(np.std(residual)) < tol.SEVERE * float(np.std(torque))
+        rest = float(np.std(left_of(np.nan_to_num(torque), friction)))
+        is_friction = rest < tol.SEVERE * float(np.std(torque))
         if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
             yield CODES["no-measurement"].finding(
                 f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
@@ -464,7 +466,8 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
     robot = robot.with_drives(free)
     model = load_model_of(robot, motions, list(free))
     rows = stacked([load_regression(robot, motion, model, {}) for motion in motions])
-    H = rows.H / _residual_std(rows)[:, None]
+    equation = engine.Equation(rows, settled_weights(qr_factor_of(rows)))
+    H = equation.weight[:, None] * rows.H / np.sqrt(np.mean(equation.residual**2))
     others = [k for k, name in enumerate(rows.names) if parameter_of(name) != DELAY_PARAMETER]
     names = [rows.names[place] for place in others]
     for bus in buses_of(robot.drives, rows.names):
@@ -491,20 +494,6 @@ def _free_delays(robot: Robot) -> dict[str, Drive]:
 def _joints_of(bus: Bus, names: Sequence[str]) -> list[str]:
     """Return the joints of the delays of a bus."""
     return [joint_of(names[place]) for place in bus.places]
-
-
-def _residual_std(rows: Regression) -> Array:
-    """Return the rms residual (R,) of the joint of each row, from rows weighted by their torque."""
-    _, place = np.unique(rows.joint, return_inverse=True)
-
-    def rms(values: Array) -> Array:
-        squares = np.bincount(place, values**2) / np.bincount(place)
-        return np.sqrt(np.maximum(squares, np.finfo(float).tiny))[place]
-
-    size = rms(rows.y)
-    # The joints have torques of different sizes: each counts by its own.
-    theta = scaled_svd(rows.H / size[:, None]).solve(rows.y / size)
-    return rms(rows.y - rows.H @ theta)
 
 
 def _separation(

@@ -106,6 +106,13 @@ class ModelComparison:
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
         return self.bic > 0 and self.improvement > 0 and self.t > least
 
+    @property
+    def evidence(self) -> dict[str, float]:
+        """The numbers of the comparison as the evidence of a finding."""
+        numbers = self.explained, self.F, self.bic, self.improvement, self.improvement_std
+        names = "explained", "F", "BIC", "improvement", "standard error"
+        return dict(zip(names, numbers, strict=True))
+
     def criterion(self, rows: float) -> float:
         """Return the information criterion for a number of independent rows, larger if better."""
         # BIC with its sign turned: -n log(RSS / RSS_0) - k log n (Schwarz 1978).
@@ -252,14 +259,10 @@ def _changes(without: Array, within: Array) -> tuple[float, float, int, int, flo
     relative = change / np.maximum(without + within, 1e-300)
     # The sum of n changes has sqrt(n) times the standard deviation of one.
     std = math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total
-    t = max(_t(change), _t(relative))
+    both = np.array([change, relative])
+    errors = np.maximum(np.std(both, axis=1, ddof=1), 1e-300) / math.sqrt(len(change))
+    t = float(np.max(np.mean(both, axis=1) / errors))
     return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
-
-
-def _t(changes: Array) -> float:
-    """Return the mean of the changes of the blocks over its standard error."""
-    spread = float(np.std(changes, ddof=1))
-    return math.sqrt(len(changes)) * float(np.mean(changes)) / max(spread, 1e-300)
 
 
 def _projected_out(X: Array, p: int) -> tuple[Array, Array]:
@@ -459,9 +462,7 @@ class Equation:
         columns = [self.weight[:, None] * model.columns for model in alternatives]
         whole = np.hstack(columns)
         rows, rest = np.any(whole != 0, axis=1), self.residual_of(whole)
-        of_joints = [
-            rows & (self.rows.joint == joint) for joint in np.unique(self.rows.joint[rows])
-        ]
+        of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
         torques = [np.std(self.rows.y[x]) * np.linalg.norm(self.weight[x]) for x in of_joints]

@@ -624,7 +624,8 @@ class Experiment:
         sensed, unscaled = self.sensed[:, j], self.unscaled[:, j]
         if np.all(np.isfinite(self.torque[:, j])):
             columns = self._any_friction(j, has_rotor=not self.inertia[j])
-            return self._moving[:, j], self._spring_torque(j), columns
+            of_spring = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
+            return self._moving[:, j], of_spring, columns
         if np.any(np.isfinite(sensed)):
             return np.isfinite(sensed), np.nan_to_num(sensed), np.ones((len(sensed), 1))
         is_known = np.isfinite(unscaled) & self._moving[:, j]
@@ -635,9 +636,6 @@ class Experiment:
         # Where the mean sign of the speed behind the low pass is less, a motor may have stuck:
         # friction then changes before the motion does, like an early torque.
         return np.asarray(np.abs(self.direction) > 1 - tol.FEW)
-
-    def _spring_torque(self, j: int) -> Array:
-        return np.asarray(self.torque[:, j] - self.inertia[j] * self.motor[2][:, j])
 
     def _any_friction(self, j: int, has_rotor: bool) -> Array:
         """Return columns (R, k) of friction, of which one changes gradually near reversals.
@@ -938,14 +936,14 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         sprung=np.array(["linear" in drive.parallel_spring for drive in drives]),
         # a robot file may have no inertias
         bodies=bodies if np.any(robot.parameters) else np.full_like(bodies, np.nan),
-        sources=tuple(map(_sources, logs)),
+        sources=tuple(map(sources_of, logs)),
         counted=np.ones(signals["torque"].shape, dtype=bool),
         has_wrenches=any(x.base and x.base.wrenches for x in chain.from_iterable(logs)),
         **signals,
     )
 
 
-def _sources(motions: Sequence[Motion]) -> Mapping[str, Mapping[str, Any]]:
+def sources_of(motions: Sequence[Motion]) -> Mapping[str, Mapping[str, Any]]:
     """Return the sources of the channels of a log {joint: {quantity: source}}."""
     processing = motions[0].processing
     return {} if processing is None else processing.sources or {}

@@ -117,21 +117,17 @@ def _periodic(
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     known = [(x.angle, x.order) for x in drive.harmonics if x.field == field]
+    by_angle = dict[str, list[int]]()
+    for angle, order in sorted([*known, *orders], key=lambda x: x[1]):
+        by_angle.setdefault(angle, []).append(order)
+    table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
     return CODES["transmission-error"].finding(
         f"{share:.0%} of the residual of the motor equation of {joint} is periodic ({text}): an "
         "error of the gear or its encoders, or ripple of the motor",
         joint,
         "doubtful" if share >= tol.MATTERS else "note",
         evidence,
-        in_drives({(joint,): f"{field} = {{ {_orders_by_angle([*known, *orders])} }}"}),
-    )
-
-
-def _orders_by_angle(orders: Sequence[tuple[str, int]]) -> str:
-    """Return the orders of errors (angle, order) as the entries of a table in TOML."""
-    return ", ".join(
-        f"{name} = {sorted(order for angle, order in orders if angle == name)}"
-        for name in dict.fromkeys(angle for angle, _ in orders)
+        in_drives({(joint,): f"{field} = {{ {table} }}"}),
     )
 
 
@@ -245,6 +241,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
     logs = np.equal.outer(experiment.log, np.unique(experiment.log)).astype(float)
     # (R, R): in column i a step at instant i, within its log
     steps = np.tri(len(logs)) * (logs @ logs.T)
+    last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
     findings, motor, counted = list[Finding](), experiment.motor.copy(), experiment.counted.copy()
     for j in _between_encoders(experiment):
         # the rotor again: a step in the motor equation (7) spoils an inertia that it gives
@@ -259,25 +256,20 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         step = float(projected[i] / squares[i])
         is_step = step * projected[i] > (1 - tol.SEVERE) * float(X[:, -1] @ X[:, -1])
         if is_step and abs(step) > tol.LEAST_OFFSET:
-            findings.append(_slipped(experiment, j, i, step))
+            start, end = experiment.time[[i - 1, i], 0].tolist()
+            slip = CODES["loose-encoder"].wrong(
+                f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
+                f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
+                experiment.robot.joint_names[j],
+                evidence={"step": step, "time [s]": end},
+                remedy="tighten it and repeat, or read the parts before and after as two logs, in "
+                f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]",
+            )
+            findings.append(slip)
             motor[0, :, j] -= experiment.lever[j] * step * steps[:, i]
             counted[i - 1 : i + 1, j] = False  # the low pass spreads the step over its neighbours
     changed = experiment.with_changes(motor=motor, counted=counted)
     return findings, changed if findings else experiment
-
-
-def _slipped(experiment: Experiment, j: int, i: int, step: float) -> Finding:
-    """Return the finding that the encoders of joint j step before instant i by a step [rad]."""
-    joint, (start, end) = experiment.robot.joint_names[j], experiment.time[[i - 1, i], 0].tolist()
-    last = float(np.max(experiment.time)) + 1  # the low pass takes less from the end of a log
-    return CODES["loose-encoder"].wrong(
-        f"the encoders of {joint} step against each other by {1e3 * step:.3g} mrad at the joint "
-        f"between {start:.2f} and {end:.2f} s",
-        joint,
-        evidence={"step": step, "time [s]": end},
-        remedy="tighten it and repeat, or read the parts before and after as two logs, in "
-        f"seaid.toml: between_s = [0, {start:.2f}] and between_s = [{end:.2f}, {last:.0f}]",
-    )
 
 
 def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
@@ -441,12 +433,21 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
         cosine, sine = (float(f"{amplitude:.4g}") for amplitude in (x[2] / mean, -x[1] / mean))
         lines = f"gear_ratio = {ratio * mean:.6g}\n"
         lines += f"angle_ratio = {{ cos = [{cosine!r}], sin = [{sine!r}] }}"
+        linkage = AngleRatio(cos=(cosine,), sin=(sine,))
+        is_own, of_joint = np.arange(robot.n) == j, Ratios({j: linkage})
+        # What is measured at the joint becomes that behind the gear, as a motion has it.
+        changed = experiment.with_changes(
+            robot=robot.with_drives({joint: replace(drive, angle_ratio=linkage)}),
+            ratio=experiment.ratio * np.where(is_own, mean, 1.0),
+            joint=np.array(of_joint.at_drives(*experiment.joint)),
+            sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
+        )
         yield Transform(
             CODES["varying-ratio"],
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
             f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
             "linkage, a lever or a spindle",
-            _behind_linkage(experiment, j, mean, AngleRatio(cos=(cosine,), sin=(sine,))),
+            changed,
             joint,
             in_drives({(joint,): lines}),
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
@@ -464,21 +465,6 @@ def _varied(q: Array, apart: Array, deflection: Array) -> Array:
     H = with_constant(apart, *columns, deflection[:, :-1])
     k, *x = scaled_svd(H).solve(deflection[:, -1])[1:5].tolist()
     return np.asarray(-np.array(x) / k)
-
-
-def _behind_linkage(experiment: Experiment, j: int, mean: float, linkage: AngleRatio) -> Experiment:
-    """Return the experiment in which the gear ratio of a joint is `mean` times as large and varies.
-
-    What is measured at the joint becomes that behind the gear, as a motion has it.
-    """
-    robot, factor = experiment.robot, np.where(np.arange(experiment.robot.n) == j, mean, 1.0)
-    name, of_joint = robot.joint_names[j], Ratios({j: linkage})
-    return experiment.with_changes(
-        robot=robot.with_drives({name: replace(robot.drives[name], angle_ratio=linkage)}),
-        ratio=experiment.ratio * factor,
-        joint=np.array(of_joint.at_drives(*experiment.joint)),
-        sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
-    )
 
 
 def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:

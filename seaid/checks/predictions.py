@@ -159,7 +159,14 @@ def motor_side_findings(
         damping, error = sizes.get(1, (0.0, 0.0))
         fall, error_of_fall = sizes.get(2, (0.0, 0.0))
         if damping > SURE * error:  # of which the other term has a part
-            yield _undamped(joint, damping, error)
+            yield CODES["motor-side"].finding(
+                f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
+                f"{damping / 2:.2%} of its load, {damping / error:.0f} standard errors: its "
+                "stiffness and friction may be wrong by more than their intervals",
+                joint,
+                evidence={"damping ratio": damping / 2, "standard error": error / 2},
+                remedy=in_drives({(joint,): 'spring = ["linear", "damping"]'}),
+            )
         elif fall > ndtri(0.99) * error_of_fall:
             yield _flexible(joint, fall, error_of_fall, antiresonances_hz[joint])
         elif 2 in sizes:
@@ -178,17 +185,6 @@ def motor_side_findings(
         f"force{unshown if hidden else ''}",
         only_joint([*tests]),
         evidence={f"hidden part of the stiffness of {x}": least for x, least in hidden.items()},
-    )
-
-
-def _undamped(joint: str, size: float, error: float) -> Finding:
-    return CODES["motor-side"].finding(
-        f"the spring of {joint} has damping that its drive lacks, a damping ratio of "
-        f"{size / 2:.2%} of its load, {size / error:.0f} standard errors: its stiffness and "
-        "friction may be wrong by more than their intervals",
-        joint,
-        evidence={"damping ratio": size / 2, "standard error": error / 2},
-        remedy=in_drives({(joint,): 'spring = ["linear", "damping"]'}),
     )
 
 

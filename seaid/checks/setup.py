@@ -253,7 +253,7 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
     if rivals:
         evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
         causes = [replace(transform, message=message), *(rival.transform for rival in rivals)]
-        message = "; or ".join(_with_implication(cause) for cause in causes)
+        message = "; or ".join(map(_with_implication, causes))
         measures = list(dict.fromkeys(cause.code.measurement for cause in causes))
         remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
         certainty = "possible"
@@ -788,11 +788,7 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
     known += observed([Observation(CODES["delay"], delays)], experiment)
     findings = [*known, *_of_motion(experiment, known)]
     joints = {joint for finding in findings for joint in finding.joints}
-    return [
-        finding
-        for finding in findings
-        if finding.code != "saturation" or finding.joints or finding.joint not in joints
-    ]
+    return [x for x in findings if x.code != "saturation" or x.joints or x.joint not in joints]
 
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:

@@ -354,20 +354,6 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported_overall
 
 
-def evidence_of(
-    comparison: engine.ModelComparison, values: Mapping[str, float]
-) -> dict[str, float]:
-    """Return the numbers of a comparison at `values` of nonlinear parameters, as evidence."""
-    return {
-        "explained": comparison.explained,
-        "F": comparison.F,
-        "BIC": comparison.bic,
-        "improvement": comparison.improvement,
-        "standard error": comparison.improvement_std,
-        **values,
-    }
-
-
 def toml_of(
     joint: str, drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]
 ) -> str:

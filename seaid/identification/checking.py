@@ -167,9 +167,7 @@ def _quick_fit_findings(
         widths = resolved_widths(robot, logs, motions)
         sides = model_sides(robot, in_memory, (fit.actuators, fit.fit), widths, (), model.base)
         shown = model_findings(selections(sides), known)
-        return [
-            finding for finding in shown if finding.severity != "note" and finding.code in _OF_LOGS
-        ]
+        return [x for x in shown if x.severity != "note" and x.code in _OF_LOGS]
     return []
 
 

@@ -359,10 +359,10 @@ class _Model:
         """Return a drive at the rows of its motor's equation or of its joint's; None without."""
         robot = self.robot
         if at_motor and joint in robot.elastic_joints:
-            rows = [actuator_regression(robot, motion, joint) for motion in self.motions]
-            fitted = fit(stacked(rows), _WLS)
+            rows = stacked([actuator_regression(robot, x, joint) for x in self.motions])
+            fitted = fit(rows, _WLS)
             theta = fitted.estimate.values
-            return actuator_drive(robot, self.motions, joint, stacked(rows), theta), fitted
+            return actuator_drive(robot, self.motions, joint, rows, theta), fitted
         if joint not in self.used:
             return None
         fitted = self.load

@@ -28,6 +28,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import CODES
+from seaid.checks.tolerances import MATERIAL, SIGNIFICANT
 from seaid.checks.values import disagreement, homogeneous, shared_scale
 from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, readable
 from seaid.drives.drives import STD_OF_TORQUE
@@ -72,14 +73,6 @@ WIDER = 1.6
 _SAMPLES_PER_PERIOD = 20.0
 """Samples per period of the lower cutoff in the comparison of cutoffs: twice those of the wider
 low pass of the positions, and a tenth of the log."""
-
-_DIFFERENT = 5.0
-"""Standard errors of a difference above which estimates differ: beyond chance for 50 parameters
-whose covariance rests on some 100 correlated instants (`scripts/benchmarks/sensitivity.py`: at most
-4.5 in 120 right set-ups)."""
-
-_MATERIAL = 2.0
-"""Stated standard errors above which a difference counts: below it is within the interval."""
 
 _NEGLIGIBLE = 0.005
 """Part of the torque that a difference must change: less is harmless, however certain."""
@@ -179,10 +172,10 @@ def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array |
     H, y = fits[0].rows.H, fits[0].rows.y
     # Norm of the torque in the rows that a parameter acts on.
     torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
-    matters = np.abs(change) > _MATERIAL * stated
+    matters = np.abs(change) > MATERIAL * stated
     matters &= np.abs(change) * np.linalg.norm(H, axis=0) > _NEGLIGIBLE * torque
     scores = np.abs(change) / errors
-    return np.where(matters & (scores > _DIFFERENT), scores, 0.0)
+    return np.where(matters & (scores > SIGNIFICANT), scores, 0.0)
 
 
 def sensitivity_findings(
