@@ -7,31 +7,93 @@ named as rivals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, product
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid.checks import engine
 from seaid.checks.codes import CODES, as_note, guarded, joints_of
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
-from seaid.checks.tolerances import STRONG
+from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
 from seaid.checks.verdict import Contact, RobotFit
-from seaid.drives import readable
+from seaid.drives import ParameterName, readable
 from seaid.drives.drives import term_fields
-from seaid.errors import Finding, SeaidError, Severity, by_severity
+from seaid.errors import Finding, SeaidError, by_severity, listed
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.estimation.qr_factor import first_term
 from seaid.log import Motion
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
-COLUMN_CHECKS = (*DRIVE_CHECKS, *GEAR_CHECKS)
+
+def _other_set_ups(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield the columns of each log alone, whose parameters are those of another set-up.
+
+    The load side is one equation of all joints. Of two logs one is enough.
+    """
+    numbers = [*dict.fromkeys(side.logs)] if joint == side.joints[0] else []
+    for number in numbers[1:] if len(numbers) <= 2 else numbers:
+        yield engine.linear_candidate(joint, "log", str(number), partial(_of_log, side, number))
+
+
+def _of_log(side: Side, number: int) -> Array:
+    """Return the columns (R, p) of the fit, zero but at the rows of a log."""
+    rows = side.equation.rows
+    is_own = np.array(side.logs)[rows.run.astype(int)] == number
+    return np.asarray(rows.H * is_own[:, None])
+
+
+def _is_another_set_up(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
+    """Return the finding of logs of another set-up, None if other friction explains as much.
+
+    Bodies and springs make a set-up; friction changes with the temperature, and zeros with a start.
+    """
+    numbers, names = [x.trial.candidate.term for x in accepted], side.equation.rows.names
+    bodies = {x for x in names if not (side.is_motor or ParameterName.of(x).owner)}
+    is_fixed = np.isin(names, ["stiffness", *bodies])
+    free = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in dict.fromkeys(side.logs)][1:])
+    own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])
+    before = side.equation.with_alternatives([engine.Alternative(free, 0)])
+    after = before.with_alternatives([engine.Alternative(own, 0)])
+    values, errors = after.last(own.shape[1])
+    explained = 1 - after.squares() / max(before.squares(), 1e-300)
+    scores = np.abs(values) / np.maximum(errors, np.finfo(float).tiny)
+    if explained < MATTERS or np.max(scores, initial=0.0) < SIGNIFICANT:
+        return None
+    fixed, worst = np.tile(np.array(names)[is_fixed], len(numbers)), np.argsort(-scores)[:3]
+    differing = listed(map(first_term, map(readable, fixed[worst])))
+    sizes = listed(map("{:.0f}".format, scores[worst]))
+    equation = f"motor equation of {joint}" if side.is_motor else "torque equations"
+    return CODES["logs-differ"].finding(
+        f"log {' and log '.join(numbers)} and the others are not of one set-up: values of its own "
+        f"explain {explained:.0%} of the squared residual of the {equation}, next to friction and "
+        f"zeros that each log may have; {differing} differ most, by {sizes} standard errors",
+        joint * side.is_motor,
+        evidence={"explained": explained, "standard errors": float(np.max(scores))},
+        remedy=CODES["logs-differ"].advice,
+    )
+
+
+COLUMN_CHECKS = (
+    *(*DRIVE_CHECKS, *GEAR_CHECKS),
+    engine.ColumnCheck(
+        CODES["logs-differ"],
+        _other_set_ups,
+        _is_another_set_up,
+        "each log identified alone shows its set-up",
+        "log {term} of another set-up",
+    ),
+)
 """The checks of an equation, in the order in which their findings are listed."""
 
 
@@ -52,11 +114,6 @@ class SideSelection:
         """The checks and joints with a finding above a note: a note explains nothing away."""
         return {key for key, finding in self.findings.items() if finding.severity != "note"}
 
-    def with_severity(self, severity: Severity) -> SideSelection:
-        """Return the selection with all findings of a severity."""
-        findings = {key: replace(x, severity=severity) for key, x in self.findings.items()}
-        return replace(self, findings=findings)
-
     def vanished(self, cutoff_hz: float) -> set[tuple[str, str]]:
         """Return what the values show without the accepted columns, and not with them.
 
@@ -64,10 +121,8 @@ class SideSelection:
         """
         rows = self.selection.after.rows
         kept = np.flatnonzero(np.any(rows.H != 0, axis=0))  # columns of zeros were replaced
-        names, units = (tuple(texts[k] for k in kept) for texts in (rows.names, rows.units))
-        rows = replace(rows, names=names, units=units, H=rows.H[:, kept])
         with suppress(SeaidError):
-            again = fit(rows, estimator_named("wls"), cutoff_hz=cutoff_hz)
+            again = fit(rows.of_columns(kept), estimator_named("wls"), cutoff_hz=cutoff_hz)
             return self._shown(self.side.fitted) - self._shown(again)
         return set()
 
@@ -179,7 +234,10 @@ def without_echoes(
             gone = side.vanished(cutoff_hz)
             explained = by_severity(above[key] for key in gone if key in above)
             if explained and not side.doubtful:
-                side = side.with_severity(explained[0].severity)
+                worst = {
+                    x: replace(y, severity=explained[0].severity) for x, y in side.findings.items()
+                }
+                side = replace(side, findings=worst)
             vanished |= gone if side.doubtful else set()
         sides.append(side)
     return [x for x in values if (x.code, x.joint) not in vanished], sides
@@ -193,12 +251,14 @@ def model_sides(
     gears: Iterable[str] = (),
     base: BaseParameters | None = None,
     offset_std: float = 0.0,
+    logs: Sequence[int] = (),
 ) -> list[Side]:
     """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
 
     `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
     joints whose gear was measured, `base` the base parameters of the load side, and `offset_std`
-    the standard deviation of the joints' zeros [rad]. Rows that are not in memory are not checked,
+    the standard deviation of the joints' zeros [rad], and `logs` the number of the log of each
+    motion. Rows that are not in memory are not checked,
     nor those of robust estimators, which lack some instants. They lack the times of a contact: a
     term would explain there what a hand did.
     """
@@ -208,7 +268,7 @@ def model_sides(
         return []
     with guarded(CODES["contact"], notes):
         contacts = RobotFit(robot.joint_names, load).contacts
-    shared = widths, frozenset(gears), tuple(notes)
+    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(logs)
     sides = [
         Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
         for joint, fitted in actuators.items()
@@ -216,7 +276,7 @@ def model_sides(
     load = _apart(load, contacts)
     assert load.rows is not None
     loads = tuple(name for place, name in enumerate(robot.joint_names) if place in load.rows.joint)
-    sides += [Side(robot, motions, load, loads, False, *shared, base, offset_std)] if loads else []
+    sides += [Side(robot, motions, load, loads, False, *shared)] if loads else []
     return [side for side in sides if side.is_checked]
 
 

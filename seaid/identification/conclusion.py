@@ -160,7 +160,7 @@ def _two_step_fit(problem: Problem, name: str, selected: list[SideSelection]) ->
     case, fit = problem.cases[name], problem.two_step[name].fit
     motors = (side for side in selected if side.side.is_motor)
     lacking = {joint for side in motors for _, joint in side.doubtful}
-    numbers = [k for k, group in enumerate(case.logs.motions_by_log, 1) for _ in group]
+    numbers = case.logs.numbers
     whole = RobotFit(case.robot.joint_names, fit, lacking=lacking, logs=dict(enumerate(numbers)))
     if problem.only is not None or fit.rows is None:
         return whole

@@ -179,6 +179,12 @@ class ConditionLogs:
         """What the channels show, and the mistakes of the set-up."""
         return self.findings_of(self.experiment)
 
+    @property
+    def numbers(self) -> list[int]:
+        """The number, from 1, of the log of each motion."""
+        logs = enumerate(self.motions_by_log, 1)
+        return [number for number, motions in logs for _ in motions]
+
     def findings_of(self, experiment: Experiment) -> list[Finding]:
         """Return what the channels show, and the mistakes of the set-up of an experiment."""
         joints, known = self.setup_joints, self.channel_findings
@@ -327,8 +333,9 @@ class Problem:
         robot, motions = case.robot, case.motions
         fits, base = (estimate.actuators, estimate.fit), case.condition.model.base
         widths = resolved_widths(robot, case.logs.in_memory, motions)
-        gears, offset_std = deflection_joints(robot, motions), self.options.encoder_offset_std
-        return selections(model_sides(robot, motions, fits, widths, gears, base, offset_std))
+        known = base, self.options.encoder_offset_std, case.logs.numbers
+        gears = deflection_joints(robot, motions)
+        return selections(model_sides(robot, motions, fits, widths, gears, *known))
 
 
 def solve(

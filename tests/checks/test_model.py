@@ -28,8 +28,10 @@ from seaid.errors import Finding
 from seaid.identification import Identification, identify
 from seaid.log import Log
 from seaid.robot import Robot
-from seaid.simulation.simulation import measure
+from seaid.simulation import Noise
+from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import (
+    ARM_SENSORS,
     LEG_SENSORS,
     TEST_MASS,
     arm,
@@ -40,6 +42,8 @@ from tests.experiments import (
     leg_motion,
     leg_trajectory,
     perfect_log,
+    true_geared_arm,
+    wiggle,
 )
 from tests.mistakes import CASES, Planted, check_planted, lines_of, repaired
 from tests.one_joint import one_joint
@@ -435,3 +439,47 @@ def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None
     (finding,) = (finding for finding in findings if finding.code == "encoder-offset")
     assert finding.severity == "note"
     assert "or centres of known bodies are off as much" in finding.message
+
+
+def test_logs_of_two_set_ups_are_named_and_conditions_repair_it() -> None:
+    loaded, bare = leg_log(1), measure(leg(), leg_motion(), LEG_SENSORS, 2)
+    found = identify(named(), [loaded, loaded.between(0.0, 3.0), bare])
+    (finding,) = (x for x in found.warnings if x.code == "logs-differ")
+    assert (finding.joint, found.verdict.level) == ("", "do not use")
+    assert "log 3 and the others" in finding.message
+    assert "foot" in finding.message.partition(";")[2]
+    assert finding.evidence["explained"] > 0.9
+    together = seaid.identify_conditions(
+        {"loaded": (named(), [loaded]), "bare": (leg().without_nominal(), [bare])}
+    )
+    for identification in together.identifications.values():
+        assert not [x for x in identification.warnings if x.severity != "note"]
+
+
+FRICTION = ("viscous_friction", "coulomb_friction")
+MOVES = {
+    "leg": ((0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1), LEG_SENSORS),
+    "arm": ((0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9), ARM_SENSORS),
+    "ur10": ((0.0, -1.2, 1.0, 0.0, 0.5, 0.0), (0.8,) * 6, Noise(torque_std_Nm=0.05)),
+}
+"""{robot: middle and reach of its motions, and its sensors}."""
+
+
+@pytest.mark.slow  # 3 s each: three logs of each of three robots
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", MOVES)
+def test_logs_of_other_motions_and_temperatures_are_of_one_set_up(name: str, seed: int) -> None:
+    """Friction is 25 % above and 15 % below that of the first log."""
+    robot = {"leg": lambda: leg(TEST_MASS), "arm": arm, "ur10": true_geared_arm}[name]()
+    middle, reach, sensors = MOVES[name]
+    logs = []
+    for place, factor in enumerate((1.0, 1.25, 0.85)):
+        drives = {}
+        for joint, drive in robot.drives.items():
+            known = {name: drive.values[name] for name in FRICTION if name in drive.values}
+            drives[joint] = drive.with_values({x: factor * y for x, y in known.items()})
+        true = robot.with_drives(drives)
+        motion = simulate_motion(true, wiggle(robot, 6.0, middle, reach, seed=10 * seed + place))
+        logs.append(measure(true, motion, sensors, 7 * seed + place))
+    found = identify(robot.without_nominal(), logs)
+    assert not [x for x in found.findings if x.code == "logs-differ"]
