@@ -457,7 +457,7 @@ def test_logs_of_two_set_ups_are_named_and_conditions_repair_it() -> None:
 
 
 FRICTION = ("viscous_friction", "coulomb_friction")
-MOVES = {
+MOVES: dict[str, tuple[tuple[float, ...], tuple[float, ...], Noise]] = {
     "leg": ((0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1), LEG_SENSORS),
     "arm": ((0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9), ARM_SENSORS),
     "ur10": ((0.0, -1.2, 1.0, 0.0, 0.5, 0.0), (0.8,) * 6, Noise(torque_std_Nm=0.05)),
@@ -470,7 +470,7 @@ MOVES = {
 @pytest.mark.parametrize("name", MOVES)
 def test_logs_of_other_motions_and_temperatures_are_of_one_set_up(name: str, seed: int) -> None:
     """Friction is 25 % above and 15 % below that of the first log."""
-    robot = {"leg": lambda: leg(TEST_MASS), "arm": arm, "ur10": true_geared_arm}[name]()
+    robot = leg(TEST_MASS) if name == "leg" else arm() if name == "arm" else true_geared_arm()
     middle, reach, sensors = MOVES[name]
     logs = []
     for place, factor in enumerate((1.0, 1.25, 0.85)):
