@@ -353,7 +353,7 @@ def model_findings(
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:
     """Return findings: notes at joints whose channels are wrong, all where a whole log is."""
     spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
-    joints = joints_of(spoiling)
+    joints = joints_of(spoiling) | {"" for _ in spoiling}  # what names no joint is of all
     is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
