@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -93,8 +92,15 @@ def accelerations(
     `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
     and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
     """
-    rates = _driven(plant, data, state, torque, _held(plant, slip))
+    rates = _begin(plant, data, _with_inputs(state, torque), slip).rates
     return rates[SPEED], rates[JOINT_SPEED]
+
+
+def _with_inputs(state: Array, torque: Array) -> Array:
+    """Return a state with the motor torques and a place for the slip directions as last rows."""
+    y = np.empty((len(state) + 2, len(torque)))
+    y[:-2], y[-2] = state, torque
+    return y
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +130,29 @@ def _held(plant: Plant, slip: Array) -> _Held:
 _NOTHING = np.zeros(0, dtype=np.intp)
 
 
-def _driven(plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held) -> Array:
-    """Return the rates of a state, then the torques on joints and on rotors, (6, n).
+@dataclass(frozen=True, eq=False)
+class Begin:
+    """The begin of a step: what friction holds, and `_driven` at the state."""
 
-    Friction that sticks is in none of the torques.
+    held: _Held
+    rates: Array
+
+
+def _begin(plant: Plant, data: pin.Data, y: Array, slip: Array) -> Begin:
+    """Return the begin of a step at slip directions, which become the last row of `y`."""
+    held, y[-1] = _held(plant, slip), slip[: y.shape[1]]
+    return Begin(held, _driven(plant, data, y, held))
+
+
+def _driven(plant: Plant, data: pin.Data, y: Array, held: _Held) -> Array:
+    """Return three rates of a state with inputs, of joint speeds as the fourth, then torques.
+
+    These are the torques on joints and on rotors, without friction that sticks. Further rows, one
+    per row of hysteresis, are zero.
     """
-    n, slip = len(torque), held.slip
     if not (plant.functions or plant.extras):
-        acting = np.concatenate([state.reshape(-1), torque, slip])
-        return _moved(plant, data, state, acting, held)
+        return _moved(plant, data, y, y.reshape(-1), held)
+    n, slip, torque, state = y.shape[1], held.slip, y[-2], y[: plant.rows]
     at = drive_states(plant, state).T.tolist()
     free, force = _of_functions(plant, at, torque)
     gear = np.zeros(n)
@@ -199,7 +219,7 @@ def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Hel
     """Return `_driven` by what acts, as `drive_matrix` has it."""
     # on so small matrices `dot` takes a third of the time of `@`
     rates: Array = plant.drive_matrix.dot(acting).reshape(-1, len(plant.elastic))
-    torque = rates[-2]
+    torque = rates[JOINT_SPEED + 1]
     for index, drive in plant.functions:
         torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
     if plant.dry_joints.size:
@@ -217,12 +237,14 @@ def _joint_accelerations(
 ) -> Array:
     """Return the joint accelerations (n,) under torques on the joints, zero at what is held."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
+    joint: Array
     if plant.rotors is None:
-        return cast(Array, pin.aba(held.model, data, position, speed, torque))
+        joint = pin.aba(held.model, data, position, speed, torque)
+        return joint
     # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - inverse_dynamics(plant, data, (position, speed, np.zeros_like(speed)))
     solve = partial(_safely, np.linalg.solve, inertia(plant, data, position))
-    joint = np.asarray(solve(rest))
+    joint = solve(rest)
     if not held.places.size:
         return joint
     # With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0. Drives and dry joints may
@@ -265,38 +287,48 @@ REST_RAD_S = 1e-9
 
 
 def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
-    """Return where friction slips (+-1) and where it sticks (0), (n + m,), as `accelerations`.
+    """Return where friction slips (+-1) and where it sticks (0), (n + m,), as `accelerations`."""
+    return begin_of(plant, data, state, torque).held.slip
+
+
+def begin_of(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Begin:
+    """Return the begin of a step at a state under a motor torque."""
+    return _decided(plant, data, _with_inputs(state, torque))
+
+
+def _decided(plant: Plant, data: pin.Data, y: Array) -> Begin:
+    """Return the begin of a step, with slip directions that are consistent.
 
     Resting places are assumed to stick; those whose constraint torque exceeds the friction level
     are released, until the others are consistent.
     """
-    n, speeds = len(torque), friction_speeds(plant, state).tolist()
+    n, speeds = y.shape[1], friction_speeds(plant, y).tolist()
     # Zero would stick. Without a level of friction the direction has no effect.
     directions = [
         math.copysign(abs(speed) > REST_RAD_S, speed) if is_dry else 1.0
         for speed, is_dry in zip(speeds, plant.is_dry.tolist(), strict=True)
     ]
     slip = np.array(directions)
-    if 0.0 not in directions:
-        return slip
-    turned = drive_states(plant, state)
     # Places are only released: at most n + m passes.
     while True:
-        held = _held(plant, slip)
-        joint, torques, free = _driven(plant, data, state, torque, held)[JOINT_SPEED:]
+        begin = _begin(plant, data, y, slip)
+        if 0.0 not in slip.tolist():
+            return begin
+        held, (joint, torques, free) = begin.held, begin.rates[JOINT_SPEED : JOINT_SPEED + 3]
         motors = held.places[held.places < n]
         # What would move a motor on a spring by (7) alone. The friction that holds others is
         # opposite to what it holds.
         pull = np.append(free, np.zeros(len(slip) - n))
-        pull[held.places] = -sticking_torques(plant, data, state, torques, joint, held.places)
+        pull[held.places] = -sticking_torques(plant, data, y, torques, joint, held.places)
         # From the drives' coordinates to the motors, where the levels of their friction are.
         pull[motors] /= plant.ratio[motors]
         through = np.zeros(n)
         through[motors] = plant.ratio[motors] * (free[motors] - pull[motors])
+        turned = drive_states(plant, y[: plant.rows])
         released = (slip == 0) & (np.abs(pull) > friction_levels(plant, turned, through))
-        slip[released] = np.sign(pull[released])
-        if not released[held.places].any():
-            return slip
+        if not released.any():
+            return begin
+        slip = np.where(released, np.sign(pull), slip)
 
 
 def friction_speeds(plant: Plant, state: Array) -> Array:
@@ -333,25 +365,45 @@ def advance(
     torque_rate: Array,
     step: float,
     feedback: Feedback | None = None,
+    begin: Begin | None = None,
 ) -> Array:
     """Return the state (4, n) after a step [s], with an event wherever friction stops a motion.
 
     The motor torque is `torque` at the start and changes with `torque_rate`; `feedback` adds what
-    depends on the state. Raises SeaidError if the state is not finite or the friction events do
-    not end.
+    depends on the state. `begin` is that of the step, if it is known. Raises SeaidError if the
+    state is not finite or the friction events do not end.
     """
     parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
-
-    def of_step(at: float, now: Array) -> Array:
-        ramp = torque + torque_rate * at
-        return ramp if feedback is None else ramp + feedback(at, now)
-
+    inputs = _Inputs(np.zeros((plant.rows - JOINT_SPEED + 1, len(torque))), feedback)
+    inputs.rates[-2] = torque_rate
+    y = _with_inputs(state, torque)
     try:
         for part in range(parts):
-            state = _advance(plant, data, state, of_step, part * step / parts, step / parts)
+            y = _advance(plant, data, y, inputs, part * step / parts, step / parts, begin)
+            begin = None
     except OverflowError:
         raise diverged() from None
-    return state
+    return y[: plant.rows]
+
+
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """What acts in a step: the rates of the rows after the four of all states, and a feedback.
+
+    Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly. The last
+    two are those of torques and slip directions.
+    """
+
+    rates: Array
+    feedback: Feedback | None
+
+    def added(self, at: float, y: Array) -> Array:
+        """Return a state with inputs, with the torques of the feedback."""
+        if self.feedback is None:
+            return y
+        y = y.copy()
+        y[-2] += self.feedback(at, y)
+        return y
 
 
 def diverged() -> SeaidError:
@@ -360,31 +412,43 @@ def diverged() -> SeaidError:
 
 
 def _advance(
-    plant: Plant, data: pin.Data, state: Array, torque: Feedback, start: float, step: float
+    plant: Plant,
+    data: pin.Data,
+    y: Array,
+    inputs: _Inputs,
+    start: float,
+    step: float,
+    begin: Begin | None,
 ) -> Array:
-    done, stuck = 0.0, np.zeros(len(plant.is_dry), dtype=bool)
+    """Return a state with inputs after a step."""
+    done, stuck = 0.0, list[int]()
     for _ in range(_MOST_EVENTS):
-        slip = slip_directions(plant, data, state, torque(start + done, state))
-        slip[stuck] = 0.0
+        now = inputs.added(start + done, y)
+        begin = begin or _decided(plant, data, now)
+        slip = begin.held.slip
+        if stuck:
+            slip[stuck] = 0.0
+            begin = _begin(plant, data, now, slip)
+        y[-1] = slip[: y.shape[1]]
         rest = step - done
-        new = _runge_kutta(plant, data, state, torque, slip, start + done, rest)
+        new = _runge_kutta(plant, data, y, inputs, begin, start + done, rest)
         after = friction_speeds(plant, new) * slip
         crossed = ((after < 0) & plant.is_dry).nonzero()[0]
         if not crossed.size:
             if not math.isfinite(new.sum()):
                 raise diverged()
             return new
-        before = friction_speeds(plant, state) * slip
+        before = friction_speeds(plant, y) * slip
         # The speed counts as linear over the step: the time of the stop has an error of its square.
         started = np.maximum(before[crossed], 0.0)  # a released motor may still creep back
         fractions = started / (started - after[crossed])
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
         # A place that would turn round at once is held for the rest of the step: it would chatter.
         if fraction * rest < 1e-12:
-            stuck[first] = True
-        state = _runge_kutta(plant, data, state, torque, slip, start + done, fraction * rest)
-        _stop(plant, state, int(first), np.flatnonzero(slip == 0))
-        done += fraction * rest
+            stuck.append(int(first))
+        y = _runge_kutta(plant, data, y, inputs, begin, start + done, fraction * rest)
+        _stop(plant, y, int(first), np.flatnonzero(slip == 0))
+        done, begin = done + fraction * rest, None
     raise SeaidError("the simulation stopped: endless friction events within one step")
 
 
@@ -408,24 +472,25 @@ def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
 def _runge_kutta(
     plant: Plant,
     data: pin.Data,
-    state: Array,
-    torque: Feedback,
-    slip: Array,
+    y: Array,
+    inputs: _Inputs,
+    begin: Begin,
     start: float,
     step: float,
 ) -> Array:
-    held = _held(plant, slip)
+    """Return a state with inputs after a step at the slip directions of its begin."""
 
-    def rate(at: float, y: Array) -> Array:
-        y = with_memory(plant, state, y)
-        rates = _driven(plant, data, y, torque(start + at, y), held)[: plant.rows]
-        # Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly.
-        rates[JOINT_SPEED + 1 :] = 0.0
-        return rates
+    def rate(at: float, state: Array) -> Array:
+        moved = inputs.added(start + at, with_memory(plant, y, state))
+        return with_rates(_driven(plant, data, moved, begin.held))
+
+    def with_rates(driven: Array) -> Array:
+        driven[JOINT_SPEED + 1 :] = inputs.rates
+        return driven
 
     half = 0.5 * step
-    k1 = rate(0.0, state)
-    k2 = rate(half, state + half * k1)
-    k3 = rate(half, state + half * k2)
-    k4 = rate(step, state + step * k3)
-    return with_memory(plant, state, state + step / 6 * (k1 + k4 + 2 * (k2 + k3)))
+    k1 = with_rates(begin.rates.copy())
+    k2 = rate(half, y + half * k1)
+    k3 = rate(half, y + half * k2)
+    k4 = rate(step, y + step * k3)
+    return with_memory(plant, y, y + step / 6 * (k1 + k4 + 2 * (k2 + k3)))

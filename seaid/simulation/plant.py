@@ -115,7 +115,7 @@ class Plant:
         """Rates of a state, then the torques on joints and on rotors, by what acts (6n, 7n).
 
         This is the plain part of (4b) and (7), with zeros in the rows of joint accelerations, and
-        motors that their own torques move. What acts are motor angles and speeds, joint positions
+        motors that their own torques move; hysteresis adds rows of zeros. What acts are motor angles and speeds, joint positions
         and speeds, motor torques, slip directions, and, if there are any, forces of springs in
         `functions`.
         """
@@ -134,7 +134,8 @@ class Plant:
         load = load if self.coupling is None else self.coupling.T @ load
         rotor = np.where(self.elastic[:, None], free - lever * spring, free)
         motor = self.mobility[:, None] * rotor
-        matrix = np.concatenate([speed, motor, moving, np.zeros_like(load), load, rotor])
+        memory = [np.zeros_like(load)] * (self.rows - JOINT_SPEED - 1)
+        matrix = np.concatenate([speed, motor, moving, 0 * load, load, rotor, *memory])
         return matrix if self.functions or self.extras else matrix[:, : -len(load)].copy()
 
     @cached_property

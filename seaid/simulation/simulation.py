@@ -17,12 +17,11 @@ from seaid.robot import Robot, torques_at_joints
 from seaid.robot.robot import check_held
 from seaid.simulation.controller import input_gain, joint_controller, motor_inputs
 from seaid.simulation.forward_dynamics import (
-    accelerations,
     advance,
+    begin_of,
     drive_states,
     gear_torques,
     of_column,
-    slip_directions,
 )
 from seaid.simulation.plant import (
     JOINT_POSITION,
@@ -188,8 +187,8 @@ def simulate_motion(
     warmth = _warmth(robot, temperature_degC, count)
     ordered = None if warmth is None else warmth[:, order]
     before = None if ordered is None else np.pad(ordered, ((settle, 0), (0, 0)), mode="edge")
-    states, torques = _run(robot, plant, planned, noise, before, rate_hz, progress)
-    motion = _motion(robot, plant, time, states[settle:], torques[settle:], ordered)
+    run = _run(robot, plant, planned, noise, before, rate_hz, progress)
+    motion = _motion(robot, plant, time, *(of_ticks[settle:] for of_ticks in run))
     return replace(motion, motor_temperature=warmth)
 
 
@@ -236,8 +235,12 @@ def _run(
     warmth: Array | None,
     rate_hz: float,
     progress: bool,
-) -> tuple[Array, Array]:
-    """Return states (T, rows, n) and motor torques (T, n) at the ticks, in the model's order."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return states (T, rows, n), motor torques, accelerations and gear torques at the ticks.
+
+    Torques are (T, n), accelerations (T, 2, n) of motors and joints, in the model's order. Torques
+    through gears are NaN where no friction depends on them.
+    """
     q, v, a = planned
     controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = planned[0].shape
@@ -245,6 +248,7 @@ def _run(
     back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
     states, torques = np.empty((ticks, plant.rows, joints)), np.empty((ticks, joints))
+    accelerations, through = np.empty((ticks, 2, joints)), np.full_like(torques, np.nan)
     state = np.zeros((plant.rows, joints))
     state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], planned[0][0]
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
@@ -261,25 +265,29 @@ def _run(
         rate = (command - torque) * rate_hz
         since = (tick - round(SETTLE_S * rate_hz)) / rate_hz
         warm = warmed(plant, None if warmth is None else warmth[tick], since)
+        begin = begin_of(warm, data, state, torque)
+        accelerations[tick] = begin.rates[[SPEED, JOINT_SPEED]]
+        if plant.under_load:
+            slip = begin.held.slip
+            through[tick] = gear_torques(warm, data, state, accelerations[tick, 1], slip)
         for step in range(steps):
             at = torque + rate * step / (steps * rate_hz)
-            state = advance(warm, data, state, at, rate, 1 / (steps * rate_hz))
+            first = None if step else begin
+            state = advance(warm, data, state, at, rate, 1 / (steps * rate_hz), begin=first)
         torque = command
-    return states, torques
+    return states, torques, accelerations, through
 
 
 def _motion(
-    robot: Robot, plant: Plant, time: Array, states: Array, torques: Array, warmth: Array | None
+    robot: Robot,
+    plant: Plant,
+    time: Array,
+    states: Array,
+    torques: Array,
+    accelerations: Array,
+    through: Array,
 ) -> Motion:
-    data, order = plant.model.createData(), robot.joint_order
-    # accelerations (2, T, n) of motors and joints, not speeds; torques through stiff gears
-    speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
-    for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
-        warm = warmed(plant, None if warmth is None else warmth[tick], time[tick])
-        slip = slip_directions(warm, data, state, torque)
-        speeds[:, tick] = accelerations(warm, data, state, torque, slip)
-        if plant.under_load:
-            through[tick] = gear_torques(warm, data, state, speeds[1, tick], slip)
+    order = robot.joint_order
     load = _spring_torques(plant, states)
     back = np.argsort(order)
     inputs = motor_inputs(robot, torques[:, back])
@@ -288,10 +296,10 @@ def _motion(
         joint_names=robot.joint_names,
         joint_position=states[:, JOINT_POSITION, back],
         joint_velocity=states[:, JOINT_SPEED, back],
-        joint_acceleration=speeds[1][:, back],
+        joint_acceleration=accelerations[:, 1, back],
         motor_position=states[:, POSITION, back],
         motor_velocity=states[:, SPEED, back],
-        motor_acceleration=speeds[0][:, back],
+        motor_acceleration=accelerations[:, 0, back],
         motor_torque=torques[:, back],
         # (4b) at the drives -> at the joints, tau = C^T tau_phi
         joint_torque=torques_at_joints(robot.transmission, load[:, back]),
