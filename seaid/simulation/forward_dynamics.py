@@ -1,8 +1,8 @@
 """Forward dynamics of the complete model (7) and (8) with stick-slip friction.
 
-`slip_directions` decides where dry friction slips and where it sticks, `accelerations` solves the
-model for given directions, and `advance` integrates over a step that ends early at each event where
-friction brings a motor or joint to rest. All joints are in the order of Pinocchio's model; the m
+`begin_of` decides where dry friction slips and where it sticks, and solves the model there, and
+`advance` integrates over a step that ends early at each event where friction brings a motor or
+joint to rest. All joints are in the order of Pinocchio's model; the m
 "dry joints" have dry friction between their own two bodies.
 """
 
@@ -84,18 +84,6 @@ def with_memory(plant: Plant, before: Array, state: Array) -> Array:
     return state
 
 
-def accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
-) -> tuple[Array, Array]:
-    """Return motor and joint accelerations at a state under a motor torque.
-
-    `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
-    and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
-    """
-    rates = _begin(plant, data, _with_inputs(state, torque), slip).rates
-    return rates[SPEED], rates[JOINT_SPEED]
-
-
 def _with_inputs(state: Array, torque: Array) -> Array:
     """Return a state with the motor torques and a place for the slip directions as last rows."""
     y = np.empty((len(state) + 2, len(torque)))
@@ -130,18 +118,14 @@ def _held(plant: Plant, slip: Array) -> _Held:
 _NOTHING = np.zeros(0, dtype=np.intp)
 
 
-@dataclass(frozen=True, eq=False)
-class Begin:
-    """The begin of a step: what friction holds, and `_driven` at the state."""
-
-    held: _Held
-    rates: Array
+Begin = tuple[_Held, Array]
+"""The begin of a step: what friction holds, and `_driven` at the state."""
 
 
 def _begin(plant: Plant, data: pin.Data, y: Array, slip: Array) -> Begin:
     """Return the begin of a step at slip directions, which become the last row of `y`."""
     held, y[-1] = _held(plant, slip), slip[: y.shape[1]]
-    return Begin(held, _driven(plant, data, y, held))
+    return held, _driven(plant, data, y, held)
 
 
 def _driven(plant: Plant, data: pin.Data, y: Array, held: _Held) -> Array:
@@ -224,7 +208,7 @@ def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Hel
         torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
     if plant.dry_joints.size:
         torque[plant.dry_joints] -= plant.joint_coulomb * held.slip[len(torque) :]
-    rates[JOINT_SPEED] = joint = _joint_accelerations(plant, data, state, torque, held)
+    rates[JOINT_SPEED] = joint = _accelerations(plant, data, state, torque, held)
     rates[SPEED] += plant.turning.dot(joint)  # theta_M'' = N phi'' at stiff drives
     if held.motors.size:
         # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
@@ -232,19 +216,15 @@ def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Hel
     return rates
 
 
-def _joint_accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held
-) -> Array:
+def _accelerations(plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held) -> Array:
     """Return the joint accelerations (n,) under torques on the joints, zero at what is held."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
-    joint: Array
     if plant.rotors is None:
-        joint = pin.aba(held.model, data, position, speed, torque)
-        return joint
+        return np.asarray(pin.aba(held.model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
     rest = torque - inverse_dynamics(plant, data, (position, speed, np.zeros_like(speed)))
     solve = partial(_safely, np.linalg.solve, inertia(plant, data, position))
-    joint = solve(rest)
+    joint = np.asarray(solve(rest))
     if not held.places.size:
         return joint
     # With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0. Drives and dry joints may
@@ -255,10 +235,9 @@ def _joint_accelerations(
     return without_sticking(plant, joint, held.places)
 
 
-def sticking_torques(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, joint: Array, sticking: IndexArray
-) -> Array:
+def sticking_torques(plant: Plant, data: pin.Data, state: Array, begin: Begin) -> Array:
     """Return the torques of friction that sticks, at joint accelerations under other torques."""
+    sticking, (joint, torque) = begin[0].places, begin[1][JOINT_SPEED : JOINT_SPEED + 2]
     needed = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], joint)) - torque
     if plant.rotors is None:
         return np.asarray(needed[plant.places[sticking]])
@@ -267,17 +246,16 @@ def sticking_torques(
     return np.asarray(_safely(np.linalg.lstsq, rows.T, needed + plant.rotors @ joint)[0])
 
 
-def gear_torques(
-    plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
-) -> Array:
+def gear_torques(plant: Plant, data: pin.Data, state: Array, begin: Begin) -> Array:
     """Return the torque (n,) of stiff gears on their loads, without sticking joint friction."""
     # Behind the rotors: N (tau_M - friction - I_M theta_M''), hence without armature.
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
-    torque = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], acceleration))
+    motion = *state[[JOINT_POSITION, JOINT_SPEED]], begin[1][JOINT_SPEED]
+    torque = inverse_dynamics(plant, data, motion)
     plant.model.armature = armature
     for index, drive in plant.functions:
         torque[index] += drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
-    torque[plant.dry_joints] += plant.joint_coulomb * slip[len(torque) :]
+    torque[plant.dry_joints] += plant.joint_coulomb * begin[0].slip[len(torque) :]
     torque = torque if plant.uncoupling is None else torque @ plant.uncoupling
     return np.where(plant.elastic, np.nan, torque)
 
@@ -286,14 +264,17 @@ REST_RAD_S = 1e-9
 """A motor slower than this is at rest, so that friction may stick."""
 
 
-def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
-    """Return where friction slips (+-1) and where it sticks (0), (n + m,), as `accelerations`."""
-    return begin_of(plant, data, state, torque).held.slip
+def begin_of(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array | None = None
+) -> Begin:
+    """Return the begin of a step at a state under a motor torque.
 
-
-def begin_of(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Begin:
-    """Return the begin of a step at a state under a motor torque."""
-    return _decided(plant, data, _with_inputs(state, torque))
+    `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
+    and then at the dry joints; by default the one that is consistent. Raises SeaidError if
+    load-dependent friction has no solution.
+    """
+    y = _with_inputs(state, torque)
+    return _decided(plant, data, y) if slip is None else _begin(plant, data, y, slip)
 
 
 def _decided(plant: Plant, data: pin.Data, y: Array) -> Begin:
@@ -302,24 +283,20 @@ def _decided(plant: Plant, data: pin.Data, y: Array) -> Begin:
     Resting places are assumed to stick; those whose constraint torque exceeds the friction level
     are released, until the others are consistent.
     """
-    n, speeds = y.shape[1], friction_speeds(plant, y).tolist()
+    n, speeds = y.shape[1], friction_speeds(plant, y)
     # Zero would stick. Without a level of friction the direction has no effect.
-    directions = [
-        math.copysign(abs(speed) > REST_RAD_S, speed) if is_dry else 1.0
-        for speed, is_dry in zip(speeds, plant.is_dry.tolist(), strict=True)
-    ]
-    slip = np.array(directions)
+    slip = np.where(plant.is_dry, np.sign(speeds) * (np.abs(speeds) > REST_RAD_S), 1.0)
     # Places are only released: at most n + m passes.
     while True:
-        begin = _begin(plant, data, y, slip)
+        held, rates = begin = _begin(plant, data, y, slip)
         if 0.0 not in slip.tolist():
             return begin
-        held, (joint, torques, free) = begin.held, begin.rates[JOINT_SPEED : JOINT_SPEED + 3]
+        free = rates[JOINT_SPEED + 2]
         motors = held.places[held.places < n]
         # What would move a motor on a spring by (7) alone. The friction that holds others is
         # opposite to what it holds.
         pull = np.append(free, np.zeros(len(slip) - n))
-        pull[held.places] = -sticking_torques(plant, data, y, torques, joint, held.places)
+        pull[held.places] = -sticking_torques(plant, data, y, begin)
         # From the drives' coordinates to the motors, where the levels of their friction are.
         pull[motors] /= plant.ratio[motors]
         through = np.zeros(n)
@@ -374,36 +351,15 @@ def advance(
     state is not finite or the friction events do not end.
     """
     parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
-    inputs = _Inputs(np.zeros((plant.rows - JOINT_SPEED + 1, len(torque))), feedback)
-    inputs.rates[-2] = torque_rate
-    y = _with_inputs(state, torque)
+    rates = np.zeros((plant.rows - JOINT_SPEED + 1, len(torque)))
+    rates[-2] = torque_rate
+    part, y = _Part(plant, data, rates, feedback), _with_inputs(state, torque)
     try:
-        for part in range(parts):
-            y = _advance(plant, data, y, inputs, part * step / parts, step / parts, begin)
-            begin = None
+        for number in range(parts):
+            y = part.advanced(y, number * step / parts, step / parts, None if number else begin)
     except OverflowError:
         raise diverged() from None
     return y[: plant.rows]
-
-
-@dataclass(frozen=True, eq=False)
-class _Inputs:
-    """What acts in a step: the rates of the rows after the four of all states, and a feedback.
-
-    Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly. The last
-    two are those of torques and slip directions.
-    """
-
-    rates: Array
-    feedback: Feedback | None
-
-    def added(self, at: float, y: Array) -> Array:
-        """Return a state with inputs, with the torques of the feedback."""
-        if self.feedback is None:
-            return y
-        y = y.copy()
-        y[-2] += self.feedback(at, y)
-        return y
 
 
 def diverged() -> SeaidError:
@@ -411,45 +367,77 @@ def diverged() -> SeaidError:
     return SeaidError("the simulation diverged: check stiffness, inertias and controller")
 
 
-def _advance(
-    plant: Plant,
-    data: pin.Data,
-    y: Array,
-    inputs: _Inputs,
-    start: float,
-    step: float,
-    begin: Begin | None,
-) -> Array:
-    """Return a state with inputs after a step."""
-    done, stuck = 0.0, list[int]()
-    for _ in range(_MOST_EVENTS):
-        now = inputs.added(start + done, y)
-        begin = begin or _decided(plant, data, now)
-        slip = begin.held.slip
-        if stuck:
-            slip[stuck] = 0.0
-            begin = _begin(plant, data, now, slip)
-        y[-1] = slip[: y.shape[1]]
-        rest = step - done
-        new = _runge_kutta(plant, data, y, inputs, begin, start + done, rest)
-        after = friction_speeds(plant, new) * slip
-        crossed = ((after < 0) & plant.is_dry).nonzero()[0]
-        if not crossed.size:
-            if not math.isfinite(new.sum()):
-                raise diverged()
-            return new
-        before = friction_speeds(plant, y) * slip
-        # The speed counts as linear over the step: the time of the stop has an error of its square.
-        started = np.maximum(before[crossed], 0.0)  # a released motor may still creep back
-        fractions = started / (started - after[crossed])
-        first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
-        # A place that would turn round at once is held for the rest of the step: it would chatter.
-        if fraction * rest < 1e-12:
-            stuck.append(int(first))
-        y = _runge_kutta(plant, data, y, inputs, begin, start + done, fraction * rest)
-        _stop(plant, y, int(first), np.flatnonzero(slip == 0))
-        done, begin = done + fraction * rest, None
-    raise SeaidError("the simulation stopped: endless friction events within one step")
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A part of a step, with the rates of the rows after the four of all states.
+
+    Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly. The last
+    two are those of torques and slip directions.
+    """
+
+    plant: Plant
+    data: pin.Data
+    rates: Array
+    feedback: Feedback | None
+
+    def advanced(self, y: Array, start: float, length: float, begin: Begin | None) -> Array:
+        """Return a state with inputs after a time [s] that begins `start` after the step does."""
+        plant, done, stuck = self.plant, 0.0, list[int]()
+        for _ in range(_MOST_EVENTS):
+            now = self._fed(start + done, y)
+            begin = begin or _decided(plant, self.data, now)
+            slip = begin[0].slip
+            if stuck:
+                slip[stuck] = 0.0
+                begin = _begin(plant, self.data, now, slip)
+            y[-1] = slip[: y.shape[1]]
+            rest = length - done
+            new = self._after(rest, y, start + done, begin)
+            after = friction_speeds(plant, new) * slip
+            crossed = ((after < 0) & plant.is_dry).nonzero()[0]
+            if not crossed.size:
+                if not math.isfinite(new.sum()):
+                    raise diverged()
+                return new
+            # The speed counts as linear over the step: the time of the stop has an error of its
+            # square. A released motor may still creep back.
+            started = np.maximum((friction_speeds(plant, y) * slip)[crossed], 0.0)
+            fractions = started / (started - after[crossed])
+            first, fraction = int(crossed[np.argmin(fractions)]), float(fractions.min())
+            # A place that would turn round at once is held for the rest of the step: it would
+            # chatter.
+            if fraction * rest < 1e-12:
+                stuck.append(first)
+            y = self._after(fraction * rest, y, start + done, begin)
+            _stop(plant, y, first, np.flatnonzero(slip == 0))
+            done, begin = done + fraction * rest, None
+        raise SeaidError("the simulation stopped: endless friction events within one step")
+
+    def _fed(self, at: float, y: Array) -> Array:
+        """Return a state with inputs, with the torques of the feedback."""
+        if self.feedback is None:
+            return y
+        y = y.copy()
+        y[-2] += self.feedback(at, y)
+        return y
+
+    def _after(self, step: float, y: Array, start: float, begin: Begin) -> Array:
+        """Return a state with inputs after a step of Runge and Kutta, by the slip of its begin."""
+
+        def moved(by: Array) -> Array:
+            return with_memory(self.plant, y, y + by)
+
+        def rate(at: float, state: Array) -> Array:
+            driven = _driven(self.plant, self.data, self._fed(start + at, state), begin[0])
+            driven[JOINT_SPEED + 1 :] = self.rates
+            return driven
+
+        half, k1 = 0.5 * step, begin[1].copy()
+        k1[JOINT_SPEED + 1 :] = self.rates
+        k2 = rate(half, moved(half * k1))
+        k3 = rate(half, moved(half * k2))
+        k4 = rate(step, moved(step * k3))
+        return moved(step / 6 * (k1 + k4 + 2 * (k2 + k3)))
 
 
 def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
@@ -467,30 +455,3 @@ def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
         stiff = ~plant.elastic
         stiff[sticking[sticking < n]] = False
         state[SPEED, stiff] = turning[stiff]
-
-
-def _runge_kutta(
-    plant: Plant,
-    data: pin.Data,
-    y: Array,
-    inputs: _Inputs,
-    begin: Begin,
-    start: float,
-    step: float,
-) -> Array:
-    """Return a state with inputs after a step at the slip directions of its begin."""
-
-    def rate(at: float, state: Array) -> Array:
-        moved = inputs.added(start + at, with_memory(plant, y, state))
-        return with_rates(_driven(plant, data, moved, begin.held))
-
-    def with_rates(driven: Array) -> Array:
-        driven[JOINT_SPEED + 1 :] = inputs.rates
-        return driven
-
-    half = 0.5 * step
-    k1 = with_rates(begin.rates.copy())
-    k2 = rate(half, y + half * k1)
-    k3 = rate(half, y + half * k2)
-    k4 = rate(step, y + step * k3)
-    return with_memory(plant, y, y + step / 6 * (k1 + k4 + 2 * (k2 + k3)))

@@ -115,9 +115,9 @@ class Plant:
         """Rates of a state, then the torques on joints and on rotors, by what acts (6n, 7n).
 
         This is the plain part of (4b) and (7), with zeros in the rows of joint accelerations, and
-        motors that their own torques move; hysteresis adds rows of zeros. What acts are motor angles and speeds, joint positions
-        and speeds, motor torques, slip directions, and, if there are any, forces of springs in
-        `functions`.
+        motors that their own torques move; hysteresis adds rows of zeros. What acts are motor
+        angles and speeds, joint positions and speeds, motor torques, slip directions, and, if there
+        are any, forces of springs in `functions`.
         """
         angle, speed, position, moving, torque, slip, force = np.eye(7 * len(self.elastic)).reshape(
             7, len(self.elastic), -1

@@ -185,11 +185,11 @@ def simulate_motion(
         for rows, hold in zip(moved, (1.0, 0.0, 0.0), strict=True)
     ]
     warmth = _warmth(robot, temperature_degC, count)
-    ordered = None if warmth is None else warmth[:, order]
-    before = None if ordered is None else np.pad(ordered, ((settle, 0), (0, 0)), mode="edge")
+    before = None
+    if warmth is not None:
+        before = np.pad(warmth[:, order], ((settle, 0), (0, 0)), mode="edge")
     run = _run(robot, plant, planned, noise, before, rate_hz, progress)
-    motion = _motion(robot, plant, time, *(of_ticks[settle:] for of_ticks in run))
-    return replace(motion, motor_temperature=warmth)
+    return replace(_motion(robot, plant, time, [x[settle:] for x in run]), motor_temperature=warmth)
 
 
 def _warmth(robot: Robot, degC: Temperature, count: int) -> Array | None:
@@ -241,16 +241,15 @@ def _run(
     Torques are (T, n), accelerations (T, 2, n) of motors and joints, in the model's order. Torques
     through gears are NaN where no friction depends on them.
     """
-    q, v, a = planned
+    (q, v, a), order, data = planned, robot.joint_order, plant.model.createData()
     controller = joint_controller(plant, q, v, a, rate_hz)
-    ticks, joints = planned[0].shape
-    order, data = robot.joint_order, plant.model.createData()
+    ticks, joints = q.shape
     back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
     states, torques = np.empty((ticks, plant.rows, joints)), np.empty((ticks, joints))
     accelerations, through = np.empty((ticks, 2, joints)), np.full_like(torques, np.nan)
     state = np.zeros((plant.rows, joints))
-    state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], planned[0][0]
+    state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], q[0]
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
     encoder = _encoder(robot, noise, "motor")
     for tick in track(range(ticks), "simulating", progress):
@@ -266,10 +265,9 @@ def _run(
         since = (tick - round(SETTLE_S * rate_hz)) / rate_hz
         warm = warmed(plant, None if warmth is None else warmth[tick], since)
         begin = begin_of(warm, data, state, torque)
-        accelerations[tick] = begin.rates[[SPEED, JOINT_SPEED]]
+        accelerations[tick] = begin[1][[SPEED, JOINT_SPEED]]
         if plant.under_load:
-            slip = begin.held.slip
-            through[tick] = gear_torques(warm, data, state, accelerations[tick, 1], slip)
+            through[tick] = gear_torques(warm, data, state, begin)
         for step in range(steps):
             at = torque + rate * step / (steps * rate_hz)
             first = None if step else begin
@@ -278,18 +276,9 @@ def _run(
     return states, torques, accelerations, through
 
 
-def _motion(
-    robot: Robot,
-    plant: Plant,
-    time: Array,
-    states: Array,
-    torques: Array,
-    accelerations: Array,
-    through: Array,
-) -> Motion:
-    order = robot.joint_order
+def _motion(robot: Robot, plant: Plant, time: Array, run: Sequence[Array]) -> Motion:
+    (states, torques, accelerations, through), back = run, np.argsort(robot.joint_order)
     load = _spring_torques(plant, states)
-    back = np.argsort(order)
     inputs = motor_inputs(robot, torques[:, back])
     return Motion(
         time=time,

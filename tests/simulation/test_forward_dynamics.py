@@ -22,7 +22,7 @@ from seaid.identification import identify
 from seaid.legged import load_robot
 from seaid.robot import Robot
 from seaid.simulation import Noise, simulate
-from seaid.simulation.forward_dynamics import accelerations, advance, gear_torques, slip_directions
+from seaid.simulation.forward_dynamics import advance, begin_of, gear_torques
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import wiggle
@@ -99,9 +99,9 @@ def equation_of(make: Callable[[Any], DriveEquation], drive: Drive) -> DriveEqua
 def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[float]:
     """Return (7), (4b) and (8) with what acts beside them at a state that slips."""
     data = robot.model.createData()
-    slip = slip_directions(plant, data, state, torque)
-    assert np.all(slip != 0)
-    motor, joint = accelerations(plant, data, state, torque, slip)
+    held, rates = begin = begin_of(plant, data, state, torque)
+    assert np.all(held.slip != 0)
+    motor, joint = rates[[SPEED, JOINT_SPEED]]
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
     bodies = np.array(pin.rnea(robot.model, data, position, speed, joint))
     C, found = robot.transmission, []
@@ -130,7 +130,7 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
         if isinstance(drive, SeriesElasticDrive):
             found.append(float(value_of(equation_of(spring_equation, drive), drive, by_name)) / 100)
         else:
-            assert gear_torques(plant, data, state, joint, slip)[index] == pytest.approx(load)
+            assert gear_torques(plant, data, state, begin)[index] == pytest.approx(load)
             assert motor[index] == pytest.approx(drive.ratio * C[index] @ joint)
     return found
 
@@ -352,7 +352,7 @@ def test_stretched_spring_loads_the_friction_of_its_motor(write_chain: Chain) ->
     for torque, slips in ((0.048 + level, 1), (0.048 - level, -1)):
         for part, direction in ((0.999, 0), (1.001, slips)):
             now = np.array([0.048 + part * (torque - 0.048)])
-            assert slip_directions(plant, data, state, now)[0] == direction
+            assert begin_of(plant, data, state, now)[0].slip[0] == direction
 
 
 def test_deflection_offset_of_encoder_zeros_does_not_act(write_chain: Chain) -> None:
@@ -435,12 +435,11 @@ def test_held_joint_of_a_differential_stays_while_the_other_moves(write_chain: C
     assert not np.any(states[:, JOINT_POSITION:, 0])
     force = 3e3 * 0.05 / 20 * 10.0
     data = plant.model.createData()
-    slip = slip_directions(plant, data, state, np.zeros(2))
-    assert slip.tolist() == [1, 1, 0]
-    joint = accelerations(plant, data, state, np.zeros(2), slip)[1]
-    assert joint == pytest.approx([0.0, 2 * force / second])
-    freed = accelerations(plant, data, state, np.zeros(2), np.ones(3))[1]
-    assert freed == pytest.approx(
+    held, rates = begin_of(plant, data, state, np.zeros(2))
+    assert held.slip.tolist() == [1, 1, 0]
+    assert rates[JOINT_SPEED] == pytest.approx([0.0, 2 * force / second])
+    freed = begin_of(plant, data, state, np.zeros(2), np.ones(3))[1]
+    assert freed[JOINT_SPEED] == pytest.approx(
         np.linalg.solve([[both, second], [second, second]], [-500.0, 2 * force])
     )
 
@@ -474,11 +473,10 @@ def test_held_motor_of_a_differential_keeps_the_sum(write_chain: Chain) -> None:
     assert np.max(np.abs(states[:, JOINT_POSITION].sum(axis=1))) < 1e-15
     data = plant.model.createData()
     torque = np.array([0.0, 0.2])
-    slip = slip_directions(plant, data, states[0], torque)
-    assert slip.tolist() == [0, 1]
+    held, rates = begin_of(plant, data, states[0], torque)
+    assert held.slip.tolist() == [0, 1]
     expected = 200 * (0.2 - 0.1) / (both - second + 4 * 100**2 * 1e-4)
-    joint = accelerations(plant, data, states[0], torque, slip)[1]
-    assert joint == pytest.approx([expected, -expected])
+    assert rates[JOINT_SPEED] == pytest.approx([expected, -expected])
 
 
 # Logs.
@@ -509,7 +507,7 @@ def test_friction_under_load_above_one_does_not_settle(write_chain: Chain) -> No
     plant = plant_of(pendulum(write_chain, drive))
     state = np.array([[40.0], [40.0], [1.0], [1.0]])
     with pytest.raises(SeaidError, match="load_friction must be well below one"):
-        accelerations(plant, plant.model.createData(), state, np.zeros(1), np.ones(1))
+        begin_of(plant, plant.model.createData(), state, np.zeros(1), np.ones(1))
 
 
 # There and back.
