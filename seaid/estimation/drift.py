@@ -294,8 +294,8 @@ def block_factors(
             place = np.minimum((part * per_log).astype(int), per_log - 1)
             of_log = rows.run == log
             for block in np.unique(place[of_log]):
-                block_rows = rows.at(of_log & (place == block))
-                factors.setdefault((log, int(block)), []).append(qr_factor_of(block_rows))
+                among = np.flatnonzero(of_log & (place == block))
+                factors.setdefault((log, int(block)), []).append(qr_factor_of(rows, among))
     return [(log, combined(parts)) for (log, _), parts in factors.items()]
 
 

@@ -37,6 +37,7 @@ from seaid.estimation.least_squares import (
     equal_weights,
     estimate_of,
     estimate_of_rows,
+    factored,
     left_of,
     ordinary,
     residual_fit,
@@ -159,12 +160,12 @@ def _estimate(
     root = np.sqrt(weights * slope) / scales
     linear = _scaled(replace(rows, y=rows.H @ theta + residual / slope), root)
     scores = long_run_of(linear.H, linear.y - linear.H @ theta, rows.time, rows.run)
-    qr_factor = qr_factor_of(linear)
-    ones = equal_weights(qr_factor)
-    estimate = estimate_of_rows(linear, qr_factor, ones, propagated)
+    parts = factored(linear, propagated)
+    ones = equal_weights(parts.whole)
+    estimate = estimate_of_rows(parts, ones)
     # The same fit with the scores taken as independent, for the standard errors of white noise.
     independent = replace(scores, covariance=scores.white, lags=0)
-    white = estimate_of(qr_factor, ones, independent, propagated)
+    white = estimate_of(parts.whole, ones, independent, propagated)
     return replace(
         estimate,
         residual_std=float(np.sqrt(np.mean(scales**2))),
@@ -462,10 +463,10 @@ def with_further_columns(
     names = [f"further {place}" for place in range(k)]
     rows = fit.rows.with_columns(names, k * [""], -columns)
     try:
-        factor = qr_factor_of(rows)
-        if not counts(solve(factor, fit.weights).values[-k:]):
+        parts = factored(rows, fit.propagated)
+        if not counts(solve(parts.whole, fit.weights).values[-k:]):
             return None
-        return estimate_of_rows(rows, factor, fit.weights, fit.propagated)
+        return estimate_of_rows(parts, fit.weights)
     except ExcitationError:
         return None
 
@@ -503,8 +504,8 @@ def fit(
         estimate, qr_factor, weights = stored_estimate(rows, checked, propagated, change, cutoff_hz)
     else:
         in_memory = rows if change is None else change(rows)
-        qr_factor = qr_factor_of(in_memory)
-        weights = checked(qr_factor)
+        parts = factored(in_memory, propagated)
+        qr_factor, weights = parts.whole, checked(parts.whole)
         if weigh is None:
             estimate = estimator.solve(in_memory, propagated)
             if estimator.columns is None:
@@ -515,7 +516,7 @@ def fit(
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
         else:
-            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated, cutoff_hz)
+            estimate = estimate_of_rows(parts, weights, cutoff_hz)
     settled = weights if weigh is settled_weights else None
     equal = weigh is equal_weights
     return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal, changed)

@@ -22,8 +22,20 @@ from scipy import linalg
 from seaid._arrays import Array, FrozenMapping, finite, safely
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import estimate_of_rows, settled_weights, solve, weights_at
-from seaid.estimation.qr_factor import RANK_TOLERANCE, ROUNDING, QRFactor, qr_factor_of, triangle
+from seaid.estimation.least_squares import (
+    estimate_of_rows,
+    factored,
+    settled_weights,
+    solve,
+    weights_at,
+)
+from seaid.estimation.qr_factor import (
+    RANK_TOLERANCE,
+    ROUNDING,
+    QRFactor,
+    qr_factor_of,
+    triangle,
+)
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
@@ -50,11 +62,10 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     solution = solve(qr_factor_of(projected), weights)
     # the residual is that of the measured columns, not of their projections
     linear = replace(projected, y=rows.y - (rows.H - projected.H) @ solution.values)
-    of_linear = qr_factor_of(linear)
     # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
     # the factor of the residual (Godfrey 1999)
     partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
-    estimate = estimate_of_rows(linear, of_linear, weights, propagated)
+    estimate = estimate_of_rows(factored(linear, propagated), weights)
     shares = FrozenMapping(dict(zip(rows.names, partial.tolist(), strict=True)), "parameter")
     return replace(estimate, diagnostics=replace(estimate.diagnostics, instruments=shares))
 

@@ -140,8 +140,8 @@ def ordinary(rows: Regression, propagated: Array | None = None) -> Estimate:
     `Regression`. Raises IdentificationError for fewer rows than parameters and ExcitationError if
     the data leave a combination of parameters unidentifiable.
     """
-    qr_factor = qr_factor_of(rows)
-    return estimate_of_rows(rows, qr_factor, equal_weights(qr_factor), propagated)
+    parts = factored(rows, propagated)
+    return estimate_of_rows(parts, equal_weights(parts.whole))
 
 
 def weighted(rows: Regression, propagated: Array | None = None) -> Estimate:
@@ -150,8 +150,8 @@ def weighted(rows: Regression, propagated: Array | None = None) -> Estimate:
     Iterated until the weights converge (Gautier 1997; Swevers et al. 1997). Otherwise as
     `ordinary`.
     """
-    qr_factor = qr_factor_of(rows)
-    return estimate_of_rows(rows, qr_factor, settled_weights(qr_factor), propagated)
+    parts = factored(rows, propagated)
+    return estimate_of_rows(parts, settled_weights(parts.whole))
 
 
 def equal_weights(qr_factor: QRFactor) -> Array:
@@ -356,30 +356,55 @@ def _freedom(independent: float, p: int) -> float:
     return independent / max(independent - p, 1.0)
 
 
-def estimate_of_rows(
-    rows: Regression,
-    qr_factor: QRFactor,
-    weights: Array,
-    propagated: Array | None,
-    cutoff_hz: float | None = None,
-) -> Estimate:
-    """Return the estimate with weights (E,) of the equations, from rows and their QR factor.
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """Rows by their QR factors: each row is factored once, in its block.
+
+    `propagated` is as in `ordinary`, and `wide` are the rows `with_propagated`; `blocks` are log
+    and QR factor of the blocks of these, `joined` that of all blocks, and `whole` that without the
+    propagated columns.
+    """
+
+    rows: Regression
+    propagated: Array | None
+    wide: Regression
+    blocks: list[tuple[int, QRFactor]]
+    joined: QRFactor
+    whole: QRFactor
+
+
+def factored(rows: Regression, propagated: Array | None = None) -> Factored:
+    """Return the QR factors of rows, with the covariance `propagated` as in `ordinary`.
+
+    Raises IdentificationError if the rows are not finite.
+    """
+    wide = with_propagated(rows, propagated)
+    blocks = block_factors([wide], spans_of(wide))
+    # Rows that are none have no blocks, but columns.
+    none = qr_factor_of(wide, np.zeros(0, dtype=np.intp))
+    joined = combined([none, *(block for _, block in blocks)])
+    whole = replace(joined.without(wide.names[len(rows.names) :]), excluded=rows.excluded)
+    return Factored(rows, propagated, wide, blocks, joined, whole)
+
+
+def estimate_of_rows(parts: Factored, weights: Array, cutoff_hz: float | None = None) -> Estimate:
+    """Return the estimate with weights (E,) of the equations, from rows and their QR factors.
 
     With the `cutoff_hz` of the rows their drift is in its covariance.
     """
+    rows, qr_factor, propagated = parts.rows, parts.whole, parts.propagated
     solution = solve(qr_factor, weights)
     # Scores are of the noise alone: the errors of the propagated parameters are the same in all
     # rows, and their covariance is added at the end.
-    wide = with_propagated(rows, propagated)
-    blocks = block_factors([wide], spans_of(wide))
-    noise = residual_fit(combined(block for _, block in blocks), weights, solution)
-    factors = score_factors(wide, qr_factor, weights, noise)
+    noise = residual_fit(parts.joined, weights, solution)
+    factors = score_factors(parts.wide, qr_factor, weights, noise)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
     remaining = left_of(rows, weights, qr_factor, solution) if short else None
     # `propagated` comes after the enlargement by blocks, which all have its errors in common.
     initial = estimate_of(qr_factor, weights, scores, None, solution, remaining)
-    enlarged = with_blocks(qr_factor, weights, (solution, noise), initial, blocks, propagated)
+    fits = solution, noise
+    enlarged = with_blocks(qr_factor, weights, fits, initial, parts.blocks, propagated)
     return with_drifts_of(rows, weights, solution, enlarged, cutoff_hz) if short else enlarged
 
 
@@ -466,9 +491,7 @@ def with_propagated(rows: Regression, propagated: Array | None) -> Regression:
     sizes, vectors = safely(np.linalg.eigh, propagated, what="the propagated covariance")
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
     columns, s = rows.propagated @ root, root.shape[1]
-    return replace(
-        rows.with_columns(map(str, range(s)), s * [""], columns), propagated=rows.propagated[:, :0]
-    )
+    return rows.with_columns(map(str, range(s)), s * [""], columns)
 
 
 _MOST_DEVIATIONS = 3.0

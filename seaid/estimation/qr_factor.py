@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, BoolArray, frozen, safely
+from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely
 from seaid.errors import IdentificationError, SeaidError
 
 if TYPE_CHECKING:
@@ -97,10 +97,15 @@ class QRFactor:
         )
 
 
-def qr_factor_of(rows: Regression) -> QRFactor:
-    """Return the QR factor of rows. Raises IdentificationError if they are not finite."""
-    equations = np.unique(rows.joint)
-    of_equation = [np.flatnonzero(rows.joint == equation) for equation in equations]
+def qr_factor_of(rows: Regression, among: IndexArray | None = None) -> QRFactor:
+    """Return the QR factor of rows, or of those `among` them (m,).
+
+    Raises IdentificationError if they are not finite.
+    """
+    among = np.arange(len(rows.y)) if among is None else among
+    joint = rows.joint[among]
+    equations = np.unique(joint)
+    of_equation = [among[joint == equation] for equation in equations]
     p, s = len(rows.names), rows.propagated.shape[1]
     triangles, propagated = [], np.zeros((len(equations), p, s))
     for place, indices in enumerate(of_equation):
@@ -197,7 +202,7 @@ def _sum(first: QRFactor, second: QRFactor) -> QRFactor:
     )
 
 
-def _columns(rows: Regression, block: np.ndarray) -> Array:
+def _columns(rows: Regression, block: IndexArray) -> Array:
     """Return [H y] of some rows in column order, which LAPACK factors without a copy."""
     columns = np.empty((len(block), len(rows.names) + 1), order="F")
     columns[:, :-1] = rows.H[block]

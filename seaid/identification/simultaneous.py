@@ -37,6 +37,7 @@ from seaid.estimation.least_squares import (
     equal_weights,
     estimate_of_rows,
     extrapolated,
+    factored,
     settled_weights,
     solve,
     weights_at,
@@ -233,8 +234,8 @@ def estimation(estimator: Estimator, propagated: Array | None = None) -> Estimat
         return lambda rows, theta: estimator.solve(rows, propagated)
 
     def reweighted(rows: Regression, theta: Array) -> Estimate:
-        qr_factor = qr_factor_of(rows)
-        return estimate_of_rows(rows, qr_factor, weights_at(qr_factor, theta), propagated)
+        parts = factored(rows, propagated)
+        return estimate_of_rows(parts, weights_at(parts.whole, theta))
 
     return reweighted
 
@@ -399,14 +400,13 @@ def _estimated(
     # ones are correlated between (7) and (8).
     change = partial(_solved_rows, robot, estimator, whole)
     solved = change(rows)
-    qr_factor = qr_factor_of(solved)
+    qr_factor, equal = qr_factor_of(solved), estimator.weigh is equal_weights
     weights = weights_at(qr_factor, whole.values)
     if estimator.weigh is settled_weights:
         solution, cutoff_hz = solve(qr_factor, weights), condition.datasets[0].cutoff_hz
         whole = with_drifts_of(solved, weights, solution, whole, cutoff_hz)
     of_joints, springs = whole.by_owner(), tuple(start.springs)
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
-    equal = estimator.weigh is equal_weights
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)
     optional = [
         name
