@@ -177,6 +177,7 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReque
     monkeypatch.setattr(f"{problem}.findings_of_setup", lambda _, moving, known, logs: known)
     monkeypatch.setattr(f"{problem}.selections", selected)
     monkeypatch.setattr(f"{conclusion}.sensitivity_findings", lambda *_: [])
+    monkeypatch.setattr(f"{conclusion}.backlash_findings", lambda *_: [])
     monkeypatch.setattr(f"{conclusion}.joint_checks", lambda *_: {})
 
 

@@ -27,6 +27,8 @@ from tests.experiments import (
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
+pytestmark = pytest.mark.usefixtures("estimates_only")
+
 WARM = 0.4
 """Part of the viscous friction that a warm leg lacks."""
 
@@ -105,7 +107,6 @@ def test_all_shared_is_one_identification_of_both_logs() -> None:
             np.testing.assert_allclose(found.drives[joint].values, estimate.values, rtol=1e-9)
 
 
-@pytest.mark.usefixtures("estimates_only")
 def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
     robot, log = arm().without_nominal(), perfect_log(arm(), arm_motion())
     stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
@@ -146,6 +147,7 @@ def test_conditions_that_cannot_be_are_refused(
         identify_conditions(pairs, condition_specific=own)
 
 
+@pytest.mark.findings
 @pytest.mark.slow  # identifications of two logs of the leg
 def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
@@ -168,6 +170,7 @@ def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     assert not any("good" in one.verdict.sentence for one in both.identifications.values())
 
 
+@pytest.mark.findings
 @pytest.mark.slow  # identifications of two logs of the leg
 def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() -> None:
     """In one condition the torque of the wrist is that of another part of the motion."""
@@ -189,6 +192,7 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
     assert set(found["b"].setup) == set(robot.joint_names)
 
 
+@pytest.mark.findings
 @pytest.mark.slow  # identifications of two logs of the leg
 def test_a_payload_that_was_not_given_is_named() -> None:
     robot = leg().without_nominal()
