@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
@@ -10,7 +11,8 @@ NOT_LOADABLE = ("ur3.urdf", "quadrotor_base.urdf", "iris_simple.urdf")
 """Files of example-robot-data that are not robots: a xacro fragment, and two without joints."""
 
 
-def example_urdfs() -> list[Path]:
+@cache
+def example_urdfs() -> tuple[Path, ...]:
     """Return the URDFs of example-robot-data that have joints, sorted.
 
     Ends the script with a message if the package is not installed.
@@ -23,7 +25,7 @@ def example_urdfs() -> list[Path]:
             "make dev, or pip install '.[robots]'"
         )
     urdfs = [path for path in found if path.suffix == ".urdf" and path.name not in NOT_LOADABLE]
-    return sorted(path.resolve() for path in urdfs)
+    return tuple(sorted(path.resolve() for path in urdfs))
 
 
 def example_urdf(name: str) -> Path:

@@ -114,8 +114,12 @@ def lagrangian_system(
 
 
 def two_bodies(axes: str) -> System:
-    lagrangian, q, parameters = arm(axes, [(0, 0, 0), (0.3, 0.28, 0.2)])
-    return lagrangian_system(f"arm {axes}", lagrangian, q, parameters, ARMS.get(axes))
+    def equations() -> list[sp.Expr]:
+        lagrangian, q, _ = arm(axes, [(0, 0, 0), (0.3, 0.28, 0.2)])
+        return equations_of_motion(lagrangian, q, sp.symbols("u1:3"))
+
+    unknowns = [*inertial_symbols(1), *inertial_symbols(2)]
+    return System(f"arm {axes}", equations, coordinates(2), unknowns, ARMS.get(axes))
 
 
 ARMS = {"yy": 6, "zz": 4, "zy": 8}

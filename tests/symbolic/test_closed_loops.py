@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -61,6 +63,7 @@ def crank_and_coupler(length: sp.Expr, gravity: sp.Expr) -> sp.Expr:
     return kinetic + speed.dot(moment.diff(t)) - gravity * height
 
 
+@cache
 def four_bar(gravity: sp.Expr = g) -> Linkage:
     rocker = J3 * q3.diff(t) ** 2 / 2 - gravity * (a3 * sin(q3) + b3 * cos(q3))
     closures = [
@@ -72,6 +75,7 @@ def four_bar(gravity: sp.Expr = g) -> Linkage:
     return linkage(lagrangian, closures, [q1, q2, q3], unknowns, (u, 0, 0))
 
 
+@cache
 def slider_crank() -> Linkage:
     closures = [r * cos(q1) + rod * cos(q2) - x, r * sin(q1) + rod * sin(q2)]
     lagrangian = crank_and_coupler(r, g) + m3 * x.diff(t) ** 2 / 2
@@ -79,6 +83,7 @@ def slider_crank() -> Linkage:
     return linkage(lagrangian, closures, [q1, q2, x], unknowns, (u, 0, -c * x.diff(t)))
 
 
+@cache
 def spatial_four_bar() -> Linkage:
     """A crank about z and a rocker about x, joined by a rod with two ball joints (RSSR)."""
     crank = sp.Matrix([r * cos(q1), r * sin(q1), 0])
@@ -94,12 +99,12 @@ def spatial_four_bar() -> Linkage:
 
 NUMBERS: dict[sp.Symbol, float] = dict(zip(LENGTHS, (0.1, 0.3, 0.25, 0.35), strict=True))
 NUMBERS |= {r: 0.05, rod: 0.25, d: 0.1, h: 0.3, L: 0.41, g: 9.81}
-PLANE = four_bar(sp.Integer(0))
-CASES = {
-    "four-bar": (four_bar(), 8, [0.6, 1.7]),
-    "four-bar in a horizontal plane": (PLANE, 4, [0.6, 1.7]),
-    "slider-crank": (slider_crank(), 7, [-0.1, 0.3]),
-    "spatial four-bar": (spatial_four_bar(), 6, [0.0]),
+plane_four_bar = partial(four_bar, sp.Integer(0))
+CASES: dict[str, tuple[Callable[[], Linkage], int, list[float]]] = {
+    "four-bar": (four_bar, 8, [0.6, 1.7]),
+    "four-bar in a horizontal plane": (plane_four_bar, 4, [0.6, 1.7]),
+    "slider-crank": (slider_crank, 7, [-0.1, 0.3]),
+    "spatial four-bar": (spatial_four_bar, 6, [0.0]),
 }
 """The linkage, the number of its base parameters, and about where its other coordinates are."""
 
@@ -142,9 +147,9 @@ def states(given: Linkage, start: list[float]) -> list[list[float]]:
 @pytest.mark.slow  # 2.9 s
 @pytest.mark.parametrize("name", CASES)
 def test_base_set_is_that_of_qr_along_a_motion_that_closes_the_loop(name: str) -> None:
-    system, count, start = CASES[name]
+    linkage_of, count, start = CASES[name]
     numbers = {symbol: value for symbol, value in NUMBERS.items() if symbol != g}
-    given = system.given(numbers)
+    given = linkage_of().given(numbers)
     form = separate(given.equation, given.signals, given.unknowns, relations=given.closures)
     base = reduce(form)
     q = given.signals[:-1]
@@ -168,7 +173,7 @@ def test_base_set_is_that_of_qr_along_a_motion_that_closes_the_loop(name: str) -
 @pytest.mark.slow  # 2.4 s
 def test_factors_are_quotients_of_the_lengths() -> None:
     """A coupler's mass is shared by its two ends, as the books have it (Wittenburg 1977)."""
-    plane, angle = CASES["four-bar in a horizontal plane"][0], sp.Symbol("alpha")
+    plane, angle = plane_four_bar(), sp.Symbol("alpha")
     ends = [J1 + J3 * l1**2 / l3**2 + l1**2 * m2, a2 + J3 * l2 / l3**2, b2, J2 + J3 * l2**2 / l3**2]
     crank = [J1 + m2 * r**2 + m3 * r**2, a1 + m2 * r + m3 * r, b1]
     slider = [*crank, a2 + rod * m3, b2, J2 + rod**2 * m3, c]
@@ -176,7 +181,7 @@ def test_factors_are_quotients_of_the_lengths() -> None:
     turned = [sp.expand(value.subs(of_angle)) for value in ends]
     for system, expected in (
         (plane, ends),
-        (CASES["slider-crank"][0], slider),
+        (slider_crank(), slider),
         (plane.given(of_angle), turned),
     ):
         form = separate(system.equation, system.signals, system.unknowns, relations=system.closures)
@@ -197,7 +202,7 @@ def test_rolling_without_slip_is_a_relation_of_speeds() -> None:
 
 
 def test_parallelogram_has_two_motions_and_asks_for_one() -> None:
-    system = CASES["four-bar"][0].given({l3: l1, l4: l2})
+    system = four_bar().given({l3: l1, l4: l2})
     form = separate(system.equation, system.signals, system.unknowns, relations=system.closures)
     with pytest.raises(SymbolicError, match=r"several motions.*parallelogram.*q3 - q1"):
         reduce(form)
