@@ -20,12 +20,15 @@ tulip: env
 biped: dev
 	$(RUN) scripts/identify_biped.py --output out/biped
 
+# The tests of pages would only load their browser.
+PYTEST := $(RUN) -m pytest -n 2 --dist worksteal --ignore tests/browser
+
 # In minutes, for every change; the slow tests, each with its reason, are for `make test-slow`.
 test: lint
-	$(RUN) -m pytest -n 2 --dist worksteal -m 'not browser and not slow'
+	$(PYTEST) -m 'not slow'
 
 test-slow: dev
-	$(RUN) -m pytest -n 2 --dist worksteal -m 'slow and not browser'
+	$(PYTEST) -m slow
 
 test-all: test test-slow
 

@@ -96,7 +96,7 @@ def run_page(path: Path, folder: Path) -> Iterator[tuple[Block, str]]:
     """Run the blocks of a page in a folder; return each with what it printed."""
     names: dict[str, Any] = {"__name__": "page"}
     for block in blocks(path.read_text(encoding="utf-8")):
-        where = f"{path.relative_to(ROOT)}:{block.line}"
+        where = f"{os.path.relpath(path, ROOT)}:{block.line}"
         if block.language == "python":
             yield block, _python(block, where, names, folder)
         elif block.language in SHELLS and (path != RUN_BY_CI or block.printed):

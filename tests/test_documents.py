@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from tests.pages import (
     run_page,
     same,
 )
+from tests.plants import kept
 
 LEG_LOGS = {
     **{"run.csv": "run.csv", "other.csv": "other.csv"},
@@ -84,24 +86,32 @@ def of_language(*languages: str) -> list[object]:
     return [pytest.param(block, id=name) for name, block in chosen]
 
 
+@kept
+def leg_content(text: str) -> dict[str, bytes]:
+    """Return what is in the files that pages begin with: made as the text of a page says."""
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        prepare(folder)
+        page = folder / "page.md"
+        page.write_text(text, encoding="utf-8")
+        for _ in run_page(page, folder):
+            if (folder / "other.csv").exists():
+                break
+        leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
+        found = seaid.identify(leg, seaid.read_log(folder / "run.csv", leg), feasible=True)
+        seaid.write_parameters(found, folder / "parameters.json")
+        made = {name: name for name in ("plan.json", "parameters.json")} | LEG_LOGS
+        return {name: (folder / file).read_bytes() for name, file in made.items()}
+
+
 @pytest.fixture(scope="session")
 def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the files that pages begin with by their names: made as docs/first_result.md says."""
+    """Return the files that pages begin with by their names."""
     folder = tmp_path_factory.mktemp("logs")
-    prepare(folder)
-    for _ in run_page(PAGES[MAKES_THE_LOGS], folder):
-        if (folder / "other.csv").exists():
-            break
-    for name, made in LEG_LOGS.items():
-        if name != made:
-            (folder / name).symlink_to(folder / made)
-    plan = folder / "plan.json"
-    if not plan.exists():  # the page may have made it
-        plan.symlink_to(ROOT / "models/tulip_plan.json")
-    leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
-    found = seaid.identify(leg, seaid.read_log(folder / "run.csv", leg), feasible=True)
-    seaid.write_parameters(found, folder / "parameters.json")
-    return {name: folder / name for name in (*LEG_LOGS, "plan.json", "parameters.json")}
+    content = leg_content(PAGES[MAKES_THE_LOGS].read_text("utf-8"))
+    for name, of_file in content.items():
+        (folder / name).write_bytes(of_file)
+    return {name: folder / name for name in content}
 
 
 @pytest.mark.slow  # pages simulate the leg with its springs, or begin with logs of it
