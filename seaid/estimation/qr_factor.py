@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -148,7 +148,14 @@ def triangle(columns: Array) -> Array:
         return np.empty((0, width))
     # LAPACK alone, without Q: of the small factors of checks scipy's `qr` takes twice as long.
     vectors = linalg.lapack.dgeqrf(columns, lwork=32 * width + 1, overwrite_a=True)[0]
-    return np.triu(vectors[: min(count, width)])
+    rows = min(count, width)
+    return np.where(_below(rows, width), 0.0, vectors[:rows])
+
+
+@cache
+def _below(rows: int, width: int) -> BoolArray:
+    """Return what is below the diagonal, which `np.triu` makes anew in most of its time."""
+    return np.tri(rows, width, -1, dtype=bool)
 
 
 def _square(columns: Array) -> Array:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
@@ -41,7 +41,6 @@ def test_velocity_and_acceleration_are_the_derivatives(name: str) -> None:
         np.testing.assert_allclose(states, matrix @ c, rtol=1e-12, atol=1e-9)
 
 
-@settings(derandomize=True, max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     name=st.sampled_from(sorted(BASES)),

@@ -18,6 +18,8 @@ from seaid.robot import Robot
 from tests.experiments import arm, arm_log, arm_motion
 from tests.representatives import quick_first
 
+pytestmark = pytest.mark.usefixtures("estimates_only")
+
 GEAR = 4000.0
 
 
@@ -187,6 +189,7 @@ def test_validation_needs_no_deflection_and_takes_none() -> None:
     assert more == pytest.approx(right, nan_ok=True)
 
 
+@pytest.mark.findings
 def test_rigid_gear_is_reported_as_rigid() -> None:
     one = identify(arm().without_nominal(), log_with_deflection(gear=1e9))
     assert "gear_stiffness" not in one.drives["shoulder"].names
