@@ -44,7 +44,7 @@ def urdf() -> str:
 def signals() -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return {joint: (position, motor torque, torque on the load)} of a motion with noise."""
     robot, rng = load(urdf(), DRIVES), np.random.default_rng(3)
-    t = np.arange(0.0, 5.0, 1 / RATE_HZ)
+    t = np.arange(0.0, 8.0, 1 / RATE_HZ)
     sizes, phases = rng.uniform(0.1, 0.35, (2, 4, 3))[0], rng.uniform(0, 6, (4, 3))
     w = 2 * np.pi * np.array([0.25, 0.5, 0.875, 1.25])[:, None]
     angle = w[:, None] * t[:, None] + phases[:, None]
@@ -274,6 +274,13 @@ SLOW += [  # the same remedies, of one joint instead of all or in another unit
     ("both positions", "ratio off by 2 %"),
     ("both torques", "exchanged torque sensors"),
     ("both torques", "both torques with another sign"),
+    ("joint positions", IN_DEGREES),
+    ("joint positions", "position with another sign"),
+    ("custom columns", "exchanged joints"),
+    ("both positions", "motor encoder in counts"),
+    ("both positions", "motor encoders in joint angles"),
+    ("both positions", "motor encoder with another sign"),
+    ("both torques", "torque sensor with another sign"),
 ]
 
 
@@ -375,7 +382,7 @@ def test_a_torque_that_friction_alone_explains_is_in_no_other_unit() -> None:
 def test_bursts_of_lost_samples_are_no_wrong_clock() -> None:
     columns, _ = LOGS["joint positions"]()
     time, kept = columns["time_s"], np.ones(len(columns["time_s"]), dtype=bool)
-    for begin in (150, 400, 700, 1000):
+    for begin in (200, 650, 1100, 1500):
         kept[begin : begin + 60] = False
     lost = {name: values[kept] for name, values in columns.items()}
     (finding,) = findings(Setup(urdf(), DRIVES, (), (lost | {"time_s": time[: sum(kept)]},), ({},)))
