@@ -387,12 +387,20 @@ def excluded(log: Log, remedy: str) -> Log:
     return at(log, samples, log.time[samples])
 
 
-STOPS = [("leg", "knee_pitch"), ("leg", "hip_roll"), ("arm", "rail"), ("ur10", "elbow_joint")]
+SHORT, LONG = (0.05, 1.0), (0.2, 3.0)
+"""How long a joint is at its stop, and how hard."""
+
+STOPS = [
+    ("leg", "knee_pitch", *SHORT),
+    ("leg", "hip_roll", *LONG),
+    ("arm", "rail", *SHORT),
+    ("arm", "rail", *LONG),
+    ("ur10", "elbow_joint", *LONG),
+]
 
 
 @pytest.mark.slow  # identifies three robots
-@pytest.mark.parametrize(("case", "joint"), STOPS)
-@pytest.mark.parametrize(("share", "size"), [(0.05, 1.0), (0.2, 3.0)])
+@pytest.mark.parametrize(("case", "joint", "share", "size"), STOPS)
 def test_a_joint_at_its_stop_is_named(case: str, joint: str, share: float, size: float) -> None:
     robot, bad, right = stopped(case, joint, share, size)
     assert seaid.check(robot, right).warnings == ()

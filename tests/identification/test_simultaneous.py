@@ -229,13 +229,13 @@ def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
         assert abs(error) < 3 * at_once[joint].standard_error("stiffness")
 
 
-@pytest.mark.slow  # a hundred estimates from twelve seconds
+@pytest.mark.slow  # 88 estimates from twelve seconds
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     robot, model = two_springs().without_nominal(), model_of(two_springs())
     noise = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
     path = wiggle(two_springs(), 12.0, (-0.2, 0.7), (0.7, 0.7))
     exact, scores = flat_motion(two_springs(), path, 500.0), []
-    for seed in range(100):
+    for seed in range(88):
         motion = reconstruct_motion(robot, measure(two_springs(), exact, noise, seed), 8.0)
         rows = simultaneous_regression(robot, motion, model, robot.joint_names)
         truth = truth_of(two_springs(), model, rows.names)

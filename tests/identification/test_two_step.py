@@ -153,9 +153,9 @@ def test_findings_change_no_estimate(
         np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
-@pytest.mark.slow  # 80 and 300 identifications of whole robots
+@pytest.mark.slow  # 72 and 200 identifications of whole robots
 @pytest.mark.usefixtures("estimates_only")
-@pytest.mark.parametrize(("number", "draws"), [(0, 80), (1, 300)], ids=ROBOTS)
+@pytest.mark.parametrize(("number", "draws"), [(0, 72), (1, 200)], ids=ROBOTS)
 def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int) -> None:
     """1.13 is the standard deviation of Student's t with the degrees of freedom of six seconds.
 

@@ -31,6 +31,7 @@ from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
 from seaid.log.description import Source
 from tests.legged.test_floating_base import base_of, go2, with_base
+from tests.plants import kept
 
 
 def log_findings(
@@ -40,7 +41,7 @@ def log_findings(
     return [*extension_of(robot).log_findings(robot, logs, motions)]
 
 
-@cache
+@kept
 def walked() -> seaid.Log:
     return noisy(simulate(go2(), plant(go2(), 0.001, soft=True), 16.0, seed=11), 3)
 
@@ -326,11 +327,12 @@ def test_a_ball_that_reaches_the_joint_above_it_is_no_foot(
     assert [finding.code for finding in found] == ["geometry"] * is_named
 
 
-@pytest.mark.slow  # two identifications of a walk of 24 s
+@pytest.mark.slow  # two identifications of a walk of 8 s
 def test_feet_that_push_while_flagged_in_the_air_are_named() -> None:
     """A threshold of the force of a foot that is too high goes into the bodies."""
-    text, log = "pushes at the ground while it is flagged as in the air", walked()
-    late = {foot: binary_erosion(x[:, 0] > 0.5, iterations=12) for foot, x in flags().items()}
+    text, log = "pushes at the ground while it is flagged as in the air", walked().between(0, 8)
+    contacts = {foot: np.array(x) for foot, x in base_of(log).contacts.items()}
+    late = {foot: binary_erosion(x[:, 0] > 0.5, iterations=12) for foot, x in contacts.items()}
     shorter = with_base(log, contacts=late)
     robot = go2().without_nominal()
     own, other = (seaid.identify(robot, one, cutoff_hz=15.0) for one in (log, shorter))

@@ -25,6 +25,7 @@ from seaid.legged.floating import contact_map, floating, floating_regressor
 from seaid.log import BaseLog, reconstruct_motion
 from seaid.regressor import rigid_body_regressor
 from seaid.robot import BASE_ROWS, Robot
+from tests.plants import kept
 from tests.representatives import quick_first
 
 
@@ -63,9 +64,14 @@ def validated(identification: seaid.Identification, log: seaid.Log) -> LeggedVal
     return result
 
 
-@cache
+@kept
 def walked() -> seaid.Log:
     return simulate(go2(), plant(go2()), 24.0)
+
+
+@kept
+def found_walking() -> seaid.Identification:
+    return seaid.identify(go2().without_nominal(), noisy(walked(), 1))
 
 
 @cache
@@ -125,7 +131,13 @@ def with_known_trunk() -> Robot:
     )
 
 
+@cache
+def found_swaying() -> seaid.Identification:
+    return fitted(with_known_trunk().without_nominal(), swayed(), estimator="ols")
+
+
 @pytest.mark.slow  # fits of a whole quadruped
+@pytest.mark.usefixtures("estimates_only")
 @pytest.mark.parametrize("name", ["torque", "bodies"])
 def test_errors_of_known_constants_are_those_of_whole_identifications(name: str) -> None:
     """Contact forces are eliminated from the derivatives as from the equations."""
@@ -135,7 +147,7 @@ def test_errors_of_known_constants_are_those_of_whole_identifications(name: str)
         "torque": (robot, replace(log, motor_torque=(1 + step) * log.motor_torque)),
         "bodies": (robot.with_values(heavier, robot.drives), log),
     }
-    plain, other = (fitted(*x, estimator="ols") for x in ((robot, log), changed[name]))
+    plain, other = found_swaying(), fitted(*changed[name], estimator="ols")
     stated = fitted(robot, log, known_std={name: std}, estimator="ols")
     variance = np.diag(stated.load.covariance - plain.load.covariance)
     moved = std / step * np.abs(other.load.values - plain.load.values)
@@ -408,9 +420,8 @@ def test_mjcf_has_the_mass_matrix_of_the_floating_robot(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # 24 s of MuJoCo with contacts, and 94 parameters of 18 equations
 def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
-    log = walked()
-    assert all(0.8 < np.mean(base_of(log).contacts[foot]) < 0.99 for foot in GO2.feet)
-    found = seaid.identify(go2().without_nominal(), noisy(log, 1))
+    contacts, found = base_of(walked()).contacts, found_walking()
+    assert all(0.8 < np.mean(contacts[foot]) < 0.99 for foot in GO2.feet)
     assert found.verdict.level == "good", found.warnings
     assert len(found.load.values) == 94
     truth = found.base.project(go2().parameters)
@@ -424,7 +435,7 @@ def test_bodies_of_a_quadruped_that_lifts_its_feet() -> None:
 
 @pytest.mark.slow  # 36 s of MuJoCo with contacts, and 94 parameters of 18 equations
 def test_forces_of_feet_are_those_of_the_simulator(tmp_path: Path) -> None:
-    found = seaid.identify(go2().without_nominal(), noisy(walked(), 1))
+    found = found_walking()
     forces = simulate(go2(), plant(go2()), 12.0, 5, has_forces=True)
     validation = validated(found, noisy(forces, 2))
     contacts = validation.contacts
@@ -456,7 +467,7 @@ def test_intervals_of_a_quadruped_that_sways_on_standing_feet() -> None:
 @pytest.mark.slow
 def test_a_radius_left_out_shows_in_the_residual() -> None:
     robot = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
-    every = [seaid.identify(one, walked()) for one in (go2(), robot)]
+    every = [seaid.identify(one, walked().between(0.0, 12.0)) for one in (go2(), robot)]
     errors = [np.mean([fit.own for fit in found.joint_fits.values()]) for found in every]
     assert errors[0] < 0.003
     assert errors[1] > 3 * errors[0]
@@ -505,7 +516,7 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
     assert validated(found, flagged).base is None
 
 
-@cache
+@kept
 def on_soft_feet(soft: bool, lifted: bool) -> seaid.Log:
     """Ten seconds of a walk, or of a sway, on feet that sink in by 4 mm or by 0.2 mm."""
     targets = plan(go2(), GO2, 10.0, 71, lifted=lifted)
