@@ -208,7 +208,7 @@ PLANTED: dict[str, Planted] = {
 }
 
 
-@pytest.mark.parametrize("name", quick_only(PLANTED, [*PLANTED][:2]))
+@pytest.mark.parametrize("name", quick_only(PLANTED, [*PLANTED][:1]))
 def test_what_a_model_lacks_is_named_and_its_lines_repair_it(name: str) -> None:
     check_planted(PLANTED[name])
 
@@ -334,7 +334,7 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
     ("joint", "offset"),  # 0.6 s each
     quick_only(
         product(("hip_roll", "hip_pitch", "knee_pitch", "shoulder"), (0.02, 0.15)),
-        [("shoulder", 0.02), ("hip_pitch", 0.02)],
+        [("shoulder", 0.02)],
     ),
 )
 def test_a_zero_that_is_off_is_named_with_its_angle_and_lines_that_repair_it(
@@ -363,7 +363,7 @@ def test_a_zero_that_is_off_is_named_with_its_angle_and_lines_that_repair_it(
 
 @pytest.mark.parametrize(
     ("case", "delay_s"),  # 0.8 s each
-    quick_only(product(CASES, (0.004, 0.02, -0.01)), [("arm", -0.01), ("leg", 0.004)]),
+    quick_only(product(CASES, (0.004, 0.02, -0.01)), [("arm", -0.01)]),
 )
 def test_torques_that_are_all_late_are_one_finding(case: str, delay_s: float) -> None:
     robot, right = CASES[case][0](), CASES[case][1](3)

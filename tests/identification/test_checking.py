@@ -58,8 +58,8 @@ PLANTED: list[tuple[str, str, int | None, Callable[[Log], Log]]] = [
     *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((2, "t"), (2, "q"), (2, "m"), (2, "tqm"))),
     *(("leg", "sign", j, times(-1.0, x, j)) for j, x in ((0, "t"), (4, "q"))),
     *(("arm", "sign", j, times(-1.0, x, j)) for j, x in ((1, "t"), (2, "m"), (3, "tqm"))),
-    *((case, "unit", 2, times(factor, "t", 2)) for case in CASES for factor in (1e3, 1e-3)),
-    *((case, "unit", None, times(factor, "t")) for case in CASES for factor in (1e3, 1e-3)),
+    *((case, "unit", 2, times(x, "t", 2)) for case, x in (("leg", 1e3), ("arm", 1e-3))),
+    *((case, "unit", None, times(x, "t")) for case, x in (("leg", 1e-3), ("arm", 1e3))),
     *(("leg", "unit", j, times(180 / np.pi, x, j)) for j, x in ((3, "q"), (3, "m"), (0, "qm"))),
     *(
         ("leg", "swapped-joints", None, exchanged(*places))

@@ -245,6 +245,14 @@ def estimates_of_halves(robot: Robot, log: Log, **options: Any) -> list[Estimate
     return [side for each in found for side in (*each.drives.values(), each.load, each.load_side)]
 
 
+@cache
+def plain_estimates(
+    estimated: Callable[..., list[Estimate]], experiment: Experiment, **options: Any
+) -> list[Estimate]:
+    """Return the estimates with which those by other constants are compared."""
+    return estimated(*experiment, **options)
+
+
 def check_moved(
     experiment: Experiment,
     name: str,
@@ -255,7 +263,7 @@ def check_moved(
     """Compare errors by a constant with whole identifications, to a part of all standard errors."""
     robot, known_std = stated(experiment, name, joint)
     sides = (
-        estimated(*experiment, **options),
+        plain_estimates(estimated, experiment, **options),
         estimated(robot, experiment[1], known_std=known_std, **options),
         estimated(*changed(experiment, name, joint), **options),
     )
@@ -287,6 +295,7 @@ MOVED: list[tuple[Callable[[], Experiment], str, str, Options]] = [
 """Experiments with a constant of a joint, "" for all, and how they are identified."""
 
 
+@pytest.mark.usefixtures("estimates_only")
 @pytest.mark.parametrize(("experiment", "name", "joint", "options"), quick_first(MOVED))
 def test_errors_of_a_constant_are_those_of_whole_identifications(
     experiment: Callable[[], Experiment], name: str, joint: str, options: Options
@@ -295,6 +304,7 @@ def test_errors_of_a_constant_are_those_of_whole_identifications(
     check_moved(experiment(), name, joint, **options)
 
 
+@pytest.mark.usefixtures("estimates_only")
 @pytest.mark.parametrize("name", quick_first(CONSTANTS, 1))
 @pytest.mark.parametrize("own", quick_first([(("bodies", "spring_offset", "stiffness"),), ((),)]))
 def test_errors_of_a_constant_in_several_conditions(name: str, own: tuple[str, ...]) -> None:

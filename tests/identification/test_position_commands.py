@@ -597,7 +597,7 @@ def driven_log(law: str) -> seaid.Log:
     return log_of(position + noise, SHORT, **sent)
 
 
-@pytest.mark.parametrize("law", quick_only(LAWS, ["held", "supply"]))  # 1 s each
+@pytest.mark.parametrize("law", quick_only(LAWS, ["held"]))  # 1 s each
 def test_parameters_behind_any_law_of_a_controller(urdf: Path, law: str) -> None:
     """The plant is MuJoCo's; without the terms of the law the values are others."""
     robot, log = robot_with(urdf, LAWS[law][0]), driven_log(law)
