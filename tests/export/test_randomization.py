@@ -125,9 +125,10 @@ def test_bodies_that_cannot_exist_are_refused(found: Identification, tmp_path: P
         seaid.export.write_randomization(broken, tmp_path / "a.json")
 
 
-@pytest.mark.slow  # 40 identifications, each with 500 draws
+@pytest.mark.slow  # 30 identifications, each with 500 draws
+@pytest.mark.usefixtures("estimates_only")
 def test_ranges_hold_the_truth(tmp_path: Path) -> None:
-    counts = study(40, tmp_path, seed=1).by_source
+    counts = study(30, tmp_path, seed=1).by_source
     for count in counts.values():
         assert 0.92 <= count.held / count.all <= 0.99, dict(counts)
 
