@@ -265,6 +265,7 @@ def test_a_term_that_is_not_there_is_not_worth_having() -> None:
 
 
 @pytest.mark.slow  # several identifications of the leg
+@pytest.mark.usefixtures("estimates_only")
 def test_cross_validation_over_parts_and_logs() -> None:
     parts = cross_validate(KNOWN, leg_log(), parts=2)
     assert len(parts) == 2

@@ -93,6 +93,7 @@ def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:
 
 
 @pytest.mark.slow  # four logs, each by a search for instruments
+@pytest.mark.usefixtures("estimates_only")
 def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     """A wide pass band lets their noise into the deflection; the mean error of some draws."""
     mean_errors = dict[str, Array]()
@@ -250,6 +251,7 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
 
 
 @pytest.mark.slow  # three logs, each by both estimators
+@pytest.mark.usefixtures("estimates_only")
 def test_noisy_joint_encoders_bias_the_bodies_of_least_squares_only() -> None:
     plain, freed = (
         np.mean([base_errors(estimator, seed) for seed in range(3)], axis=0)
