@@ -39,6 +39,7 @@ def test_motor_channels_without_drives() -> None:
     assert tables["hip_yaw"]["gear_ratio"] == pytest.approx(86.0, rel=1e-3)
 
 
+@pytest.mark.slow  # 1.0 s
 def test_limits_of_the_robot_file_unmask_units_without_nominal_bodies() -> None:
     robot = leg(TEST_MASS).without_nominal()
     for name, limit in (("effort_limits", 0.5), ("velocity_limits", 1e-3)):
@@ -84,6 +85,7 @@ def test_a_coupling_that_slips_within_a_log_is_named_with_its_time(
     assert "loose-encoder" not in {code for code, _ in codes}
 
 
+@pytest.mark.slow  # 1.3 s
 def test_a_coupling_that_slips_hides_no_other_mistake() -> None:
     log = leg_log()
     motor, torque = log.motor_position.copy(), log.motor_torque.copy()

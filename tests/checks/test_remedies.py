@@ -277,6 +277,8 @@ SLOW += [  # the same remedies, of one joint instead of all or in another unit
     ("joint positions", IN_DEGREES),
     ("joint positions", "position with another sign"),
     ("custom columns", "exchanged joints"),
+    ("both positions", "gravity"),
+    ("both positions", "payload"),
     ("both positions", "motor encoder in counts"),
     ("both positions", "motor encoders in joint angles"),
     ("both positions", "motor encoder with another sign"),

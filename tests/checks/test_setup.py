@@ -98,6 +98,7 @@ def test_a_ratio_an_encoder_and_a_torque_off_by_a_factor_are_told_apart(
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
 
 
+@pytest.mark.slow  # 1.2 s
 def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() -> None:
     robot, log, (i, j) = leg(TEST_MASS), leg_log(), (3, 4)
     constants = {i: 0.09, j: 0.06}
@@ -120,6 +121,7 @@ def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() ->
     np.testing.assert_allclose(without.torque, experiment(robot, log).torque, rtol=1e-9)
 
 
+@pytest.mark.slow  # 1.1 s
 def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
     robot, log = leg(TEST_MASS), leg_log()
     torque = log.motor_torque[:, [0, 1, 2, 4, 3]]

@@ -130,6 +130,7 @@ def test_four_equal_drives_have_half_the_standard_errors_of_one(kind: str) -> No
     }
 
 
+@pytest.mark.slow  # 1.3 s
 def test_the_shared_values_are_those_of_one_regression_with_their_columns_summed() -> None:
     """By another route: all motor equations at once, each weighted by its residual alone."""
     robot, log = plant(120.0, 120.0, 60.0), log_of(120.0, 120.0, 60.0)
@@ -197,6 +198,7 @@ def test_a_group_of_the_drives_file_is_that_of_the_option() -> None:
         np.testing.assert_array_equal(by_file.drives[joint].values, estimate.values)
 
 
+@pytest.mark.slow  # 1.2 s
 def test_conditions_share_what_their_drives_share() -> None:
     first, second = (log_of(120.0, 120.0, seed=seed) for seed in (1, 2))
     grouped = pendulums(*[ELASTIC | {"shared": "motor"}] * 2).without_nominal()
