@@ -147,7 +147,9 @@ SHORT_FORMS = {
     "identify_biped.py": ("--duration 2 --output OUT",),
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
-    "mutants.py": ("--count 1 --only estimation/parameters --workers 1",),
+    "mutants.py": (
+        "--count 1 --only estimation/parameters --tests test_parameters --workers 1 --output OUT",
+    ),
     "real_data.py": ("--data OUT/none --output OUT",),
     "ship_measured_logs.py": ("--originals OUT/none",),
     "so101.py": ("--logs OUT/none",),
