@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from seaid._arrays import Array
 from seaid.checks.values import noise_findings
 from seaid.estimation import Drift, Estimate, fit
-from seaid.estimation.drift import agreement, drifts_of
+from seaid.estimation.drift import agreement, block_factors, drifts_of
 from seaid.estimation.fitting import ESTIMATORS, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor import Regression
@@ -221,7 +221,10 @@ def test_stored_rows_are_compared_alike() -> None:
     expected = fit(rows, ESTIMATORS["wls"]).estimate
     with stored_rows([""], (0.05,) * 4, pieces) as stored:
         found = fit(stored[""], ESTIMATORS["wls"]).estimate
+        assert stored[""].instants == len(rows.y)
     assert found.standard_errors == pytest.approx(expected.standard_errors, rel=1e-8)
     (finding,) = noise_findings(found)
     assert finding.code == "blocks-disagree"
-    assert "parts of the data disagree: their estimates scatter" in finding.message
+    assert "4 parts of the data disagree: their estimates scatter" in finding.message
+    blocks = block_factors([rows], dict.fromkeys(range(4), (0.0, 14.95)))
+    assert [(log, factor.count) for log, factor in blocks] == [(log // 2, 150) for log in range(8)]

@@ -22,7 +22,13 @@ from seaid.regressor import (
     motor_regressor,
 )
 from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
-from seaid.regressor.regression import actuator_columns, signals, spring_regressor, stacked
+from seaid.regressor.regression import (
+    actuator_columns,
+    input_signals,
+    signals,
+    spring_regressor,
+    stacked,
+)
 from seaid.robot import Robot
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 
@@ -199,6 +205,10 @@ def test_missing_torques_and_springs_are_named(motion: Motion, model: LoadModel)
         actuator_regression(LEG, blind, "knee_pitch")
     with pytest.raises(LogError, match="no torque in the log at hip_yaw, hip_roll; name the other"):
         load_regression(LEG, blind, model, true_springs(LEG))
+    torque, index = motion.motor_torque, LEG.index("hip_yaw")
+    sensed = replace(motion, motor_torque=nothing, joint_torque=torque)
+    expected = torque[:, index] / LEG.drives["hip_yaw"].ratio
+    np.testing.assert_allclose(input_signals(LEG, sensed, index)["tau_M"], expected)
     with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
         spring_regressor(LEG, "hip_yaw")
 

@@ -19,7 +19,8 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.legged import load_robot
-from seaid.regressor import Identifiability, base_parameters, identifiability
+from seaid.regressor import Identifiability, base_parameters, identifiability, joint_torques
+from seaid.regressor.motor_only import _instant
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
 from seaid.robot import Payload, Robot
 from tests.plants import tree, write_robot
@@ -518,6 +519,17 @@ def test_the_count_is_that_of_simulated_motor_angles(
     for name in ("stiffness of j", "motor_inertia of j", "viscous_friction of j"):
         assert name in names
     assert "By derivatives of motor angle and motor torque" in str(found.summary())
+
+
+def test_derivatives_of_torques_are_those_along_the_motion(tulip_leg: Robot) -> None:
+    """The torques along its Taylor polynomial, exact up to order 2, by central differences."""
+    instant, step = _instant(tulip_leg, np.random.default_rng(0)), 1e-3
+    x = [np.polynomial.Polynomial(c / [1, 1, 2, 6, 24]) for c in instant.position.T]
+    times = step * np.arange(-1, 2)
+    q, v, a = (np.column_stack([f.deriv(k)(times) for f in x]) for k in range(3))
+    before, now, after = joint_torques(tulip_leg, q, v, a)
+    found = now, (after - before) / (2 * step), (after - 2 * now + before) / step**2
+    np.testing.assert_allclose(instant.torque[:3], found, rtol=1e-4, atol=1e-3)
 
 
 def test_motor_sides_alone_determine_all_of_the_leg_but_one_combination() -> None:
