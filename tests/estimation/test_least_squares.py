@@ -15,6 +15,7 @@ from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.estimation.least_squares import (
     equal_weights,
+    extrapolated,
     ordinary,
     orthonormal,
     settled_weights,
@@ -239,6 +240,11 @@ def test_residuals_are_those_of_the_whole_solution(
 def test_weights_settle_where_they_did(seed: int) -> None:
     found = qr_factor(seed)
     assert settled_weights(found) == pytest.approx(weights_one_by_one(found), rel=1e-8)
+
+
+def test_values_that_approach_an_end_geometrically_are_extrapolated_to_it() -> None:
+    end, way = np.array([1.0, -2.0, 3.0]), np.array([0.5, 0.1, -2.0])
+    assert extrapolated([end + way * 0.9**k for k in range(3)]) == pytest.approx(end, rel=1e-9)
 
 
 def undriven(noise: float, seed: int = 0) -> QRFactor:

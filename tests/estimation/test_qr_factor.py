@@ -10,10 +10,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import sqrtm
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of, scaled_svd, triangle
+from seaid.estimation.qr_factor import (
+    QRFactor,
+    combined,
+    explained_squares,
+    posterior,
+    qr_factor_of,
+    scaled_svd,
+    triangle,
+    whitened,
+)
 from seaid.regressor import Regression
 from tests.plants import regression
 
@@ -143,3 +153,24 @@ def test_a_decomposition_that_does_not_converge_is_repeated(
     assert tried == [columns.shape]
     with pytest.raises(IdentificationError, match="it cannot be solved: 3 numbers"):
         scaled_svd(np.diag([np.nan, 1.0, 1.0]), "it")
+
+
+def test_posterior_whitening_and_explained_part_are_those_of_dense_matrices() -> None:
+    """By normal equations, by the symmetric root of a covariance, and by a projection."""
+    rng = np.random.default_rng(4)
+    effects, y, widths = (
+        rng.normal(size=(9, 3)) * [1, 50, 0.1],
+        rng.normal(size=9),
+        np.eye(2, 3) * 7,
+    )
+    mean, root = posterior(effects, y, widths)
+    of_errors = np.linalg.inv(effects.T @ effects + np.eye(3))
+    np.testing.assert_allclose(mean, widths @ of_errors @ effects.T @ y)
+    np.testing.assert_allclose(root @ root.T, widths @ of_errors @ widths.T)
+    U, sizes = np.linalg.qr(effects)[0], np.array([0.3, 2.0, 40.0])
+    common = U * sizes
+    expected = sqrtm(np.linalg.inv(np.eye(9) + common @ common.T)) @ y
+    np.testing.assert_allclose(whitened(y, U, [(np.eye(3), sizes)]), expected)
+    for columns in (effects, effects[:, :1]):
+        residual = y - columns @ np.linalg.lstsq(columns, y)[0]
+        assert explained_squares(columns, y) == pytest.approx(y @ y - residual @ residual)

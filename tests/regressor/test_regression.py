@@ -25,6 +25,7 @@ from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
 from seaid.regressor.regression import (
     actuator_columns,
     input_signals,
+    is_linear,
     signals,
     spring_regressor,
     stacked,
@@ -74,6 +75,23 @@ def test_what_stands_still_has_no_direction(motion: Motion) -> None:
         assert np.array_equal(moving, motion.motor_velocity[:, LEG.index(joint)])
     regressor, _, columns = actuator_columns(LEG, still, "knee_pitch")
     assert not np.any(columns[:, regressor.names.index("coulomb_friction")])
+
+
+def test_a_deflection_and_a_delayed_command_are_in_the_signals(motion: Motion) -> None:
+    """The joint is where motor and deflection put it; a command T before has the slope T later."""
+    time, index, total = motion.time[:, None], LEG.index("knee_pitch"), 86 * 0.036 / 0.020
+    angle, rate, torque = np.sin(3 * time), 3 * np.cos(3 * time), motion.motor_torque
+    sensed = replace(
+        motion,
+        deflection=motion.motor_position / total - angle,
+        deflection_rate=motion.motor_velocity / total - rate,
+        command_slope=np.full_like(torque, 2.0),
+        command_delay_s=np.full(LEG.n, 0.01),
+    )
+    by_name = signals(LEG, sensed, index)
+    for name, expected in (("theta_L", angle), ("theta_L_dot", rate)):
+        np.testing.assert_allclose(by_name[name], expected[:, 0], atol=1e-12)
+    np.testing.assert_allclose(by_name["tau_M"], torque[:, index] + 0.02)
 
 
 def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
@@ -211,6 +229,12 @@ def test_missing_torques_and_springs_are_named(motion: Motion, model: LoadModel)
     np.testing.assert_allclose(input_signals(LEG, sensed, index)["tau_M"], expected)
     with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
         spring_regressor(LEG, "hip_yaw")
+
+
+def test_load_dependent_friction_of_a_used_joint_is_not_linear() -> None:
+    friction = replace(LEG.drives["hip_yaw"], friction=("viscous", "load"))
+    robot = LEG.with_drives({"hip_yaw": friction})
+    assert [is_linear(robot, [joint]) for joint in ("hip_yaw", "hip_roll")] == [False, True]
 
 
 def test_ideal_drive_has_no_columns_and_its_torque_is_known(tulip_urdf: Path) -> None:
