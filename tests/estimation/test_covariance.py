@@ -86,7 +86,9 @@ def test_corrected_intervals_of_a_mean_hold_the_truth_in_95_of_100(bandwidth: fl
 
 
 @pytest.mark.parametrize("p", quick_first([5, 1]))
-def test_the_fit_removes_as_much_of_the_variance_as_is_said(p: int) -> None:
+def test_the_fit_removes_as_much_of_the_variance_as_is_said(
+    p: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """White noise behind slow columns: Bartlett sums of its residuals, over many draws."""
     H = np.hstack([autoregressive(0.9, 120, seed) for seed in range(p)])
     Q, _ = np.linalg.qr(H)
@@ -98,6 +100,8 @@ def test_the_fit_removes_as_much_of_the_variance_as_is_said(p: int) -> None:
     sums = [np.diag(bartlett([x * one[:, None]], lags)[0]) for one in residual.T]
     assert left == pytest.approx(np.mean(sums, axis=0) / np.sum(x**2, axis=0), rel=0.04)
     assert np.all(left < 0.9)
+    monkeypatch.setattr("seaid.estimation.covariance._NUMBERS", 20 * p**2)
+    np.testing.assert_allclose(left_by_fit(x, Q, times(120), np.zeros(120)), left, rtol=1e-9)
 
 
 @pytest.mark.parametrize("phi", [-0.4, 0.0, 0.5, 0.8])
