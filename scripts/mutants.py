@@ -49,7 +49,7 @@ MUTATED = ("seaid/estimation", "seaid/regressor", "seaid/checks/engine.py")
 
 OWN_TESTS = {
     "seaid/estimation": ("tests/estimation/",),
-    "seaid/regressor": ("tests/regressor/", "tests/symbolic/"),
+    "seaid/regressor": ("tests/regressor/", "tests/symbolic/", "tests/robot/"),
     "seaid/checks": ("tests/checks/",),
 }
 """{folder: tests that run before others, and all of them where none executes the line}."""

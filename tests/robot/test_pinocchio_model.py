@@ -373,6 +373,16 @@ def test_any_multiplier_and_offset_has_exact_base_parameters(
     assert found.body_count == len(seaid.base_parameters(robot).columns)
 
 
+def test_followers_behind_joints_of_each_other_have_exact_base_parameters(
+    write_chain: Callable[..., Path],
+) -> None:
+    axes, leaders = ("0 1 0", "0.6 0 0.8", "0 1 0", "1 0 0", "0 0 1"), {"c": "a", "d": "b"}
+    joints = {x: f'continuous <axis xyz="{axis}"/>' for x, axis in zip("abcde", axes, strict=True)}
+    for follower, leader in leaders.items():
+        joints[follower] += f'<mimic joint="{leader}" multiplier="-2"/>'
+    check_same_base(seaid.load_robot(write_chain(joints)))
+
+
 def test_a_floating_base_has_the_rows_of_pinocchios_free_flyer(write_urdf: Write) -> None:
     """The exact grouping maps the base columns to all columns of an independent regressor."""
     base = f'<link name="base">{_body(3, "0 0 0")}</link>'
