@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.stats import t as student_t
 
@@ -132,6 +133,8 @@ def test_runs_at_the_same_times_are_kept_apart() -> None:
     expected = sum(bartlett([part], 18)[0] for part in (scores[:100], scores[100:]))
     together = newey_west(scores, time, run)
     assert np.allclose(together, expected / left_of_mean(19 / 200), rtol=1e-12)
+    weights = toeplitz(np.maximum(1 - np.arange(2000) / (0.3 * 2000), 0))
+    assert left_of_mean(0.3) == pytest.approx(1 - np.mean(weights), rel=1e-4)
     assert not np.allclose(newey_west(scores, time, np.zeros(200)), together, rtol=1e-3)
     shuffled = np.random.default_rng(5).permutation(200)
     assert np.allclose(newey_west(scores[shuffled], time[shuffled], run[shuffled]), together)

@@ -147,9 +147,7 @@ def test_a_linear_trend_is_drift_too() -> None:
     assert not found(rows)
     (one,) = found(trend)
     assert one.ratio > 20
-    # in other units, and with a column that is a multiple of another one
-    H = np.column_stack([trend.H * [1e-9, 1e9, 1.0], 1e4 * trend.H[:, 0]])
-    (same,) = found(replace(trend, H=H, names=(*"abcd",), units=("",) * 4))
+    (same,) = found(replace(trend, H=trend.H * [1e-9, 1e9, 1.0]))  # in other units
     assert same.ratio == pytest.approx(one.ratio, rel=1e-6)
     finding = next(x for x in noise_findings(fitted(trend)) if x.code == "drift")
     assert (finding.joint, finding.severity) == ("hip", "doubtful")
