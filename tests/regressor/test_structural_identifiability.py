@@ -20,7 +20,7 @@ from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import Identifiability, base_parameters, identifiability, joint_torques
-from seaid.regressor.motor_only import _instant
+from seaid.regressor.motor_only import _instant, _rows
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
 from seaid.robot import Payload, Robot
 from tests.plants import tree, write_robot
@@ -530,6 +530,30 @@ def test_derivatives_of_torques_are_those_along_the_motion(tulip_leg: Robot) -> 
     before, now, after = joint_torques(tulip_leg, q, v, a)
     found = now, (after - before) / (2 * step), (after - 2 * now + before) / step**2
     np.testing.assert_allclose(instant.torque[:3], found, rtol=1e-4, atol=1e-3)
+
+
+def test_rows_of_a_motor_side_are_derivatives_by_its_parameters(tulip_leg: Robot) -> None:
+    """The torque of the bodies less that of the spring, behind the motor, by differences."""
+    leg, knee, at = tulip_leg, 3, _instant(tulip_leg, np.random.default_rng(0))
+    names = [f"{x} of knee_pitch" for x in ("viscous_friction", "stiffness", "spring_offset")]
+    places = {name: place for place, name in enumerate([*leg.parameter_names, *names])}
+    sensors = dict.fromkeys(leg.joint_names, frozenset({"joint_torque"}))
+    sensors["knee_pitch"] = frozenset(MOTOR_SIDE)
+    truth, radius, lever = np.array([0.0, 90.0, 0.0]), 0.036, 86 / 0.020
+    rows = _rows(leg, np.full(leg.n, truth[1]), sensors, places, np.random.default_rng(0))
+    spring = at.torque[:, knee] / radius
+    motor = lever * (radius * at.position[:, knee] + spring / truth[1])
+
+    def torques(viscous: float, stiffness: float, offset: float) -> Array:
+        force = spring[:3] - lever * viscous * motor[1:4]
+        q = at.position[:3].copy()
+        q[:, knee] = (motor[:3] / lever - (force - [offset, 0, 0]) / stiffness) / radius
+        return joint_torques(leg, *q[:, None])[0] - radius * force[0] * (np.arange(leg.n) == knee)
+
+    for place, step in enumerate((1e-10, 1e-3, 1e-5)):
+        change = step * (np.arange(3) == place)
+        slope = (torques(*truth - change) - torques(*truth + change)) / (2 * step)
+        np.testing.assert_allclose(rows[: leg.n, place - 3], slope, rtol=1e-5, atol=1e-6)
 
 
 def test_motor_sides_alone_determine_all_of_the_leg_but_one_combination() -> None:
