@@ -147,9 +147,7 @@ SHORT_FORMS = {
     "identify_biped.py": ("--duration 2 --output OUT",),
     "identify_philips_arm.py": ("--quick --output OUT",),
     "look.py": ("--quick --output OUT",),
-    "mutants.py": (
-        "--count 1 --only estimation/parameters --tests test_parameters --workers 1 --output OUT",
-    ),
+    "mutants.py": ("--count 1 --only estimation/par --tests test_parameters --output OUT",),
     "real_data.py": ("--data OUT/none --output OUT",),
     "ship_measured_logs.py": ("--originals OUT/none",),
     "so101.py": ("--logs OUT/none",),

@@ -29,13 +29,18 @@ from tests.standard_errors import check_scores
 
 
 @pytest.mark.rounding
-def test_ordinary_is_least_squares() -> None:
+def test_ordinary_is_least_squares_with_the_condition_number_of_unit_columns() -> None:
     data = experiment(0)
     expected, squares = np.linalg.lstsq(data.H, data.y, rcond=None)[:2]
     found = ordinary(data)
     assert found.values == pytest.approx(expected, rel=1e-10)
     assert found.residual_std == pytest.approx(np.sqrt(squares[0] / len(data.y)))
     assert (found.names, found.units) == (("a", "b", "c"), ("kg",) * 3)
+    # that of unit columns, by the angle between them
+    H = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]) * [7.0, 1e-3]
+    sine = np.sqrt(0.5)
+    expected = np.sqrt((1 + sine) / (1 - sine))
+    assert ordinary(regression(H, np.ones(3))).condition_number == pytest.approx(expected)
 
 
 @pytest.mark.rounding
@@ -79,14 +84,6 @@ def test_units_of_the_columns_do_not_matter(name: LinearEstimator, exponent: lis
     errors = pytest.approx(plain.standard_errors, rel=1e-3 if is_iterated else 1e-9)
     assert scaled.standard_errors * scale == errors
     assert scaled.condition_number == pytest.approx(plain.condition_number, rel=1e-3)
-
-
-@pytest.mark.rounding
-def test_condition_number_is_that_of_unit_columns() -> None:
-    H = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]) * [7.0, 1e-3]
-    sine = np.sqrt(0.5)
-    expected = np.sqrt((1 + sine) / (1 - sine))
-    assert ordinary(regression(H, np.ones(3))).condition_number == pytest.approx(expected)
 
 
 def test_weighted_is_the_textbook_with_the_weights_of_its_own_residuals() -> None:

@@ -73,6 +73,11 @@ def test_factors_have_the_second_moments_of_each_equation(count: int) -> None:
         assert np.allclose(gram(found)[place], both.T @ both, rtol=1e-11, atol=1e-7)
         assert np.allclose(found.propagated[place], rows.H[mine].T @ rows.propagated[mine])
         assert np.array_equal(found.factors[place], np.triu(found.factors[place]))
+    few = np.arange(6.0).reshape(2, 3)  # fewer rows than columns
+    R = triangle(few.copy())
+    assert R.shape == (2, 3)
+    assert np.allclose(R.T @ R, few.T @ few)
+    assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((0, 3)))
 
 
 @pytest.mark.rounding
@@ -88,7 +93,7 @@ def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
 
 
 @pytest.mark.rounding
-def test_weighted_factor_is_that_of_weighted_rows() -> None:
+def test_weights_residual_norms_and_fewer_columns_are_those_of_the_rows() -> None:
     rows = some_rows()
     weight = WEIGHTS[np.searchsorted([0, 2, 3], rows.joint)]
     both = np.column_stack([rows.H, rows.y]) * weight[:, None]
@@ -96,12 +101,7 @@ def test_weighted_factor_is_that_of_weighted_rows() -> None:
     assert np.allclose(found.T @ found, both.T @ both, rtol=1e-11, atol=1e-9)
     plain = qr_factor_of(rows).weighted_factor()
     assert np.allclose(plain, qr_factor_of(rows).weighted_factor(np.ones(3)))
-
-
-@pytest.mark.rounding
-def test_residual_norms_and_fewer_columns_are_those_of_the_rows() -> None:
-    """What an estimate leaves of each equation, and the factor without two columns."""
-    rows, theta = some_rows(), np.array([1.0, 2e-6, 3e6, -1.0])
+    theta = np.array([1.0, 2e-6, 3e6, -1.0])
     residual = rows.y - rows.H @ theta
     expected = [np.linalg.norm(residual[rows.joint == joint]) for joint in (0, 2, 3)]
     assert qr_factor_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
@@ -122,15 +122,6 @@ def test_rows_that_cannot_be_added_or_factored_are_refused() -> None:
     H[5, 1], y[7] = np.nan, np.inf
     with pytest.raises(IdentificationError, match="rows that are not finite: b, the torque"):
         qr_factor_of(replace(rows, H=H, y=y))
-
-
-@pytest.mark.rounding
-def test_triangle_of_fewer_rows_than_columns() -> None:
-    columns = np.arange(6.0).reshape(2, 3)
-    R = triangle(columns.copy())
-    assert R.shape == (2, 3)
-    assert np.allclose(R.T @ R, columns.T @ columns)
-    assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((0, 3)))
 
 
 # The scaled singular value decomposition
