@@ -17,10 +17,13 @@ from scipy.integrate import solve_ivp
 
 import seaid
 from seaid._arrays import Array
+from seaid.drives.equations import N, r_L, r_M
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import Identifiability, base_parameters, identifiability, joint_torques
 from seaid.regressor.motor_only import _instant, _rows
+from seaid.regressor.random_instants import _instants, dependencies, random_truth, rows_of_sums
+from seaid.regressor.sensor_equations import STRETCH, STRETCH_DOT, plain, system_of
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
 from seaid.robot import Payload, Robot
 from tests.plants import tree, write_robot
@@ -444,6 +447,26 @@ def test_script_compares_choices_of_sensors() -> None:
     counts = {line[0]: [cell.strip() for cell in line[1:] if cell] for line in cells}
     assert counts["both positions, motor torque"][0] == "29"
     assert counts["the same, no torque at stiff joints"][0] == "21"
+
+
+def test_random_motions_satisfy_the_equations_of_springs(tulip_leg: Robot) -> None:
+    """(3), and (8) with a known payload, which is homogeneous without torques of motors."""
+    sensors, rng = dict.fromkeys(tulip_leg.joint_names, frozenset(BOTH)), np.random.default_rng(0)
+    system = system_of(tulip_leg, sensors, dependencies(tulip_leg, 0))
+    truth, payload = random_truth(system, rng), rng.uniform(0.5, 1.5, tulip_leg.parameters.size)
+    pairs = zip(system.terms, truth.drives, strict=True)
+    of_drives = [values[symbol] for terms, values in pairs for symbol in terms.unknowns]
+    theta = np.array([*truth.bodies + payload, *of_drives])
+    rows = rows_of_sums(system, truth, rng, 5, payload)
+    assert len(rows) >= len(tulip_leg.elastic_joints)
+    for columns, values in rows:
+        parts = values * theta[columns]
+        assert np.max(np.abs(parts.sum(axis=1))) < 1e-10 * np.max(np.abs(parts))
+    for signals in _instants(system, truth, rng, 5, payload)[1]:
+        for order, stretch in (("", STRETCH), ("_dot", STRETCH_DOT)) * (STRETCH in signals):
+            motor, joint = (signals[plain(f"theta_{side}{order}")] for side in "ML")
+            expected = motor * signals[r_M] / signals[N] - signals[r_L] * joint
+            np.testing.assert_allclose(signals[stretch], expected, atol=1e-12)
 
 
 # What motor angle and motor torque determine with their derivatives, against simulations
