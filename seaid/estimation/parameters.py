@@ -111,11 +111,10 @@ def bounds_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
 
 def priors_of(parameters: Sequence[Parameter]) -> tuple[Array, Array]:
     """Return expected values (p,) and standard deviations (p,), 0 and infinite without a prior."""
-    none = Prior(0.0, 1.0)
-    priors = [parameter.prior for parameter in parameters]
-    expected = [(prior or none).value for prior in priors]
-    stds = [math.inf if prior is None else prior.std for prior in priors]
-    return np.array(expected, dtype=float), np.array(stds, dtype=float)
+    priors = (parameter.prior for parameter in parameters)
+    pairs = [(prior.value, prior.std) if prior else (0.0, math.inf) for prior in priors]
+    expected, stds = np.array(pairs, dtype=float).reshape(-1, 2).T
+    return expected, stds
 
 
 def delay_std_s(drive: Drive) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -449,16 +450,18 @@ def test_script_compares_choices_of_sensors() -> None:
     assert counts["the same, no torque at stiff joints"][0] == "21"
 
 
-def test_random_motions_satisfy_the_equations_of_springs(tulip_leg: Robot) -> None:
-    """(3), and (8) with a known payload, which is homogeneous without torques of motors."""
-    sensors, rng = dict.fromkeys(tulip_leg.joint_names, frozenset(BOTH)), np.random.default_rng(0)
-    system = system_of(tulip_leg, sensors, dependencies(tulip_leg, 0))
-    truth, payload = random_truth(system, rng), rng.uniform(0.5, 1.5, tulip_leg.parameters.size)
+def test_random_motions_satisfy_the_equations(tulip_leg: Robot) -> None:
+    """(3), and (7) and (8) with a known payload, homogeneous as no motor is known."""
+    drives = {x: replace(y, motor_inertia_kg_m2=None) for x, y in tulip_leg.drives.items()}
+    leg, rng = tulip_leg.with_drives(drives), np.random.default_rng(0)
+    sensors = dict.fromkeys(leg.joint_names, frozenset({*BOTH, "motor_current"}))
+    system = system_of(leg, sensors, dependencies(leg, 0))
+    truth, payload = random_truth(system, rng), rng.uniform(0.5, 1.5, leg.parameters.size)
     pairs = zip(system.terms, truth.drives, strict=True)
     of_drives = [values[symbol] for terms, values in pairs for symbol in terms.unknowns]
     theta = np.array([*truth.bodies + payload, *of_drives])
     rows = rows_of_sums(system, truth, rng, 5, payload)
-    assert len(rows) >= len(tulip_leg.elastic_joints)
+    assert len(rows) == leg.n + len(leg.elastic_joints)
     for columns, values in rows:
         parts = values * theta[columns]
         assert np.max(np.abs(parts.sum(axis=1))) < 1e-10 * np.max(np.abs(parts))
