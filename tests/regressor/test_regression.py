@@ -86,7 +86,7 @@ def test_a_deflection_and_a_delayed_command_are_in_the_signals(motion: Motion) -
         deflection=motion.motor_position / total - angle,
         deflection_rate=motion.motor_velocity / total - rate,
         command_slope=np.full_like(torque, 2.0),
-        command_delay_s=np.full(LEG.n, 0.01),
+        command_delay_s=(0.01,) * LEG.n,
     )
     by_name = signals(LEG, sensed, index)
     for name, expected in (("theta_L", angle), ("theta_L_dot", rate)):

@@ -574,7 +574,9 @@ def test_rows_of_a_motor_side_are_derivatives_by_its_parameters(tulip_leg: Robot
         force = spring[:3] - lever * viscous * motor[1:4]
         q = at.position[:3].copy()
         q[:, knee] = (motor[:3] / lever - (force - [offset, 0, 0]) / stiffness) / radius
-        return joint_torques(leg, *q[:, None])[0] - radius * force[0] * (np.arange(leg.n) == knee)
+        return np.asarray(
+            joint_torques(leg, *q[:, None])[0] - radius * force[0] * np.eye(leg.n)[knee]
+        )
 
     for place, step in enumerate((1e-10, 1e-3, 1e-5)):
         change = step * (np.arange(3) == place)
