@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray
+from seaid._arrays import Array, BoolArray, connected_groups
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
-from seaid.errors import LogError, checked
+from seaid.errors import LogError, checked, listed
 from seaid.log.base_log import BaseLog, BaseMotion, base_motion
 from seaid.log.channels import quantity_of
 from seaid.log.commands import commanded_torque, is_commanded
@@ -28,7 +28,7 @@ from seaid.log.filtering import (
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
-from seaid.robot import at_drives, at_joints, coupled_groups
+from seaid.robot import at_drives
 
 if TYPE_CHECKING:
     from seaid.log.log import Log
@@ -558,15 +558,41 @@ def _bridged(logged: Array, time: Array) -> BoolArray | None:
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
     """Raise LogError for joints whose motion the positions of both sides do not determine."""
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    groups = coupled_groups(robot.transmission)
-    for group in groups:
-        _check_coupled(robot, group, unseen, blind)
-    coupled = {index for group in groups for index in group}
-    for index, name in enumerate(robot.joint_names):
-        if robot.drives[name].is_elastic:
-            _check_elastic(name, bool(unseen[index]), bool(blind[index]))
-        elif unseen[index] and blind[index] and index not in coupled:
-            raise LogError(f"joint '{name}' has no position in the log")
+    for group in connected_groups(robot.transmission != 0):
+        lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
+        if len(group) > 1 and lacking:
+            _check_coupled(robot, group, lacking, drives)
+        for index in group:
+            name, is_unseen = robot.joint_names[index], bool(unseen[index]) and len(group) == 1
+            if robot.drives[name].is_elastic:
+                _check_elastic(name, is_unseen, bool(blind[index]))
+            elif is_unseen and blind[index]:
+                raise LogError(f"joint '{name}' has no position in the log")
+
+
+def _lacking_and_stiff(
+    robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray
+) -> tuple[list[int], list[int]]:
+    """Return the joints of a group without an encoder, and its stiff drives with one at the motor.
+
+    `unseen` and `blind` (n,) are the joints without an encoder at the joint and at the motor.
+    """
+    stiff = [i for i in group if not robot.drives[robot.joint_names[i]].is_elastic]
+    return [i for i in group if unseen[i]], [i for i in stiff if not blind[i]]
+
+
+def _check_coupled(
+    robot: Robot, group: Sequence[int], lacking: Sequence[int], drives: Sequence[int]
+) -> None:
+    """Raise LogError if stiff drives do not determine the joints of a group without an encoder."""
+    slopes = robot.transmission[np.ix_(drives, lacking)]
+    if len(drives) < len(lacking) or np.linalg.matrix_rank(slopes) < len(lacking):
+        names = robot.joint_names
+        raise LogError(
+            f"the drives of {listed(names[i] for i in group)} are coupled, and the log has no "
+            f"joint position of {listed(names[i] for i in lacking)}; the motor positions of stiff "
+            f"drives in the log do not replace it: {listed(names[i] for i in drives) or 'none'}"
+        )
 
 
 def _check_elastic(joint: str, is_unseen: bool, is_blind: bool) -> None:
@@ -582,35 +608,19 @@ def _check_elastic(joint: str, is_unseen: bool, is_blind: bool) -> None:
         )
 
 
-def _check_coupled(robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray) -> None:
-    """Raise LogError if the encoders of a coupled group do not determine all of its joints.
-
-    `unseen` and `blind` (n,) are the joints without an encoder at the joint and at the motor.
-    """
-    names = np.array(robot.joint_names)[[*group]]
-    lacking, motors = names[unseen[[*group]]], names[blind[[*group]]]
-    elastic = [name for name in names if name in robot.elastic_joints]
-    if len(lacking) and (len(motors) or elastic):
-        why = (
-            f"the motors of {', '.join(motors)} have none either"
-            if len(motors)
-            else f"no motor position replaces it at the spring of {', '.join(elastic)}"
-        )
-        raise LogError(
-            f"the drives of {', '.join(names)} are coupled, and the log has no joint position of "
-            f"{', '.join(lacking)}; {why}"
-        )
-
-
 def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
     """Return joint and motor side, each (T, n), also of rigid drives that have no encoder there."""
     joint, motor = np.hsplit(signal.copy(), 2)
-    ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
+    C, ratio = robot.transmission, np.array([robot.drives[x].ratio for x in robot.joint_names])
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    # q = C^-1 theta_M / N and theta_M / N = C q, with C = 1 but for coupled drives. NaN of a group
-    # stays within it, and `_check_coupled` has excluded groups that this does not determine.
-    joint[:, unseen] = at_joints(robot.transmission, motor / ratio)[:, unseen]
-    motor[:, blind] = (at_drives(robot.transmission, joint) * ratio)[:, blind]
+    for group in connected_groups(C != 0):
+        lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
+        seen = [i for i in group if not unseen[i]]
+        if lacking and drives:
+            # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
+            rest = motor[:, drives] / ratio[drives] - joint[:, seen] @ C[np.ix_(drives, seen)].T
+            joint[:, lacking] = rest @ np.linalg.pinv(C[np.ix_(drives, lacking)]).T
+    motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
 
 

@@ -7,7 +7,7 @@ rnea, the drives' equations and linkages written out, the matrix of the drives a
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -469,13 +469,23 @@ def test_torques_behind_linkages_and_their_slopes_are_those_of_the_bodies() -> N
 # Encoders.
 
 
-@pytest.mark.parametrize("side", ["joint_position", "motor_position"])
-def test_a_missing_side_of_a_differential_is_computed_from_the_other(side: str) -> None:
-    """Of one joint of the group, of both, and of all joints."""
-    case = case_of("stiff differential")
+@pytest.mark.parametrize(
+    ("name", "side", "groups"),
+    [
+        ("stiff differential", "joint_position", ([1], [2], [1, 2], [0, 1, 2])),
+        ("stiff differential", "motor_position", ([1], [2], [1, 2], [0, 1, 2])),
+        # the drive of wrist_roll is stiff, and that of wrist_pitch has a spring
+        ("mixed differential", "joint_position", ([1], [2])),
+    ],
+)
+def test_a_missing_side_of_a_differential_is_computed_from_the_other(
+    name: str, side: str, groups: Sequence[list[int]]
+) -> None:
+    """Of one joint of the group, of both, and of all joints, where no spring is between."""
+    case = case_of(name)
     log = log_of(case)
     full = reconstruct_motion(case.robot, log, 8.0)
-    for columns in ([1], [2], [1, 2], [0, 1, 2]):
+    for columns in groups:
         half = reconstruct_motion(case.robot, without(log, side, *columns), 8.0)
         assert getattr(half, side) == pytest.approx(getattr(full, side), abs=1e-9)
 
@@ -761,10 +771,11 @@ def test_what_coupled_joints_do_not_have_is_said() -> None:
     message = "whose motor turns several joints, and no sensor is behind its spring"
     with pytest.raises(IdentificationError, match=message):
         identify(known, without(log, "joint_position", 1, 2))
-    with pytest.raises(LogError, match="replaces it at the spring of wrist_pitch"):
-        reconstruct_motion(case_of("mixed differential").robot, without(log, "joint_position", 2))
-    with pytest.raises(LogError, match=r"no joint position of wrist_pitch; .* of wrist_roll have"):
-        blind = without(without(log, "joint_position", 1), "motor_position", 2)
+    mixed, message = case_of("mixed differential").robot, "no joint position of wrist_pitch"
+    with pytest.raises(LogError, match=f"{message}, wrist_roll; .* replace it: wrist_roll$"):
+        reconstruct_motion(mixed, without(log, "joint_position", 1, 2))
+    with pytest.raises(LogError, match=f"{message}, wrist_roll; .* replace it: wrist_pitch$"):
+        blind = without(without(log, "joint_position", 1, 2), "motor_position", 2)
         reconstruct_motion(robot, blind)
     with pytest.raises(LogError, match=r"joint 'wrist_pitch' moves several joints .* a deflection"):
         both_sides({"wrist_pitch.deflection_rad": np.zeros(3)}, case.robot)
