@@ -397,6 +397,49 @@ def _gain_is_scaled(
     return replace(finding, severity="note", remedy="weigh a link") if others else finding
 
 
+def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield the acceleration of a motor behind a spring, whose rotor inertia is known.
+
+    With y = tau_M - I_M theta_M'' and a torque that is s times too large, y has (s - 1) I_M
+    theta_M'' more: next to a spring of any stiffness the rotor is the scale of the torque.
+    """
+    drive = side.robot.drives[joint]
+    if side.is_motor and drive.values.get("motor_inertia") and side.drive(joint).is_of_motor:
+        yield engine.linear_candidate(
+            joint, "motor_inertia", "", partial(_acceleration, side, joint)
+        )
+
+
+def _acceleration(side: Side, joint: str) -> Array:
+    """Return the acceleration (R, 1) of the motor of a joint at the rows."""
+    drive = side.drive(joint)
+    return drive.at_rows([signals["theta_M_ddot"][:, None] for signals in drive.signals])
+
+
+def _rotor_is_other(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a known rotor inertia that the motor equation contradicts."""
+    given = side.robot.drives[joint].values["motor_inertia"]
+    times = 1.0 + float(accepted[0].coefficients[0]) / given
+    error = float(accepted[0].errors[0]) / given
+    if times <= 0:
+        return None
+    off = f"{max(times, 1 / times):.3g} times too {'large' if times > 1 else 'small'}"
+    implied = "stiffness, friction and bodies at this joint are off by the same factor then"
+    return CODES["rotor-inertia"].finding(
+        f"the motion of {joint} shows a rotor inertia of {times:.3g} +- {error:.2g} times the "
+        f"given one, which explains {share:.0%} of the squared residual of its motor equation: the "
+        f"given value is wrong; or the motor torque is {off}, as by its constant ({implied})",
+        joint,
+        "doubtful" if abs(np.log(times)) > 2 * POOR else "note",
+        {"rotor inertia over the given one": times, "standard error": error, "explained": share},
+        f"{CODES['torque-scale'].measurement}: if the torque is right, remove motor_inertia_kg_m2 "
+        "of the drive to have it identified",
+        "possible",
+    )
+
+
 def _contradicting(side: Side, joint: str) -> list[str]:
     """Return the joints with the controller of a joint, whose torques have another factor.
 
@@ -426,6 +469,13 @@ DRIVE_CHECKS = (
         "gains of the controller in another unit",
     ),
     engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms, _AT_LOADS),
+    engine.ColumnCheck(
+        CODES["rotor-inertia"],
+        _known_rotors,
+        _rotor_is_other,
+        CODES["rotor-inertia"].measurement,
+        "another rotor inertia, or another scale of the torque",
+    ),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 

@@ -48,7 +48,6 @@ from seaid.estimation.qr_factor import qr_factor_of, scaled_svd
 from seaid.log import Motion, low_pass
 from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
-from seaid.regressor import motor_regressor
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -72,8 +71,8 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            # less than half a period looks like the spring
-            if (name, order) not in known and order * width >= np.pi:
+            # What is periodic is shown by the repetition: the motion passes two periods.
+            if (name, order) not in known and order * width >= 4 * np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
                 yield engine.linear_candidate(joint, name, str(order), columns)
 
@@ -133,8 +132,8 @@ def _periodic(
 
 def _lever(side: Side, joint: str) -> float:
     """Return the part of the spring's force in the equation of a motor: r_M / N in (7)."""
-    drive, is_motor = side.robot.drives[joint], side.drive(joint).regressor is motor_regressor
-    return drive.motor_radius / drive.ratio if is_motor else 1.0
+    drive = side.robot.drives[joint]
+    return drive.motor_radius / drive.ratio if side.drive(joint).is_of_motor else 1.0
 
 
 # Before the fit, as transforms of an experiment

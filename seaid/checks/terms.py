@@ -98,6 +98,11 @@ class DriveRows:
     signals: Sequence[Mapping[str, Array]]
     factors: Mapping[int, float]
 
+    @property
+    def is_of_motor(self) -> bool:
+        """Whether the equation is that of the motor, not that of the spring by a torque sensor."""
+        return self.regressor is motor_regressor
+
     @cached_property
     def values(self) -> dict[str, float]:
         """The fitted values of the drive."""
