@@ -83,6 +83,13 @@ class Side:
         y = self.equation.weight[rows] * self.equation.rows.y[rows]
         return float(np.sqrt(self.equation.squares(rows) / max(float(np.var(y)) * len(y), 1e-300)))
 
+    def next_to(self, accepted: engine.Accepted) -> dict[str, tuple[float, float]]:
+        """Return {parameter of the fit: value and standard error} next to accepted columns."""
+        larger = self.equation.with_alternatives([accepted.trial.alternative])
+        values, errors = larger.last(larger.rows.H.shape[1])
+        pairs = zip(values.tolist(), errors.tolist(), strict=True)
+        return dict(zip(self.equation.rows.names, pairs, strict=False))  # the columns are the last
+
     def swing(self, joint: str) -> float:
         """Return the range of a joint [rad or m], in the motion where it is largest."""
         index = self.robot.index(joint)
@@ -280,11 +287,11 @@ def _spring_laws(side: Side, joint: str) -> list[engine.Candidate]:
     return _terms(side, joint, "spring", _LAWS) if side.is_motor else []
 
 
-def _is_impossible(found: engine.Accepted) -> bool:
+def _is_impossible(side: Side, found: engine.Accepted) -> bool:
     """Whether a linear parameter of a term that cannot be negative is: damping or hysteresis.
 
     A torque that is late by d has the slope of the spring's torque with -d, which is a damping of
-    -k d: something else looks like the term.
+    -k d: something else looks like the term. So does a late encoder of the joint, see `gears`.
     """
     candidate = found.trial.candidate
     positive = {
@@ -292,6 +299,10 @@ def _is_impossible(found: engine.Accepted) -> bool:
     }
     # A law that replaces columns has the coefficients of these too, which are not of the term.
     values = zip(found.trial.alternative.names, found.coefficients.tolist(), strict=True)
+    if (candidate.field, candidate.term) == ("spring", "damping"):
+        viscous, error = side.next_to(found).get("viscous_friction", (0.0, 0.0))
+        if viscous < -SURE * error:
+            return True
     return any(name in positive and value < 0 for name, value in values)
 
 
@@ -299,7 +310,7 @@ def _missing_terms(
     side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
 ) -> Finding | None:
     """Return the finding of terms that a drive lacks, with the field of the drive that has them."""
-    if any(map(_is_impossible, accepted)):
+    if any(_is_impossible(side, x) for x in accepted):
         return None
     drive, trials = side.robot.drives[joint], [x.trial for x in accepted]
     field, comparison = trials[0].candidate.field, trials[0].comparison

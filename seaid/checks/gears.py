@@ -606,6 +606,47 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 
+def _late_encoder(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what (7) lacks if the joint position is late by d: -(r_M/N) k r_L d theta_L'.
+
+    The speed of the joint is that of the motor less that of the deflection. Next to viscous
+    friction it is a damping k d of the spring, with less friction, by k d (r_M/N)^2.
+    """
+    encoders = {"motor_position", "joint_position"}
+    if side.is_motor and encoders <= side.sources.get(joint, {}).keys():
+        columns = partial(_speed_behind_spring, side, joint)
+        yield engine.linear_candidate(joint, "delay", "joint_position", columns)
+
+
+def _speed_behind_spring(side: Side, joint: str) -> Array:
+    """Return -(r_M/N) r_L theta_L' (R, 1): its coefficient is the stiffness times the delay."""
+    drive, factor = side.drive(joint), _lever(side, joint) * side.robot.drives[joint].load_radius
+    return -factor * drive.at_rows([x["theta_L_dot"][:, None] for x in drive.signals])
+
+
+def _encoder_is_late(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a joint position that is late or early, None if it may be damping."""
+    damping, refitted = float(accepted[0].coefficients[0]), side.next_to(accepted[0])
+    stiffness = refitted.get("stiffness", (0.0, 0.0))[0]
+    viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
+    is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
+    if stiffness <= 0 or (damping > 0 and is_damping):
+        return None
+    delay, error = damping / stiffness, float(accepted[0].errors[0]) / stiffness
+    source = changed_source(side.sources[joint]["joint_position"], delay_s=round(delay, 5))
+    return CODES["delay"].finding(
+        f"the joint encoder of {joint} is {1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms "
+        f"{'late' if delay > 0 else 'early'} against that of the motor, which explains "
+        f"{share:.0%} of the squared residual of its motor equation",
+        joint,
+        "doubtful" if abs(delay) - tol.SURE * error > tol.LEAST_DELAY_S else "note",
+        {"delay [s]": delay, "standard error [s]": error, "explained": share},
+        in_description({joint: {"joint_position": source}}),
+    )
+
+
 def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield the torque that the fitted bodies have more where the zero of an encoder is off.
 
@@ -702,6 +743,13 @@ GEAR_CHECKS = (
         _late,
         "torque and position that are stamped by one clock have no delay",
         "a torque that is late or early",
+    ),
+    engine.ColumnCheck(
+        CODES["delay"],
+        _late_encoder,
+        _encoder_is_late,
+        "encoders that are stamped by one clock have no delay",
+        "an encoder of the joint that is late or early",
     ),
     engine.ColumnCheck(
         CODES["encoder-offset"],
