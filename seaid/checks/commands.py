@@ -19,17 +19,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from seaid._arrays import Array, is_constant, resolution
-from seaid.checks import engine
+from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    CODES,
-    Channel,
-    channels_of,
-    excluding_torque,
-    in_description,
-    in_drives,
-    only_joint,
-)
 from seaid.checks.experiment import Experiment, TorqueScale, left_of, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
@@ -107,13 +98,13 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
         return
     sources = {x.joint: first.log.sources()[y.joint]["position_command"] for x, y in pairs[:2]}
     lines = {joint: {"position_command": changed_source(x)} for joint, x in sources.items()}
-    yield CODES["swapped-joints"].finding(
+    yield codes.CODES["swapped-joints"].finding(
         f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
         f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
         first.joint,
         "wrong",
         {"correlation": min(crossed, other), "correlation as given": max(own)},
-        in_description(lines),
+        codes.in_description(lines),
         "certain",
     )
 
@@ -145,10 +136,10 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
         return
     times = float(np.std(command) / np.std(position))
     if r < 0:
-        code, factor = CODES["sign"], -1.0
+        code, factor = codes.CODES["sign"], -1.0
         words = f"moves against its position (correlation {r:.3f}): it has the opposite sign"
     elif abs(math.log(times)) >= math.log(tol.FAR):
-        code, per_degree = CODES["unit"], math.pi / 180
+        code, per_degree = codes.CODES["unit"], math.pi / 180
         is_degrees = abs(math.log(times * per_degree)) < tol.MOST
         factor = float(f"{per_degree if is_degrees else 1 / times:.4g}")
         unit = "degrees" if is_degrees else "another unit"
@@ -161,7 +152,7 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
         joint,
         "wrong",
         {"correlation": r, "ratio of the ranges": times},
-        in_description({joint: {"position_command": changed_source(source, factor=factor)}}),
+        codes.in_description({joint: {"position_command": changed_source(source, factor=factor)}}),
         "certain",
     )
 
@@ -185,7 +176,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
     if share < tol.FEW:
         return
     longest_ms = 1e3 * period_s * float(np.percentile(runs - 1, 99))
-    yield CODES["delay"].finding(
+    yield codes.CODES["delay"].finding(
         f"{share:.1%} of the position commands of {joint} repeat the one before while others "
         f"change: they are logged twice or late, by {longest_ms:.3g} ms and more at times",
         joint,
@@ -206,7 +197,7 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     if share < tol.FEW or np.sum(position_beyond) > tol.MOST * np.sum(command_beyond):
         return
     others = [name for name in robot.joint_names if name != joint]
-    yield CODES["contact"].finding(
+    yield codes.CODES["contact"].finding(
         f"{joint} is commanded beyond its limits in the robot file, from {lower:.4g} to "
         f"{upper:.4g} {unit}, in {share:.0%} of the samples, by up to {farthest:.3g} {unit}, and "
         "does not follow there: at its stop its controller pushes against a force that is not in "
@@ -214,7 +205,7 @@ def _at_stop(commanded: Commanded) -> Iterator[Finding]:
         joint,
         "wrong" if share > tol.MOST else "doubtful",
         {"share beyond the limits": share, "farthest beyond": farthest},
-        f"command it within its limits{excluding_torque(others)}",
+        f"command it within its limits{codes.excluding_torque(others)}",
     )
 
 
@@ -237,7 +228,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     )
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
-        yield CODES["gain-scale"].finding(
+        yield codes.CODES["gain-scale"].finding(
             f"{asks}, and for {times:.3g} times as much on average: its gains are in another unit "
             "than the limit, such as units of the drive (counts, 1/256, per degree)",
             joint,
@@ -246,22 +237,22 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
         )
     elif has_limit:
         message = f"{asks}: the limit counts as its torque there"
-        yield CODES["saturation"].note(message, joint, evidence=evidence)
+        yield codes.CODES["saturation"].note(message, joint, evidence=evidence)
     else:
-        yield CODES["saturation"].finding(
+        yield codes.CODES["saturation"].finding(
             f"the controller of {joint} asks for up to {float(np.max(asked)):.3g} {unit}, in "
             f"{share:.1%} of the samples more than the effort limit of the robot file ({limit:.4g} "
             f"{unit}), and has no torque limit",
             joint,
             evidence=evidence,
-            remedy=in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
+            remedy=codes.in_drives({(joint, "controller"): f"torque_limit_Nm = {limit:.4g}"}),
         )
 
 
 def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
     """Return the remedy of gains in units of the drive."""
     bodies = "" if robot.known_bodies else " with known bodies (known_bodies=)"
-    line = in_drives({(joint, "controller"): "is_up_to_scale = true" for joint in joints})
+    line = codes.in_drives({(joint, "controller"): "is_up_to_scale = true" for joint in joints})
     return f"gains in N m/rad, or their scale as a parameter{bodies}, {line}"
 
 
@@ -274,12 +265,12 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
     largest = float(np.max(np.abs(rates[:, commanded.log.joint_names.index(joint)])))
     if largest > 0:  # False for a joint without them, too, whose samples are NaN
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
-        yield CODES["unused-command"].finding(
+        yield codes.CODES["unused-command"].finding(
             f"the log has velocity commands of {joint}, of up to {largest:.3g} "
             f"{commanded.units[0]}/s, and its controller has no gain for them: they are not used",
             joint,
             evidence={"largest velocity command": largest},
-            remedy=in_drives({(joint, "controller"): line}, "if the drive gets them"),
+            remedy=codes.in_drives({(joint, "controller"): line}, "if the drive gets them"),
             certainty="possible",
         )
 
@@ -302,7 +293,7 @@ def _too_close(commanded: Commanded) -> Iterator[Finding]:
     noise, unit = _encoder_noise(commanded.position), commanded.units[0]
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
-    yield CODES["unidentifiable"].finding(
+    yield codes.CODES["unidentifiable"].finding(
         f"the position of {joint} follows its command within {1e3 * size:.3g} "
         f"m{unit} (rms), {size / noise if noise else 1.0:.2g} times the noise and resolution of "
         f"its encoder ({1e3 * noise:.2g} m{unit}): what its controller gives is mostly noise, and "
@@ -323,7 +314,7 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
     The current loop of a real drive leaves more noise, friction of the sensor and delay.
     """
     for quantity in ("motor_torque", "joint_torque", "motor_current"):
-        channels = list(channels_of(log, log.joint_names, quantity))
+        channels = list(codes.channels_of(log, log.joint_names, quantity))
         returns = _returns([channel.values for channel in channels])
         for channel, count in zip(channels, returns, strict=True):
             drive = robot.drives.get(channel.joint)
@@ -331,7 +322,9 @@ def no_measurements(robot: Robot, log: Log) -> Iterator[Finding]:
                 yield from _no_measurement(log, channel, drive, count)
 
 
-def _no_measurement(log: Log, channel: Channel, drive: Drive, returns: int) -> Iterator[Finding]:
+def _no_measurement(
+    log: Log, channel: codes.Channel, drive: Drive, returns: int
+) -> Iterator[Finding]:
     """Yield a torque or current that is a magnitude, or computed from the tracking error."""
     j, torque = log.joint_names.index(channel.joint), channel.values
     error = np.full(len(torque), np.nan)
@@ -355,13 +348,13 @@ def _no_measurement(log: Log, channel: Channel, drive: Drive, returns: int) -> I
         what = f"is {times:.4g} times the tracking error (correlation {r:.4f})"
     table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
-    yield CODES["no-measurement"].finding(
+    yield codes.CODES["no-measurement"].finding(
         f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
         "no torque",
         channel.joint,
         "wrong" if is_magnitude else "doubtful",
         {"correlation with the tracking error": r},
-        in_drives({(channel.joint,): table, (channel.joint, "controller"): law}),
+        codes.in_drives({(channel.joint,): table, (channel.joint, "controller"): law}),
     )
 
 
@@ -382,14 +375,14 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
         rest = float(np.std(left_of(np.nan_to_num(torque), friction)))
         is_friction = rest < tol.SEVERE * float(np.std(torque))
         if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
-            yield CODES["no-measurement"].finding(
+            yield codes.CODES["no-measurement"].finding(
                 f"the torque of {names[j]} has {scale.factor:.2g} +- {scale.error:.2g} times that "
                 "of the bodies of the robot file, and follows the direction of its motion: it "
                 "measures friction, or nothing",
                 names[j],
                 "wrong",
                 {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                f"log the measured current or torque{excluding_torque([names[i] for i in shown])}",
+                f"log the measured current or torque{codes.excluding_torque([names[i] for i in shown])}",
             )
 
 
@@ -514,7 +507,7 @@ def _separation(
         verdict, remedy = "does not separate", _OTHER_GAINS
         but = "; it determines sums, and each alone only as well as T is known: "
         but += listed(sums)
-    return CODES["command-delay"].note(
+    return codes.CODES["command-delay"].note(
         f"before a fit: this log {verdict} the delay T of the commands from rotor inertia and "
         f"viscous friction{but}. {reach * 1e3:.3g} ms of T change the torque by {effect:.2g} times "
         "the residual beyond what these and the other parameters explain",
@@ -543,7 +536,7 @@ def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Findi
                 evidence[f"armature and {slope:.3g} delay of {joint}"] = value
                 stated_s = max(stated_s, std)
     if sums:
-        yield CODES["command-delay"].note(
+        yield codes.CODES["command-delay"].note(
             "the log does not separate the delay of the commands from rotor inertia and friction: "
             f"it counts as known to +-{NORMAL_95 * stated_s * 1e3:.3g} ms, which is in all "
             "intervals. Within one gain set it determines armature + (K_d + F_v) delay "
@@ -573,10 +566,10 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
     if is_late:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
-    return CODES["delay"].finding(
+    return codes.CODES["delay"].finding(
         f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
         f"log: {cause}",
-        only_joint(joints),
+        codes.only_joint(joints),
         "doubtful" if is_late else "note",
         {"delay [s]": delay},
         "log the commands and the positions with one clock",
@@ -610,7 +603,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             continue
         share = float(np.mean(np.abs(asked) > limit))
         line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
-        yield CODES["saturation"].finding(
+        yield codes.CODES["saturation"].finding(
             f"the controller of {joint} has no torque limit and asks for up to "
             f"{float(np.max(np.abs(asked))):.3g} N m, but the joint moves as if its torque "
             f"ended at about {limit:.3g} N m ({share:.0%} of the samples): that leaves "
@@ -618,7 +611,7 @@ def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
             joint,
             "wrong",
             {"torque limit": limit, "unexplained": after[limit], "without a limit": before},
-            in_drives({(joint, "controller"): line}),
+            codes.in_drives({(joint, "controller"): line}),
             joints=(joint,),
         )
 
@@ -652,7 +645,7 @@ def _gain_finding(
     more = f"; {listed(others)} as the others" if others else ""
     error = float(np.median([scale.error / scale.factor for scale in shown.values()]))
     concerned = tuple(names[j] for j in joints)
-    return CODES["gain-scale"].finding(
+    return codes.CODES["gain-scale"].finding(
         "the controllers give many times or a fraction of the torque that moves and holds the "
         f"{'known bodies' if is_known else 'bodies of the robot file'} "
         f"({listed(texts)}, +- {error:.1%}{more}): their gains are in units of "

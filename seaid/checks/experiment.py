@@ -24,16 +24,8 @@ from seaid.checks.codes import Code, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Severity
+from seaid.estimation import qr_factor
 from seaid.estimation.covariance import correlated_rows
-from seaid.estimation.qr_factor import (
-    RANK_TOLERANCE,
-    fitted_columns,
-    fitted_slope,
-    scaled_svd,
-    shrunk,
-    triangle,
-    whitened,
-)
 from seaid.log import Motion, row_samples
 from seaid.log.description import changed_source
 from seaid.log.filtering import moving
@@ -266,7 +258,7 @@ class Experiment:
             rows, y, others = self._of_spring(j)
             columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
             if np.sum(rows) > 3 * columns.shape[1]:
-                inertia[j] = max(scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
+                inertia[j] = max(qr_factor.scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
         return inertia
 
     @derived(*_OF_TORQUES)
@@ -315,7 +307,7 @@ class Experiment:
     @derived(*_OF_LOADS, "counted")
     def _of_loads(self) -> tuple[Array, Array]:
         """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
-        svd = scaled_svd(self.loads * self.counted.T[..., None], "friction")
+        svd = qr_factor.scaled_svd(self.loads * self.counted.T[..., None], "friction")
         return svd.spans, svd.inverses
 
     @derived("robot")
@@ -427,8 +419,8 @@ class Experiment:
             return misfit, per_row
         # Each joint counts alike: its equations are over the size of its torque.
         R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
-        factor = triangle(R.reshape(-1, R.shape[2]))
-        theta = scaled_svd(factor[:, :-1]).solve(factor[:, -1], RANK_TOLERANCE)
+        factor = qr_factor.triangle(R.reshape(-1, R.shape[2]))
+        theta = qr_factor.scaled_svd(factor[:, :-1]).solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
         residual, misfit[used] = self._left(self.columns[used] @ theta)
         for j, rows in zip(used, residual, strict=True):
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
@@ -603,10 +595,10 @@ class Experiment:
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
                     continue
-                slope, error = fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
+                slope, error = qr_factor.fitted_slope(columns[rows], y[rows], tol.CORRELATED_ERRORS)
             else:
                 columns = np.column_stack([joint, np.ones(len(joint)), zeros])
-                x = scaled_svd(columns).solve(motor)
+                x = qr_factor.scaled_svd(columns).solve(motor)
                 slope, residual = float(x[0]), motor - columns @ x
                 # Not over the root of the number of rows: errors of a gear do not average out.
                 error = float(np.std(residual)) / max(float(np.std(joint)), _LEAST)
@@ -715,7 +707,9 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        return scaled_svd(np.concatenate([self.loads, self._further], axis=2)[self.used]).spans
+        return qr_factor.scaled_svd(
+            np.concatenate([self.loads, self._further], axis=2)[self.used]
+        ).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
@@ -727,9 +721,12 @@ class Experiment:
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, further = self._factors[..., :-2], scaled_svd(self._factors[..., -2:]).spans
+        bodies, further = (
+            self._factors[..., :-2],
+            qr_factor.scaled_svd(self._factors[..., -2:]).spans,
+        )
         R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
-        return triangle(R.reshape(-1, R.shape[2]))
+        return qr_factor.triangle(R.reshape(-1, R.shape[2]))
 
     @derived(*_SIGNALS)
     def _effects(self) -> list[tuple[Array, Array]]:
@@ -743,10 +740,10 @@ class Experiment:
             # (1 - R T S T^T R^T) R W = R (W - T S T^T R^T R W), see `whitened`
             W = self.base.project(errors)
             for theta, sizes in effects:
-                W = W - shrunk(theta, sizes) @ (R.T @ (R @ W))
+                W = W - qr_factor.shrunk(theta, sizes) @ (R.T @ (R @ W))
             squares, V = safely(np.linalg.eigh, W.T @ R.T @ R @ W, what="nominal bodies")
             # The tolerance is on squares: an effect counts down to 3e-4 of the largest one.
-            kept = squares > RANK_TOLERANCE * squares[-1]
+            kept = squares > qr_factor.RANK_TOLERANCE * squares[-1]
             sizes = np.sqrt(squares[kept])
             effects.append((W @ V[:, kept] / sizes, sizes))
         return effects
@@ -762,7 +759,7 @@ class Experiment:
         That is generalised least squares. A joint whose torque is mostly that of a payload says
         more about it than one that carries the whole robot.
         """
-        return whitened(self.over_noise(torques), self._rows, self._effects)
+        return qr_factor.whitened(self.over_noise(torques), self._rows, self._effects)
 
     @cached_property
     def unexplained(self) -> Array:
@@ -803,7 +800,7 @@ class Experiment:
             return 0.0
         R, torque, (common, (errors, sizes)) = self._seen[:, :-1], self._seen[:, -1], self._effects
         y = torque - R @ self.base.project(self.bodies)
-        along = errors.T @ R.T @ whitened(y, R, [common])
+        along = errors.T @ R.T @ qr_factor.whitened(y, R, [common])
         # An effect y is most likely at a scale s < |y| / z: beyond the largest of these all effects
         # become less likely.
         most = max(1.0, float(np.max(np.abs(along) / sizes, initial=0.0)))
@@ -832,7 +829,7 @@ class Experiment:
         Without the torque of a motor there is no friction among them, which are two of three.
         """
         rows = self.counted[:, j]
-        x = scaled_svd(columns[rows]).solve(y[rows])
+        x = qr_factor.scaled_svd(columns[rows]).solve(y[rows])
         # a spring of negative stiffness explains nothing
         wrong = float(np.std(columns[:, -1] * x[-1])) if x[-1] < 0 else 0.0
         friction = x[:2] if len(x) > 2 else np.zeros(2)
@@ -860,12 +857,12 @@ class Experiment:
 
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
-    return fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
+    return qr_factor.fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
 
 
 def left_of(y: Array, columns: Array) -> Array:
     """Return what columns (R, k) leave of y (R,)."""
-    return np.asarray(y - columns @ scaled_svd(columns).solve(y))
+    return np.asarray(y - columns @ qr_factor.scaled_svd(columns).solve(y))
 
 
 Change = Callable[[Experiment, float], Experiment]

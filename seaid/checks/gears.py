@@ -19,16 +19,8 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._files import toml_key
-from seaid.checks import engine
+from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    CODES,
-    OF_MOTOR,
-    in_description,
-    in_drives,
-    only_joint,
-    zeros_in_description,
-)
 from seaid.checks.experiment import (
     MOST_STEPS,
     Experiment,
@@ -106,7 +98,7 @@ def _periodic(
     field = "transmission_error" if is_error else "torque_ripple"
     orders = [(x.trial.candidate.field, int(x.trial.candidate.term)) for x in accepted]
     text = ", ".join(f"order {order} of the {angle}" for angle, order in orders)
-    evidence = {OF_MOTOR: share}
+    evidence = {codes.OF_MOTOR: share}
     if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
         largest = max(float(np.linalg.norm(x.coefficients)) for x in accepted)
         # A torque over k r_M / N in (7), or a force over k in (4b), is a deflection.
@@ -120,13 +112,13 @@ def _periodic(
     for angle, order in sorted([*known, *orders], key=lambda x: x[1]):
         by_angle.setdefault(angle, []).append(order)
     table = ", ".join(f"{angle} = {of_angle}" for angle, of_angle in by_angle.items())
-    return CODES["transmission-error"].finding(
+    return codes.CODES["transmission-error"].finding(
         f"{share:.0%} of the residual of the motor equation of {joint} is periodic ({text}): an "
         "error of the gear or its encoders, or ripple of the motor",
         joint,
         "doubtful" if share >= tol.MATTERS else "note",
         evidence,
-        in_drives({(joint,): f"{field} = {{ {table} }}"}),
+        codes.in_drives({(joint,): f"{field} = {{ {table} }}"}),
     )
 
 
@@ -185,11 +177,11 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         for choice in near(factor) if factor != 1 else ():
             if ratio * choice <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
-                    CODES["gear-ratio"],
+                    codes.CODES["gear-ratio"],
                     f"the gear ratio of {joint} is {ratio * choice:.4g}{by}, not {ratio:.4g}",
                     _with_ratio(j, experiment, math.log(choice)),
                     joint,
-                    in_drives({(joint,): f"{key} = {ratio * choice:.6g}"}),
+                    codes.in_drives({(joint,): f"{key} = {ratio * choice:.6g}"}),
                     evidence={"given ratio": ratio, **evidence},
                     penalty=float(choice == factor),
                 )
@@ -208,7 +200,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     names = {j: experiment.robot.joint_names[j] for j in factors}
     joints, sources = listed([*names.values()]), dict[str, dict[str, str]]()
     yield multiplied(
-        CODES["unit"],
+        codes.CODES["unit"],
         experiment,
         factors,
         "q",
@@ -221,8 +213,8 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
         sources[joint] = {"motor_position": changed_source({**table, "side": "joint"})}
     message = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
     levers = {j: 1 / factor for j, factor in factors.items()}
-    of_joints = multiplied(CODES["unit"], experiment, levers, "m", message)
-    yield replace(of_joints, remedy=in_description(sources))
+    of_joints = multiplied(codes.CODES["unit"], experiment, levers, "m", message)
+    yield replace(of_joints, remedy=codes.in_description(sources))
 
 
 def _between_encoders(experiment: Experiment) -> list[int]:
@@ -256,7 +248,7 @@ def without_slips(experiment: Experiment) -> tuple[list[Finding], Experiment]:
         is_step = step * projected[i] > (1 - tol.SEVERE) * float(X[:, -1] @ X[:, -1])
         if is_step and abs(step) > tol.LEAST_OFFSET:
             start, end = experiment.time[[i - 1, i], 0].tolist()
-            slip = CODES["loose-encoder"].wrong(
+            slip = codes.CODES["loose-encoder"].wrong(
                 f"the encoders of {experiment.robot.joint_names[j]} step against each other by "
                 f"{1e3 * step:.3g} mrad at the joint between {start:.2f} and {end:.2f} s",
                 experiment.robot.joint_names[j],
@@ -276,7 +268,7 @@ def unlike_motions(experiment: Experiment) -> Iterator[Finding]:
     for j in _between_encoders(experiment):
         part, joint = float(experiment.of_encoders[j]), experiment.robot.joint_names[j]
         if part > tol.SEVERE and np.ptp(experiment.turned[0][:, j]) > tol.LEAST_SWING:
-            yield CODES["loose-encoder"].wrong(
+            yield codes.CODES["loose-encoder"].wrong(
                 f"the encoders of {joint} show two motions: what is between them is {part:.0%} of "
                 "the motion of the joint, beyond what a torque deflects",
                 joint,
@@ -308,12 +300,12 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
         lines[names[j],] = f"transmission = {{ {table} }}"
     j, *others = turns
     return Transform(
-        CODES["coupled-joints"],
+        codes.CODES["coupled-joints"],
         f"the motors of {listed(names[x] for x in turns)} turn with both joints, as those of a "
         "differential do",
         experiment.with_changes(robot=experiment.robot.with_drives(drives)),
         names[j],
-        in_drives(lines),
+        codes.in_drives(lines),
         partner=names[others[0]] if others else "",
         penalty=float(len(turns)),
     )
@@ -391,12 +383,12 @@ def undeclared_springs(experiment: Experiment) -> Iterator[Transform]:
             motor[0, :, j] -= springs[j][1]
         values = (f"{joint} by {k:.3g} N m/rad" for joint, k in stiffness.items())
         yield Transform(
-            CODES["gear-compliance"],
+            codes.CODES["gear-compliance"],
             "the encoders move apart in proportion to the torque, as on both sides of a spring "
             f"({listed(values)}), and the drives are given as stiff",
             experiment.with_changes(motor=motor),
-            only_joint([*stiffness]),
-            in_drives({(joint,): 'type = "series_elastic"' for joint in stiffness}),
+            codes.only_joint([*stiffness]),
+            codes.in_drives({(joint,): 'type = "series_elastic"' for joint in stiffness}),
             evidence={f"stiffness of {joint}": k for joint, k in stiffness.items()},
             penalty=float(len(joints)),
         )
@@ -442,13 +434,13 @@ def linkages(experiment: Experiment) -> Iterator[Transform]:
             sensed=experiment.sensed / of_joint.rates(experiment.joint[0]),
         )
         yield Transform(
-            CODES["varying-ratio"],
+            codes.CODES["varying-ratio"],
             f"the gear ratio of {joint} depends on its angle: it is from {ratio * low:.3g} to "
             f"{ratio * high:.3g}, where the drives file has {ratio:g}: the transmission is a "
             "linkage, a lever or a spindle",
             changed,
             joint,
-            in_drives({(joint,): lines}),
+            codes.in_drives({(joint,): lines}),
             evidence={"least ratio": ratio * low, "largest ratio": ratio * high},
             penalty=1.0,
         )
@@ -553,13 +545,13 @@ def _late_torques(
         channel = _torque_channel(side, joint)
         source = side.sources.get(joint, {}).get(channel, "")
         entries[joint] = {channel: changed_source(source, delay_s=round(delay, 5))}
-    return CODES["delay"].finding(
+    return codes.CODES["delay"].finding(
         f"the torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
         f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
-        only_joint(joints),
+        codes.only_joint(joints),
         "doubtful" if surely > tol.LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, "explained": explained},
-        in_description(entries),
+        codes.in_description(entries),
     )
 
 
@@ -583,7 +575,7 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
     if abs(common) < max(tol.SURE_TOGETHER * error, tol.LEAST_DELAY_S):
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
-    shares = [x.share for x in accepted if x.trial.candidate.about.code is CODES["delay"]]
+    shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
     explained = max(shares, default=0.0)
     return _late_torques(selected[0][0], list(delays), common, error, explained, abs(common))
 
@@ -598,7 +590,7 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
     if not joints:
         return {}
     trials = (x.trial for x in selection.accepted)
-    accepted = [x.alternative for x in trials if x.candidate.about.code is not CODES["delay"]]
+    accepted = [x.alternative for x in trials if x.candidate.about.code is not codes.CODES["delay"]]
     columns = [side.once(_late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
     larger = side.equation.with_alternatives([*accepted, engine.Alternative(late, 0)])
@@ -636,14 +628,14 @@ def _encoder_is_late(
         return None
     delay, error = damping / stiffness, float(accepted[0].errors[0]) / stiffness
     source = changed_source(side.sources[joint]["joint_position"], delay_s=round(delay, 5))
-    return CODES["delay"].finding(
+    return codes.CODES["delay"].finding(
         f"the joint encoder of {joint} is {1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms "
         f"{'late' if delay > 0 else 'early'} against that of the motor, which explains "
         f"{share:.0%} of the squared residual of its motor equation",
         joint,
         "doubtful" if abs(delay) - tol.SURE * error > tol.LEAST_DELAY_S else "note",
         {"delay [s]": delay, "standard error [s]": error, "explained": share},
-        in_description({joint: {"joint_position": source}}),
+        codes.in_description({joint: {"joint_position": source}}),
     )
 
 
@@ -718,41 +710,41 @@ def _zero_is_off(
         return None
     is_known, rival = bool(side.robot.known_bodies), ", or centres of known bodies are off as much"
     is_minor = abs(offset) < max(tol.SURE * side.offset_std, tol.BODY * is_known)
-    return CODES["encoder-offset"].finding(
+    return codes.CODES["encoder-offset"].finding(
         f"the zero of {joint} is {np.degrees(offset):.2f} +- {np.degrees(error):.2f} degrees from "
         f"that of the robot file{rival * is_known}: that explains {share:.0%} of the squared "
         "residual of its torque",
         joint,
         "note" if is_minor else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
-        zeros_in_description(side.robot, {joint: offset}, side.sources),
+        codes.zeros_in_description(side.robot, {joint: offset}, side.sources),
     )
 
 
 GEAR_CHECKS = (
     engine.ColumnCheck(
-        CODES["transmission-error"],
+        codes.CODES["transmission-error"],
         _orders,
         _periodic,
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
         "an error of the gear (order {term} of the {field})",
     ),
     engine.ColumnCheck(
-        CODES["delay"],
+        codes.CODES["delay"],
         _late_torque,
         _late,
         "torque and position that are stamped by one clock have no delay",
         "a torque that is late or early",
     ),
     engine.ColumnCheck(
-        CODES["delay"],
+        codes.CODES["delay"],
         _late_encoder,
         _encoder_is_late,
         "encoders that are stamped by one clock have no delay",
         "an encoder of the joint that is late or early",
     ),
     engine.ColumnCheck(
-        CODES["encoder-offset"],
+        codes.CODES["encoder-offset"],
         _zeros,
         _zero_is_off,
         "a spirit level or a stop shows the zero of a joint",

@@ -21,14 +21,8 @@ from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping, finite, safely
 from seaid.errors import IdentificationError
+from seaid.estimation import least_squares
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import (
-    estimate_of_rows,
-    factored,
-    settled_weights,
-    solve,
-    weights_at,
-)
 from seaid.estimation.qr_factor import (
     RANK_TOLERANCE,
     ROUNDING,
@@ -57,15 +51,15 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     of another shape, not finite, or zero.
     """
     qr_factor = qr_factor_of(rows)
-    weights = settled_weights(qr_factor)
+    weights = least_squares.settled_weights(qr_factor)
     projected = replace(rows, H=_projected(rows, instruments, qr_factor, weights))
-    solution = solve(qr_factor_of(projected), weights)
+    solution = least_squares.solve(qr_factor_of(projected), weights)
     # the residual is that of the measured columns, not of their projections
     linear = replace(projected, y=rows.y - (rows.H - projected.H) @ solution.values)
     # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
     # the factor of the residual (Godfrey 1999)
-    partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
-    estimate = estimate_of_rows(factored(linear, propagated), weights)
+    partial = np.diag(least_squares.solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
+    estimate = least_squares.estimate_of_rows(least_squares.factored(linear, propagated), weights)
     shares = FrozenMapping(dict(zip(rows.names, partial.tolist(), strict=True)), "parameter")
     return replace(estimate, diagnostics=replace(estimate.diagnostics, instruments=shares))
 
@@ -76,7 +70,7 @@ def projected_columns(rows: Regression, instruments: Array) -> Array:
     They are the projections of the columns of rows on the instruments.
     """
     qr_factor = qr_factor_of(rows)
-    return _projected(rows, instruments, qr_factor, settled_weights(qr_factor))
+    return _projected(rows, instruments, qr_factor, least_squares.settled_weights(qr_factor))
 
 
 def _projected(rows: Regression, instruments: Array, qr_factor: QRFactor, weights: Array) -> Array:
@@ -100,7 +94,7 @@ def unattenuated(
     noise.
     """
     R, p = qr_factor.factors, len(qr_factor.names)
-    theta = first = solve(qr_factor, weights).values
+    theta = first = least_squares.solve(qr_factor, weights).values
     for _ in range(_MOST_ROUNDS):
         # The equations have products of columns only, which the rows of R give as all rows do.
         Z = predicted_columns(R[:, :, :p], R @ np.append(-theta, 1.0), theta, noisy)
@@ -119,7 +113,7 @@ def unattenuated(
         # c + r / k has a pole at k = 0: beyond it the iteration is at another solution.
         if not np.all(theta[list(noisy)] * first[list(noisy)] > 0):
             return None
-        weights = weights_at(qr_factor, theta) if reweigh else weights
+        weights = least_squares.weights_at(qr_factor, theta) if reweigh else weights
         if np.all(np.abs(theta - before) * scale < _SETTLED * np.linalg.norm(theta * scale)):
             return np.asarray(theta)
     return None

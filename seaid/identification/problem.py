@@ -30,13 +30,7 @@ from seaid.drives.drives import check_groups
 from seaid.errors import Finding, IdentificationError, unknown_name
 from seaid.estimation import Estimator, estimator_named
 from seaid.estimation.fitting import EstimatorName
-from seaid.identification.checking import (
-    check_channels,
-    findings_of_setup,
-    standing_joints,
-    without_locked_loads,
-    without_standing,
-)
+from seaid.identification import checking, drive_estimates, result, simulated_joints
 from seaid.identification.datasets import (
     Dataset,
     Source,
@@ -44,32 +38,15 @@ from seaid.identification.datasets import (
     datasets_by_log,
     first_motion,
 )
-from seaid.identification.drive_estimates import (
-    MOST_DELAY_ROUNDS,
-    UnknownScaleError,
-    with_estimated_delays,
-    with_unit_scale,
-)
 from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.model_selection import MOST_ROUNDS, with_default_terms
 from seaid.identification.nonlinear_terms import linearised_robot
-from seaid.identification.result import (
-    SensorErrors,
-    extension_of,
-    identified_robot,
-)
 from seaid.identification.sensitivity import (
     TYPICAL_STD,
     GivenConstants,
     encoder_offsets,
     given_constants,
-)
-from seaid.identification.simulated_joints import (
-    AT_ONCE,
-    BY_INSTRUMENTS,
-    Restrictions,
-    with_passed_reversals,
 )
 from seaid.identification.simultaneous import estimate_simultaneous, estimate_supported
 from seaid.identification.stacked_fits import RobotEstimate
@@ -136,11 +113,11 @@ class Options:
         check_known_std(self.known_std)
 
     @property
-    def restrictions(self) -> Restrictions | None:
+    def restrictions(self) -> simulated_joints.Restrictions | None:
         """What a method that goes on from linear two steps refuses, if it is asked for."""
         if self.estimator == "iv":
-            return BY_INSTRUMENTS
-        return AT_ONCE if self.method == "simultaneous" else None
+            return simulated_joints.BY_INSTRUMENTS
+        return simulated_joints.AT_ONCE if self.method == "simultaneous" else None
 
     def check_shared(self, robot: Robot) -> None:
         """Raise an error for drives that cannot share, or do not by a method that was chosen."""
@@ -188,7 +165,7 @@ class ConditionLogs:
     def findings_of(self, experiment: Experiment) -> list[Finding]:
         """Return what the channels show, and the mistakes of the set-up of an experiment."""
         joints, known = self.setup_joints, self.channel_findings
-        return findings_of_setup(experiment, joints, known, self.in_memory)
+        return checking.findings_of_setup(experiment, joints, known, self.in_memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +185,7 @@ class Case:
     used: tuple[str, ...]
     stopped: Mapping[str, Drive]
     datasets: list[Dataset]
-    bias: SensorErrors | None = None
+    bias: result.SensorErrors | None = None
 
     @cached_property
     def condition(self) -> Condition:
@@ -290,7 +267,7 @@ class Problem:
     def identified(self, name: str) -> Robot:
         """Return the robot of a condition with the values of two steps."""
         condition = self.cases[name].condition
-        return identified_robot(condition.robot, condition.model.base, self.two_step[name])
+        return result.identified_robot(condition.robot, condition.model.base, self.two_step[name])
 
     @cached_property
     def estimates(self) -> Mapping[str, RobotEstimate]:
@@ -350,7 +327,7 @@ def solve(
         options.check_shared(robot)
     unscaled: tuple[str, ...] = ()
     nominals: Mapping[str, Robot] = {}
-    declared, rounds = dict(robots), MOST_DELAY_ROUNDS
+    declared, rounds = dict(robots), drive_estimates.MOST_DELAY_ROUNDS
     while True:
         logs = reconstruct(declared, sources, options)
         with explained(partial(_setup_findings, logs)):
@@ -358,14 +335,16 @@ def solve(
                 start = assemble(declared, logs, options)
                 start = replace(start, nominals=nominals, unscaled=unscaled)
                 problem = _with_first_estimates(start)
-            except UnknownScaleError as reason:
+            except drive_estimates.UnknownScaleError as reason:
                 # Each round makes one more scale known, which then has no column.
-                declared = {name: with_unit_scale(x, reason) for name, x in declared.items()}
+                declared = {
+                    name: drive_estimates.with_unit_scale(x, reason) for name, x in declared.items()
+                }
                 unscaled = (*unscaled, reason.scale.joint)
                 continue
             nominals = nominals or {name: case.nominal for name, case in problem.cases.items()}
             later = {
-                name: with_estimated_delays(robot, problem.identified(name))
+                name: drive_estimates.with_estimated_delays(robot, problem.identified(name))
                 for name, robot in declared.items()
                 if rounds and robot.has_controllers
             }
@@ -409,12 +388,12 @@ def _logs_of(
         standing = dict[str, float]()
         if len(logs) == len(read):
             parts = [part for log in logs for part in stretches(log)]
-            standing = standing_joints(robot, parts, list(chain(*motions_by_log)))
-        check_channels(logs, locked)
+            standing = checking.standing_joints(robot, parts, list(chain(*motions_by_log)))
+        checking.check_channels(logs, locked)
         datasets = list(chain(*groups))
         check_temperatures(robot, datasets)
     setup_joints = {*selected, *robot.elastic_joints} - {*standing}
-    of_base = extension_of(robot).log_findings(robot, logs, motions_by_log)
+    of_base = result.extension_of(robot).log_findings(robot, logs, motions_by_log)
     return ConditionLogs(
         sources=read,
         in_memory=logs,
@@ -445,9 +424,9 @@ def assemble(
         recorded = logs[name]
         check_forces(recorded.datasets, used)
         check_scale_of_locked(robot, recorded.datasets, recorded.locked)
-        declared, kept = without_locked_loads(robot, used, recorded.locked)
+        declared, kept = checking.without_locked_loads(robot, used, recorded.locked)
         still = {joint: recorded.standing[joint] for joint in standing}
-        moving, kept, stopped = without_standing(declared, kept, still)
+        moving, kept, stopped = checking.without_standing(declared, kept, still)
         nominal = with_rigid_gears(moving, springs)
         cases[name] = Case(recorded, declared, nominal, nominal, kept, stopped, recorded.datasets)
     cases = _linearised(cases)
@@ -498,7 +477,9 @@ def _with_first_estimates(problem: Problem) -> Problem:
     cases = {
         name: replace(
             case,
-            datasets=with_passed_reversals(case.robot, case.datasets, problem.identified(name)),
+            datasets=simulated_joints.with_passed_reversals(
+                case.robot, case.datasets, problem.identified(name)
+            ),
         )
         for name, case in problem.cases.items()
         if case.robot.has_controllers
@@ -521,9 +502,9 @@ def _with_first_estimates(problem: Problem) -> Problem:
     return problem
 
 
-def _sensor_errors(problem: Problem, case: Case) -> SensorErrors | None:
+def _sensor_errors(problem: Problem, case: Case) -> result.SensorErrors | None:
     """Return the errors of sensors that the fit of the only case supports."""
-    extension, (name,) = extension_of(case.robot), problem.cases
+    extension, (name,) = result.extension_of(case.robot), problem.cases
     fit = problem.two_step[name].fit
     return extension.sensor_errors(
         problem.identified(name), case.datasets, case.condition.model, fit

@@ -32,19 +32,8 @@ from seaid.estimation.instrumental_variables import (
 )
 from seaid.estimation.least_squares import equal_weights
 from seaid.estimation.parameters import Share, joined_rows, shares_of
+from seaid.identification import drive_estimates
 from seaid.identification.datasets import Dataset, first_motion, rows_in_memory, rows_of_equations
-from seaid.identification.drive_estimates import (
-    CONSTANTS,
-    UnknownScale,
-    UnknownScaleError,
-    check_scale,
-    fit_constants,
-    has_only_spring_torque,
-    noise_ratio,
-    with_shared_parameters,
-    with_unit_constant,
-    without_torque,
-)
 from seaid.identification.stacked_fits import (
     EXACT,
     LOAD,
@@ -298,10 +287,10 @@ class _Motors:
     def fitted(self, rows: Mapping[str, Rows]) -> FitsInTurn:
         """Return the fits of the motor equations, and of what gives their constants."""
         robot, estimator, motions = self.robot, self.estimator, self.motions
-        motors, unscaled = dict[str, FittedRows](), dict[str, UnknownScale]()
+        motors, unscaled = dict[str, FittedRows](), dict[str, drive_estimates.UnknownScale]()
         for joint in robot.elastic_joints:
             fitted = fit_actuator(robot, motions, joint, rows[joint], estimator)
-            if isinstance(fitted, UnknownScale):
+            if isinstance(fitted, drive_estimates.UnknownScale):
                 unscaled[joint] = fitted
                 fitted = self._fitted_for_one(joint, rows[joint], fitted)
             motors[joint] = fitted
@@ -315,10 +304,12 @@ class _Motors:
         if not of_load:
             return turn
         springs = {joint: turn.spring(joint).values for joint in self.joints}
-        scales = fit_constants(robot, springs, rows[LOAD], estimator, of_load)
+        scales = drive_estimates.fit_constants(robot, springs, rows[LOAD], estimator, of_load)
         return replace(turn, by_load=scales)
 
-    def _fitted_for_one(self, joint: str, rows: Rows, scale: UnknownScale) -> FittedRows:
+    def _fitted_for_one(
+        self, joint: str, rows: Rows, scale: drive_estimates.UnknownScale
+    ) -> FittedRows:
         """Return the fit for a motor constant of 1; raises the error if nothing gives it."""
         # The load would scale each drive of a group for itself.
         if joint not in (*self.joints, *self.sensed) or groups_of(self.robot.drives):
@@ -326,8 +317,10 @@ class _Motors:
         # With a constant of 1 the input is in y, where its noise does not attenuate anything: the
         # fit needs no correction for a noisy column.
         cutoff_hz = self.motions[0].cutoff_hz
-        unit = fit(rows, self.estimator, change=with_unit_constant, cutoff_hz=cutoff_hz)
-        return with_shared_parameters(self.robot.drives, unit, joint)
+        unit = fit(
+            rows, self.estimator, change=drive_estimates.with_unit_constant, cutoff_hz=cutoff_hz
+        )
+        return drive_estimates.with_shared_parameters(self.robot.drives, unit, joint)
 
 
 def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, ModelChecks]:
@@ -346,7 +339,7 @@ def two_step_equations(
     """Return the functions for the rows: of each elastic joint, and of the load side (`LOAD`)."""
     # Springs of zero have no torque in y, but their columns T of (4b) are in `propagated`: after
     # the fits of the springs s, y + T s is (8) with their torque, and T C_s T^T its covariance.
-    zero = without_torque(robot, springs)
+    zero = drive_estimates.without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
     }
@@ -355,17 +348,17 @@ def two_step_equations(
 
 def fit_actuator(
     robot: Robot, motions: Sequence[Motion], joint: str, rows: Rows, estimator: Estimator
-) -> FittedRows | UnknownScale:
+) -> FittedRows | drive_estimates.UnknownScale:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured.
 
     Returns the unknown motor constant if that makes the equation homogeneous.
     """
     try:
         fitted = fit_inputs(rows, estimator, None, None, motions[0].cutoff_hz)
-    except UnknownScaleError as problem:
+    except drive_estimates.UnknownScaleError as problem:
         return problem.scale
-    fitted = with_shared_parameters(robot.drives, fitted, joint)
-    if not has_only_spring_torque(robot, motions, joint):
+    fitted = drive_estimates.with_shared_parameters(robot.drives, fitted, joint)
+    if not drive_estimates.has_only_spring_torque(robot, motions, joint):
         return fitted
     return _with_noisy_deflection(robot, motions, joint, fitted, estimator)
 
@@ -377,7 +370,9 @@ def _with_noisy_deflection(
     plain = fitted.estimate.names == (STIFFNESS, "spring_offset")
     if not plain or not estimator.weigh or fitted.rows is None:
         return fitted
-    instruments = deflection_instruments(fitted.rows, noise_ratio(robot, motions, joint))
+    instruments = deflection_instruments(
+        fitted.rows, drive_estimates.noise_ratio(robot, motions, joint)
+    )
     change = partial(with_columns, projected_columns(fitted.rows, instruments))
     return replace(fitted, estimate=instrumental(fitted.rows, instruments), change=change)
 
@@ -387,7 +382,7 @@ def _joints_scaled_by_sensors(robot: Robot, motions: Sequence[Motion]) -> tuple[
     return tuple(
         joint
         for joint in robot.elastic_joints
-        if set(CONSTANTS) & set(motor_regressor(robot, joint).names)
+        if set(drive_estimates.CONSTANTS) & set(motor_regressor(robot, joint).names)
         and STIFFNESS in spring_regressor(robot, joint).names
         and _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         and _all_measured(robot, motions, joint, "joint_torque")
@@ -402,10 +397,10 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
     sensed = _joints_scaled_by_sensors(robot, [first_motion(dataset) for dataset in datasets])
     for joint in (joint for joint in locked if joint not in sensed):
         names = set(motor_regressor(robot, joint).names)
-        if names & set(CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
-            (name,) = names & set(CONSTANTS)
+        if names & set(drive_estimates.CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
+            (name,) = names & set(drive_estimates.CONSTANTS)
             raise IdentificationError(
-                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {CONSTANTS[name]}, "
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {drive_estimates.CONSTANTS[name]}, "
                 "and its output is locked. Give one of: the torque of a sensor behind the gear "
                 f"(joint_torque), the stiffness of its spring (known = ['{STIFFNESS}']), its "
                 f"rotor inertia, or the constant itself (known = ['{name}'])"
@@ -459,7 +454,7 @@ class LoadSideFit:
             change = partial(_with_outer_columns, change, count, len(covariance) - count)
         propagated = covariance if covariance.size else None
         fitted = fit_inputs(rows, self.estimator, propagated, change, self.cutoff_hz)
-        return with_shared_parameters(robot.drives, fitted)
+        return drive_estimates.with_shared_parameters(robot.drives, fitted)
 
 
 def _with_outer_columns(
@@ -484,7 +479,7 @@ def fit_inputs(
 
     If it hides the constant, the estimate is that of least squares.
     """
-    fitted = fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
+    fitted = fit(rows, estimator, propagated, change, drive_estimates.check_scale, cutoff_hz)
     names = enumerate(fitted.qr_factor.names)
     noisy = [place for place, name in names if parameter_of(name) == _OF_CURRENT]
     if not noisy or estimator.weigh is None:

@@ -18,15 +18,8 @@ from seaid._arrays import Array, BoolArray, frozen
 from seaid._files import toml_table, write_csv, write_whole
 from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed, shown, unknown_name
+from seaid.log import channels
 from seaid.log.base_log import BaseLog, base_columns, base_log
-from seaid.log.channels import (
-    SENSORS,
-    UNIT_FACTORS,
-    column_names,
-    quantity_of,
-    short_name,
-    unit_of_column,
-)
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.repair import Repair
@@ -42,13 +35,13 @@ Column = str | tuple[str, float | str]
 def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
     """Return {joint: {column name in a file: field of `Log`}} of a robot or of a log."""
     names = system.joint_names
-    return dict(zip(names, map(column_names, names, system.is_prismatic), strict=True))
+    return dict(zip(names, map(channels.column_names, names, system.is_prismatic), strict=True))
 
 
 def own_names(robot: Robot) -> set[str]:
     """Return the names of the columns that a log has of a robot's joints, the short ones too."""
     names = {*chain.from_iterable(columns_by_joint(robot).values())}
-    return names | {short_name(name) for name in names}
+    return names | {channels.short_name(name) for name in names}
 
 
 def wanted_columns(
@@ -61,7 +54,7 @@ def wanted_columns(
         custom, factor = _custom(name, columns.get(name, name))
         # The long name first: a file with both has the joint's own under it.
         if name not in columns and custom not in table.names:
-            custom = short_name(name)
+            custom = channels.short_name(name)
         if custom in table.names:
             wanted[name] = (custom, factor)
         elif name in columns:
@@ -114,7 +107,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
     ]
     text = "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
     for name, near in pairs[:1]:
-        joint, field = name.rpartition(".")[0], quantity_of(name).name
+        joint, field = name.rpartition(".")[0], channels.quantity_of(name).name
         text += f"; in the description of the log: {toml_table('joints', joint)} "
         text += f'{field} = "{near}"'
     return text
@@ -123,7 +116,7 @@ def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[s
 def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
     """Return what is wrong with names of a file that are nearly those of a joint's columns."""
     columns, expected = columns_by_joint(robot), own_names(robot)
-    quantities = {*column_names("", False), *column_names("", True)}
+    quantities = {*channels.column_names("", False), *channels.column_names("", True)}
     still = {*robot.standing_joints, *(joint.name for joint in robot.dependent_joints)}
     missing, faults = expected - {*file_names}, []
     for name in file_names[:_COMPARED]:
@@ -150,7 +143,7 @@ def _custom(name: str, column: Column) -> tuple[str, float]:
         )
     custom, factor = column
     if isinstance(factor, str):
-        units = UNIT_FACTORS[unit_of_column(name)]
+        units = channels.UNIT_FACTORS[channels.unit_of_column(name)]
         if factor not in units:
             raise LogError(
                 f"columns= '{name}': " + unknown_name("unit of this quantity", factor, units)
@@ -275,7 +268,7 @@ class Log(Display):
 
     def sensors(self, joints: Sequence[str] | None = None) -> dict[str, Array]:
         """Return {field: samples (T, n)} of all fields that are not None, of `joints` if given."""
-        samples = {field: getattr(self, field) for field in SENSORS}
+        samples = {field: getattr(self, field) for field in channels.SENSORS}
         samples = {field: values for field, values in samples.items() if values is not None}
         if joints is None:
             return samples
@@ -375,7 +368,7 @@ def _check_column(name: str, column: Array, time: Array) -> None:
         )
 
 
-_NEEDED = SENSORS[:4]
+_NEEDED = channels.SENSORS[:4]
 """Fields that a log from a file always has, all NaN if there is no such sensor."""
 
 
@@ -450,7 +443,7 @@ def _check_sensors(
     # An elastic joint without its own encoder is identified from the motor's side alone.
     needs_both = elastic and not {"motor_position", "motor_torque"} <= fields
     if len(fields & {"motor_position", "joint_position"}) <= needs_both or not is_enough:
-        names = column_names(joint, robot.is_prismatic[robot.index(joint)])
+        names = channels.column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in logged]
         raise LogError(
             f"joint '{joint}' needs {_NEEDS[elastic]}, "
