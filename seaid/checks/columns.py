@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray, white_noise
+from seaid._arrays import Array, IndexArray
 from seaid.checks import engine
 from seaid.checks.codes import CODES, in_drives
 from seaid.checks.experiment import sources_of
@@ -34,8 +34,8 @@ from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, 
 from seaid.drives.drives import DefaultTerms
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
-from seaid.log import Log, Motion
-from seaid.log.rows import in_band_at, still_speed
+from seaid.log import Motion
+from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import regressor_at_drives
 from seaid.regressor.load import with_known_friction
@@ -178,45 +178,6 @@ class Side:
 
 _AT_ONCE = 4000
 """Samples of a regressor at once."""
-
-
-def resolved_widths(
-    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
-) -> dict[str, float]:
-    """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
-
-    One encoder step per sample, and the change of the speed within a sample at a reversal. The step
-    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
-    Not less than the speed below which a motor counts as standing: a smaller width would describe
-    the friction of a motor that sticks, which has no sign, in rows next to standstill.
-    """
-    widths = {}
-    for index, joint in enumerate(robot.joint_names):
-        steps = [_step_per_sample(log, joint, robot.drives[joint].ratio) for log in logs]
-        step = float(np.median(steps)) if steps else 0.0
-        if np.isfinite(step) and step > 0:
-            turns = [_change_at_reversal(motion, index) for motion in motions]
-            # Both widen the reversal independently of each other: their squares add up.
-            width = float(np.hypot(step, np.median(turns) if turns else 0.0))
-            widths[joint] = max([width, *(still_speed(motion, index) for motion in motions)])
-    return widths
-
-
-def _step_per_sample(log: Log, joint: str, ratio: float) -> float:
-    """Return the motor speed [rad/s] of one step of its encoder, or the joint's, per sample."""
-    place = log.joint_names.index(joint)
-    angle = log.motor_position[:, place]
-    if not np.all(np.isfinite(angle)):
-        angle = ratio * log.joint_position[:, place]
-    return float(np.sqrt(12.0) * white_noise(angle) / np.median(np.diff(log.time)))
-
-
-def _change_at_reversal(motion: Motion, place: int) -> float:
-    """Return the median change of a motor's speed [rad/s] within a sample at its reversals."""
-    speed = motion.motor_velocity[:, place]
-    reversals = np.flatnonzero(speed[1:] * speed[:-1] < 0)
-    changes = np.abs(motion.motor_acceleration[reversals, place]) / motion.rate_hz
-    return float(np.median(changes)) if len(changes) else 0.0
 
 
 _PLAIN = ("viscous", "coulomb")
@@ -437,11 +398,11 @@ def _rotor_is_other(
     if times <= 0:
         return None
     off = f"{max(times, 1 / times):.3g} times too {'large' if times > 1 else 'small'}"
-    implied = "stiffness, friction and bodies at this joint are off by the same factor then"
     return CODES["rotor-inertia"].finding(
         f"the motion of {joint} shows a rotor inertia of {times:.3g} +- {error:.2g} times the "
         f"given one, which explains {share:.0%} of the squared residual of its motor equation: the "
-        f"given value is wrong; or the motor torque is {off}, as by its constant ({implied})",
+        f"given value is wrong; or the motor torque is {off}, as by its constant: "
+        f"{CODES['torque-scale'].implies}",
         joint,
         "doubtful" if abs(np.log(times)) > 2 * POOR else "note",
         {"rotor inertia over the given one": times, "standard error": error, "explained": share},

@@ -382,7 +382,8 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
                 names[j],
                 "wrong",
                 {"torque over that of the bodies": scale.factor, "standard error": scale.error},
-                f"log the measured current or torque{codes.excluding_torque([names[i] for i in shown])}",
+                "log the measured current or torque"
+                + codes.excluding_torque([names[i] for i in shown]),
             )
 
 

@@ -458,11 +458,19 @@ def _varied(q: Array, apart: Array, deflection: Array) -> Array:
     return np.asarray(-np.array(x) / k)
 
 
-def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield the slope of a torque: one that is late by d is tau - d tau' to first order."""
-    channel = _torque_channel(side, joint)
-    if channel:
+def _late(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a late torque, or a late position of the joint, adds to the equation.
+
+    A torque that is late by d is tau - d tau' to first order. To (7) a late joint position adds
+    -(r_M/N) k r_L d theta_L', with the coefficient k d: the stiffness k changes with the delay.
+    """
+    if channel := _torque_channel(side, joint):
         yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+    encoders = {"motor_position", "joint_position"}
+    if side.is_motor and encoders <= side.sources.get(joint, {}).keys():
+        factor = _lever(side, joint) * side.robot.drives[joint].load_radius
+        slope = side.drive(joint).signal("theta_L_dot")
+        yield engine.linear_candidate(joint, "delay", "joint_position", lambda: -factor * slope)
 
 
 def _torque_channel(side: Side, joint: str) -> str:
@@ -526,31 +534,42 @@ _ROUNDING = 1e-3
 """Part of a column that rounding leaves of one that is in the model already."""
 
 
-def _late(side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float) -> Finding:
-    """Return the finding of a torque that is late or early against the positions."""
-    (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
-    return _late_torques(side, [joint], delay, error, share, abs(delay) - tol.SURE * error)
+def _is_late(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
+    """Return the finding of a channel that is late or early against the others."""
+    late, channel = accepted[0], accepted[0].trial.candidate.term
+    value = float(late.coefficients[0]), float(late.errors[0])
+    delay = _late_encoder(side, joint, late) if channel == "joint_position" else value
+    if delay is None:
+        return None
+    surely = abs(delay[0]) - tol.SURE * delay[1]
+    return _late_channels(side, {joint: channel}, delay, share, surely)
 
 
-def _late_torques(
-    side: Side, joints: Sequence[str], delay: float, error: float, explained: float, surely: float
+def _late_channels(
+    side: Side, channels: Mapping[str, str], value: tuple[float, float], share: float, surely: float
 ) -> Finding:
-    """Return the finding that the torques of joints are late by a delay [s], or early.
+    """Return the finding that {joint: channel}, of one kind, are late, or early.
 
+    `value` is their delay [s] and its standard error; it explains the `share` of a residual.
     It matters by the part [s] of it that is `surely` there: of one joint what is beyond its error,
     of many all, because how they differ is in the error already.
     """
-    entries = {}
-    for joint in joints:
-        channel = _torque_channel(side, joint)
-        source = side.sources.get(joint, {}).get(channel, "")
-        entries[joint] = {channel: changed_source(source, delay_s=round(delay, 5))}
+    delay, error = value
+    earlier = partial(changed_source, delay_s=round(delay, 5))
+    entries = {
+        joint: {channel: earlier(side.sources.get(joint, {}).get(channel, ""))}
+        for joint, channel in channels.items()
+    }
+    is_angle = "joint_position" in channels.values()
+    late, others = ("joint positions", "motor positions") if is_angle else ("torques", "positions")
     return codes.CODES["delay"].finding(
-        f"the torques of {', '.join(joints)} are {1e3 * abs(delay):.2f} +- "
-        f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the positions",
-        codes.only_joint(joints),
+        f"the {late} of {', '.join(channels)} are {1e3 * abs(delay):.2f} +- "
+        f"{1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} against the {others}",
+        codes.only_joint([*channels]),
         "doubtful" if surely > tol.LEAST_DELAY_S else "note",
-        {"delay [s]": delay, "standard error [s]": error, "explained": explained},
+        {"delay [s]": delay, "standard error [s]": error, "explained": share},
         codes.in_description(entries),
     )
 
@@ -577,7 +596,9 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
     explained = max(shares, default=0.0)
-    return _late_torques(selected[0][0], list(delays), common, error, explained, abs(common))
+    side = selected[0][0]
+    channels = {joint: _torque_channel(side, joint) for joint in delays}
+    return _late_channels(side, channels, (common, error), explained, abs(common))
 
 
 def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
@@ -586,7 +607,7 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
     They are next to what was accepted but for delays: a torque that is late spoils the bodies, and
     with them the other joints.
     """
-    joints = [late.joint for joint in side.joints for late in _late_torque(side, joint)]
+    joints = [joint for joint in side.joints if _torque_channel(side, joint)]
     if not joints:
         return {}
     trials = (x.trial for x in selection.accepted)
@@ -598,45 +619,20 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
     return dict(zip(joints, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
 
 
-def _late_encoder(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what (7) lacks if the joint position is late by d: -(r_M/N) k r_L d theta_L'.
+def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float, float] | None:
+    """Return the delay of a joint position [s] and its error, None if it may be damping.
 
     The speed of the joint is that of the motor less that of the deflection. Next to viscous
-    friction it is a damping k d of the spring, with less friction, by k d (r_M/N)^2.
+    friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2.
     """
-    encoders = {"motor_position", "joint_position"}
-    if side.is_motor and encoders <= side.sources.get(joint, {}).keys():
-        columns = partial(_speed_behind_spring, side, joint)
-        yield engine.linear_candidate(joint, "delay", "joint_position", columns)
-
-
-def _speed_behind_spring(side: Side, joint: str) -> Array:
-    """Return -(r_M/N) r_L theta_L' (R, 1): its coefficient is the stiffness times the delay."""
-    drive, factor = side.drive(joint), _lever(side, joint) * side.robot.drives[joint].load_radius
-    return -factor * drive.at_rows([x["theta_L_dot"][:, None] for x in drive.signals])
-
-
-def _encoder_is_late(
-    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
-) -> Finding | None:
-    """Return the finding of a joint position that is late or early, None if it may be damping."""
-    damping, refitted = float(accepted[0].coefficients[0]), side.next_to(accepted[0])
-    stiffness = refitted.get("stiffness", (0.0, 0.0))[0]
+    refitted = side.next_to(late)
+    stiffness, _ = refitted.get("stiffness", (0.0, 0.0))
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
+    damping, error = float(late.coefficients[0]), float(late.errors[0])
     is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
     if stiffness <= 0 or (damping > 0 and is_damping):
         return None
-    delay, error = damping / stiffness, float(accepted[0].errors[0]) / stiffness
-    source = changed_source(side.sources[joint]["joint_position"], delay_s=round(delay, 5))
-    return codes.CODES["delay"].finding(
-        f"the joint encoder of {joint} is {1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms "
-        f"{'late' if delay > 0 else 'early'} against that of the motor, which explains "
-        f"{share:.0%} of the squared residual of its motor equation",
-        joint,
-        "doubtful" if abs(delay) - tol.SURE * error > tol.LEAST_DELAY_S else "note",
-        {"delay [s]": delay, "standard error [s]": error, "explained": share},
-        codes.in_description({joint: {"joint_position": source}}),
-    )
+    return damping / stiffness, error / stiffness
 
 
 def _zeros(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -731,17 +727,10 @@ GEAR_CHECKS = (
     ),
     engine.ColumnCheck(
         codes.CODES["delay"],
-        _late_torque,
         _late,
-        "torque and position that are stamped by one clock have no delay",
-        "a torque that is late or early",
-    ),
-    engine.ColumnCheck(
-        codes.CODES["delay"],
-        _late_encoder,
-        _encoder_is_late,
-        "encoders that are stamped by one clock have no delay",
-        "an encoder of the joint that is late or early",
+        _is_late,
+        "channels that are stamped by one clock have no delay",
+        "a channel that is late or early",
     ),
     engine.ColumnCheck(
         codes.CODES["encoder-offset"],

@@ -23,14 +23,11 @@ from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
-from seaid.checks.verdict import Contact, RobotFit
 from seaid.drives import ParameterName, readable
 from seaid.drives.drives import term_fields
 from seaid.errors import Finding, SeaidError, by_severity, listed
 from seaid.estimation import FittedRows, estimator_named, fit
 from seaid.estimation.qr_factor import first_term
-from seaid.log import Motion
-from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
 
@@ -241,51 +238,6 @@ def without_echoes(
             vanished |= gone if side.doubtful else set()
         sides.append(side)
     return [x for x in values if (x.code, x.joint) not in vanished], sides
-
-
-def model_sides(
-    robot: Robot,
-    motions: Sequence[Motion],
-    fits: tuple[Mapping[str, FittedRows], FittedRows],
-    widths: Mapping[str, float],
-    gears: Iterable[str] = (),
-    base: BaseParameters | None = None,
-    offset_std: float = 0.0,
-    logs: Sequence[int] = (),
-) -> list[Side]:
-    """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
-
-    `widths` {joint: width of Coulomb friction} are those that the encoders resolve, `gears` the
-    joints whose gear was measured, `base` the base parameters of the load side, and `offset_std`
-    the standard deviation of the joints' zeros [rad], and `logs` the number of the log of each
-    motion. Rows that are not in memory are not checked,
-    nor those of robust estimators, which lack some instants. They lack the times of a contact: a
-    term would explain there what a hand did.
-    """
-    actuators, load = fits
-    notes, contacts = list[Finding](), tuple[Contact, ...]()
-    if load.rows is None or not motions:
-        return []
-    with guarded(CODES["contact"], notes):
-        contacts = RobotFit(robot.joint_names, load).contacts
-    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(logs)
-    sides = [
-        Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
-        for joint, fitted in actuators.items()
-    ]
-    load = _apart(load, contacts)
-    assert load.rows is not None
-    loads = tuple(name for place, name in enumerate(robot.joint_names) if place in load.rows.joint)
-    sides += [Side(robot, motions, load, loads, False, *shared)] if loads else []
-    return [side for side in sides if side.is_checked]
-
-
-def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
-    """Return a fit without the rows of contacts, which begin and end softly."""
-    for contact in contacts:
-        if fitted.rows is not None:
-            fitted = replace(fitted, rows=fitted.rows.at(~contact.touches(fitted.rows)))
-    return fitted
 
 
 def selections(sides: Sequence[Side]) -> list[SideSelection]:

@@ -735,9 +735,7 @@ def _contradicts_known_bodies(experiment: Experiment) -> bool:
     return has_gravity and _is_off(experiment, "nominal", tol.POOR)
 
 
-OF_COMMANDS: Possible = {
-    _contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]},
-}
+OF_COMMANDS: Possible = {_contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]}}
 """The mistakes that the torques of controllers show."""
 
 

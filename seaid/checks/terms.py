@@ -179,6 +179,10 @@ class DriveRows:
     def _scale(self) -> Scale:
         return scale_of(self.robot, self.motions, self.joint)
 
+    def signal(self, name: str) -> Array:
+        """Return a signal (R, 1) at all rows."""
+        return self.at_rows([by_name[name][:, None] for by_name in self.signals])
+
     def at_rows(self, parts: Sequence[Array]) -> Array:
         """Return columns (T, c) of torques at the samples of each motion at all rows (R, c).
 

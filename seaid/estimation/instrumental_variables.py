@@ -23,13 +23,7 @@ from seaid._arrays import Array, FrozenMapping, finite, safely
 from seaid.errors import IdentificationError
 from seaid.estimation import least_squares
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import (
-    RANK_TOLERANCE,
-    ROUNDING,
-    QRFactor,
-    qr_factor_of,
-    triangle,
-)
+from seaid.estimation.qr_factor import RANK_TOLERANCE, ROUNDING, QRFactor, qr_factor_of, triangle
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression

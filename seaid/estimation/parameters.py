@@ -203,12 +203,7 @@ class Constraints:
     stds: Array
 
     @classmethod
-    def of(
-        cls,
-        p: int,
-        equal: Iterable[Sequence[int]],
-        stated: Sequence[Bus] = (),
-    ) -> Constraints:
+    def of(cls, p: int, equal: Iterable[Sequence[int]], stated: Sequence[Bus] = ()) -> Constraints:
         """Return one value for the places of each group, and that of buses of `stated` delay."""
         unit, groups = np.eye(p), tuple(map(list, equal))
         rows = [unit[first] - unit[other] for first, *others in groups for other in others]

@@ -6,7 +6,7 @@ joint at rest, or an error, such as a dead channel.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,12 +18,13 @@ from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_n
 from seaid._progress import Result, counted
 from seaid.checks import CODES, JointCheck
 from seaid.checks.channels import rating_findings, stop_findings, strength_findings, without_torque
-from seaid.checks.codes import Observation, is_wrong, merged, observed
-from seaid.checks.columns import resolved_widths
+from seaid.checks.codes import Observation, guarded, is_wrong, merged, observed
+from seaid.checks.columns import Side
 from seaid.checks.commands import separation_findings
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
-from seaid.checks.model import model_findings, model_sides, selections
+from seaid.checks.model import model_findings, selections
 from seaid.checks.setup import joint_checks, log_findings, setup_findings
+from seaid.checks.verdict import Contact, RobotFit
 from seaid.drives import IDEAL_DRIVE, Drive
 from seaid.errors import (
     ExcitationError,
@@ -34,13 +35,20 @@ from seaid.errors import (
     checked,
     listed,
 )
-from seaid.estimation import estimator_named
-from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
+from seaid.estimation import FittedRows, estimator_named
+from seaid.identification.datasets import (
+    Dataset,
+    Source,
+    datasets_by_log,
+    first_motion,
+    sources_of,
+)
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles
 from seaid.log import Log, Motion, row_samples
-from seaid.regressor import motor_regressor
+from seaid.log.rows import still_speed
+from seaid.regressor import BaseParameters, motor_regressor
 from seaid.regressor.load import load_model_of, usable_rows
 from seaid.regressor.regression import actuator_rows, is_linear
 from seaid.robot import Robot
@@ -164,11 +172,94 @@ def _quick_fit_findings(
         solver = estimator_named("wls")
         fit = estimate_two_step({ONLY: Condition(robot, datasets, model)}, solver).of(ONLY)
         in_memory = [dataset for dataset in datasets if isinstance(dataset, Motion)]
-        widths = resolved_widths(robot, logs, motions)
-        sides = model_sides(robot, in_memory, (fit.actuators, fit.fit), widths, (), model.base)
+        sides = checked_sides(robot, in_memory, logs, (fit.actuators, fit.fit), (), model.base)
         shown = model_findings(selections(sides), known)
         return [x for x in shown if x.severity != "note" and x.code in _OF_LOGS]
     return []
+
+
+def checked_sides(
+    robot: Robot,
+    motions: Sequence[Motion],
+    logs: Sequence[Log],
+    fits: tuple[Mapping[str, FittedRows], FittedRows],
+    gears: Iterable[str] = (),
+    base: BaseParameters | None = None,
+    offset_std: float = 0.0,
+    numbers: Sequence[int] = (),
+) -> list[Side]:
+    """Return the equations of `fits` that are checked: (7) of elastic joints, and the load side.
+
+    `gears` are the joints whose gear was measured, `base` the base parameters of the load side,
+    `offset_std` the standard deviation of the joints' zeros [rad], and `numbers` those of the logs
+    of the motions. Rows that are not in memory are not checked, nor those of robust estimators,
+    which lack some instants. They lack the times of a contact: a term would explain there what a
+    hand did.
+    """
+    actuators, load = fits
+    notes, contacts = list[Finding](), tuple[Contact, ...]()
+    if load.rows is None or not motions:
+        return []
+    with guarded(CODES["contact"], notes):
+        contacts = RobotFit(robot.joint_names, load).contacts
+    widths = resolved_widths(robot, logs, motions)
+    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(numbers)
+    sides = [
+        Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
+        for joint, fitted in actuators.items()
+    ]
+    load = _apart(load, contacts)
+    assert load.rows is not None
+    loads = tuple(name for place, name in enumerate(robot.joint_names) if place in load.rows.joint)
+    sides += [Side(robot, motions, load, loads, False, *shared)] if loads else []
+    return [side for side in sides if side.is_checked]
+
+
+def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
+    """Return a fit without the rows of contacts, which begin and end softly."""
+    for contact in contacts:
+        if fitted.rows is not None:
+            fitted = replace(fitted, rows=fitted.rows.at(~contact.touches(fitted.rows)))
+    return fitted
+
+
+def resolved_widths(
+    robot: Robot, logs: Sequence[Log], motions: Sequence[Motion]
+) -> dict[str, float]:
+    """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
+
+    One encoder step per sample, and the change of the speed within a sample at a reversal. The step
+    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
+    Not less than the speed below which a motor counts as standing: a smaller width would describe
+    the friction of a motor that sticks, which has no sign, in rows next to standstill.
+    """
+    widths = {}
+    for index, joint in enumerate(robot.joint_names):
+        steps = [_step_per_sample(log, joint, robot.drives[joint].ratio) for log in logs]
+        step = float(np.median(steps)) if steps else 0.0
+        if np.isfinite(step) and step > 0:
+            turns = [_change_at_reversal(motion, index) for motion in motions]
+            # Both widen the reversal independently of each other: their squares add up.
+            width = float(np.hypot(step, np.median(turns) if turns else 0.0))
+            widths[joint] = max([width, *(still_speed(motion, index) for motion in motions)])
+    return widths
+
+
+def _step_per_sample(log: Log, joint: str, ratio: float) -> float:
+    """Return the motor speed [rad/s] of one step of its encoder, or the joint's, per sample."""
+    place = log.joint_names.index(joint)
+    angle = log.motor_position[:, place]
+    if not np.all(np.isfinite(angle)):
+        angle = ratio * log.joint_position[:, place]
+    return float(np.sqrt(12.0) * white_noise(angle) / np.median(np.diff(log.time)))
+
+
+def _change_at_reversal(motion: Motion, place: int) -> float:
+    """Return the median change of a motor's speed [rad/s] within a sample at its reversals."""
+    speed = motion.motor_velocity[:, place]
+    reversals = np.flatnonzero(speed[1:] * speed[:-1] < 0)
+    changes = np.abs(motion.motor_acceleration[reversals, place]) / motion.rate_hz
+    return float(np.median(changes)) if len(changes) else 0.0
 
 
 def without_locked_loads(

@@ -24,16 +24,7 @@ from seaid.checks.values import contradictions
 from seaid.drives import ParameterName, readable
 from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, IdentificationError, RobotError
-from seaid.estimation import Estimate, nearest
-from seaid.estimation.sdp import (
-    WEIGHTS,
-    FeasiblePoint,
-    Program,
-    covariance_root,
-    floored_covariance,
-    regularised,
-    with_selected_weight,
-)
+from seaid.estimation import Estimate, nearest, sdp
 from seaid.identification.drive_estimates import with_values
 from seaid.regressor.load import LoadModel
 from seaid.robot import Robot, is_physical
@@ -138,7 +129,9 @@ def feasible_parameters(
     if white_covariance is not None:
         size = len(load_side.names)
         white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
-        load_side = replace(load_side, covariance=floored_covariance(load_side.covariance, white))
+        load_side = replace(
+            load_side, covariance=sdp.floored_covariance(load_side.covariance, white)
+        )
     known = _stacked(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     program, words = body_program(robot, model, known, bodies)
@@ -181,22 +174,22 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
     return whole
 
 
-def _weighted(program: Program, weight: float | None, least: float) -> FeasiblePoint:
+def _weighted(program: sdp.Program, weight: float | None, least: float) -> sdp.FeasiblePoint:
     if weight is None:
-        return with_selected_weight(program, least)
+        return sdp.with_selected_weight(program, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
             f"weight= must be zero or more and finite (None: selected), found {weight}"
         )
-    return regularised(program, max(weight, WEIGHTS[-1]))
+    return sdp.regularised(program, max(weight, sdp.WEIGHTS[-1]))
 
 
-def _bodies(robot: Robot, point: FeasiblePoint) -> Array:
+def _bodies(robot: Robot, point: sdp.FeasiblePoint) -> Array:
     """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
     return np.where(robot.is_known, robot.parameters, point.unknowns[: robot.parameters.size])
 
 
-def _robot(robot: Robot, model: LoadModel, known: Estimate, point: FeasiblePoint) -> Robot:
+def _robot(robot: Robot, model: LoadModel, known: Estimate, point: sdp.FeasiblePoint) -> Robot:
     """Return the robot with consistent bodies and the identified drives."""
     m, names = robot.parameters.size, dict(zip(known.names, point.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, point.unknowns[m:], strict=False):
@@ -217,7 +210,7 @@ def _rounded(name: str, value: float) -> float:
     return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
-def _active_bounds(robot: Robot, point: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
+def _active_bounds(robot: Robot, point: sdp.FeasiblePoint, words: list[str]) -> tuple[str, ...]:
     """Describe the constraints that are active at a feasible point."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"
@@ -324,7 +317,7 @@ NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffn
 
 def body_program(
     robot: Robot, model: LoadModel, known: Estimate, bodies: Array
-) -> tuple[Program, list[str]]:
+) -> tuple[sdp.Program, list[str]]:
     """Return the program, and the description of each inequality as an active bound.
 
     Unknowns: the standard parameters, the parameters of stiff drives that the base parameters
@@ -332,7 +325,7 @@ def body_program(
     """
     m, absorbed = robot.parameters.size, len(model.absorbed)
     columns, pivots, drive_rows = _columns(model, known, m)
-    root = covariance_root(known.covariance, known.values)
+    root = sdp.covariance_root(known.covariance, known.values)
     # An absorbed parameter adds `absorption` times itself to base parameters, as an inertia does:
     # the largest inertia over this factor is its natural size.
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
@@ -344,7 +337,7 @@ def body_program(
     limited = np.flatnonzero(signed)
     limits = np.zeros((len(limited), columns.shape[1]))
     limits[range(len(limited)), m + limited] = 1 / sizes[limited]
-    program = Program(
+    program = sdp.Program(
         columns=columns,
         pivots=pivots,
         estimate=known.values,

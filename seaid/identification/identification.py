@@ -25,15 +25,10 @@ from seaid.errors import Finding, IdentificationError, SeaidError, checked
 from seaid.estimation import Estimate
 from seaid.estimation.fitting import EstimatorName
 from seaid.estimation.parameters import with_groups
+from seaid.identification import output_error
 from seaid.identification.conclusion import conclude
 from seaid.identification.datasets import Source, sources_of
 from seaid.identification.model_selection import with_fixed_default_terms
-from seaid.identification.output_error import (
-    FirstEstimate,
-    first_estimate,
-    refined_by_motors,
-    simulated_from_motors,
-)
 from seaid.identification.problem import Method, Options, solve
 from seaid.identification.result import (
     Fit,
@@ -224,14 +219,16 @@ def _with_simulated_angles(
     """
     assert options.cutoff_hz is not None
 
-    def estimated(initial: list[Log], is_consistent: bool) -> FirstEstimate:
-        return first_estimate(_fit(robot, initial, replace(options, feasible=is_consistent)), logs)
+    def estimated(initial: list[Log], is_consistent: bool) -> output_error.FirstEstimate:
+        return output_error.first_estimate(
+            _fit(robot, initial, replace(options, feasible=is_consistent)), logs
+        )
 
-    def refined(initial: list[Log]) -> FirstEstimate:
+    def refined(initial: list[Log]) -> output_error.FirstEstimate:
         # An inertia as estimated may not be one to simulate.
         return next(successes(partial(estimated, initial, x) for x in (False, True)))
 
-    tried = list[FirstEstimate]()
+    tried = list[output_error.FirstEstimate]()
     starts = starts_by_regression(robot, logs, joints, options.cutoff_hz)
     for estimate in successes(partial(refined, initial) for initial in starts):
         tried.append(estimate)
@@ -245,7 +242,7 @@ def _refined_from_motors(
 ) -> Identification:
     """Return the refinement of a second regression, with what hides the springs of joints."""
     try:
-        refined = refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
+        refined = output_error.refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
     except IdentificationError as problem:
         raise IdentificationError(
             f"the motor alone does not determine the stiffness of {', '.join(joints)} "
@@ -289,7 +286,7 @@ def validate(identification: Identification, log: Log) -> Validation:
     >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
     """
     unseen = joints_sensed_by_motor_only(identification.known, [log])
-    log = simulated_from_motors(identification, log)
+    log = output_error.simulated_from_motors(identification, log)
     motions = reconstruct_motions(identification.robot, log, identification.cutoff_hz)
     result = compared(identification, *motions)
     places = [identification.known.index(joint) for joint in unseen]

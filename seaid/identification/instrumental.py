@@ -32,17 +32,9 @@ from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator
 from seaid.estimation.instrumental_variables import instrumental, projected_columns
+from seaid.identification import simulated_joints
 from seaid.identification.drive_estimates import without_torque
 from seaid.identification.refined_parameters import with_bodies
-from seaid.identification.simulated_joints import (
-    BY_INSTRUMENTS,
-    LinearisedLoad,
-    displaced,
-    finer_side,
-    in_coordinates,
-    linear_spring,
-    smoothed,
-)
 from seaid.identification.stacked_fits import LOAD, RobotEstimate, spring_of
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
@@ -96,7 +88,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     for row, joint in enumerate(fitted.model.torque_joints):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs:
-            spring = linear_spring(robot, joint, fitted.springs[joint])
+            spring = simulated_joints.linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
             # r_M/N theta_M = d + r_L theta_L.
@@ -179,7 +171,9 @@ def estimate_instrumental(
     converge, and as `instrumental` does.
     """
     robot, joints = condition.robot, condition.model.torque_joints
-    BY_INSTRUMENTS.check(robot, [joint for joint in joints if joint in robot.elastic_joints])
+    simulated_joints.BY_INSTRUMENTS.check(
+        robot, [joint for joint in joints if joint in robot.elastic_joints]
+    )
     run = partial(_settled, condition, executor=executor)
     estimate = run(start, make=instrument_motion)
     try:
@@ -236,7 +230,7 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
     bad = [
         joint
         for joint, values in springs.items()
-        if linear_spring(robot, joint, values).stiffness <= 0
+        if simulated_joints.linear_spring(robot, joint, values).stiffness <= 0
     ]
     if bad:
         raise IdentificationError(
@@ -302,33 +296,35 @@ def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
     model, springs, load_side = fitted.model, fitted.springs, fitted.load_side
     names = [joint for joint in model.torque_joints if joint in springs]
     if not names:
-        return finer_side(robot, motion)
+        return simulated_joints.finer_side(robot, motion)
     joints = list(map(robot.index, names))
     rows = list(map(model.torque_joints.index, names))
     bodies = _robot_of(robot, fitted)
     # k r_L^2 and c r_L^2 at the joint, (4b).
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
-    linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
+    linear = [simulated_joints.linear_spring(robot, joint, springs[joint]) for joint in names]
     rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
     parallel = [_parallel_matrix(robot, fitted, name) for name in _PARALLEL]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
-    finer = in_coordinates(finer_side(robot, motion), robot.transmission, at_drives)
-    simulated = smoothed(finer, joints)
+    finer = simulated_joints.in_coordinates(
+        simulated_joints.finer_side(robot, motion), robot.transmission, at_drives
+    )
+    simulated = simulated_joints.smoothed(finer, joints)
     periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
     windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
     for _ in range(_SWEEPS):
         with np.errstate(all="ignore"):
-            moved = in_coordinates(simulated, robot.transmission, at_joints)
+            moved = simulated_joints.in_coordinates(simulated, robot.transmission, at_joints)
             residual = load_columns(robot, moved, model, springs).residual(load_side)[:, rows]
             jacobians = torque_jacobians(bodies, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             # The motors are given: a spring, with its damping, pulls as one to a fixed point.
             inside = inside.plus(np.diag(rate), np.diag(damping))
-            load = LinearisedLoad(inside, 1 / motion.rate_hz, windows)
+            load = simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, windows)
             response = load.response(residual[:, :, None])
         simulated = _with_initial_states(simulated, joints, response, reading, windows)
-    return in_coordinates(simulated, robot.transmission, at_joints)
+    return simulated_joints.in_coordinates(simulated, robot.transmission, at_joints)
 
 
 def _robot_of(robot: Robot, fitted: FittedModel) -> Robot:
@@ -375,7 +371,7 @@ def _with_initial_states(
             what="the initial states of a simulated motion",
             rcond=None,
         )[0]
-    moved = displaced(motion, joints, response, weights)
+    moved = simulated_joints.displaced(motion, joints, response, weights)
     distance = np.abs(moved.joint_position[:, joints] - reading)
     if np.any(np.max(distance, axis=0) > np.ptp(reading, axis=0)):
         raise IdentificationError(_DIVERGED, "estimator='wls'")

@@ -27,16 +27,8 @@ from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
 from seaid.estimation.nonlinear_least_squares import Residuals, joined
+from seaid.identification import simulated_joints
 from seaid.identification.refined_parameters import Advance, Layout, MotionChange, block_means
-from seaid.identification.simulated_joints import (
-    NUDGE,
-    LinearisedLoad,
-    displaced,
-    drive_slopes,
-    finer_side,
-    nudged,
-    smoothed,
-)
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.identification.unseen_springs import SAMPLES
 from seaid.log import Log, Motion, low_pass, reconstruct_motion
@@ -85,7 +77,7 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
     """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
     known, motion = layout.identification.known, _in_wider_band(layout, log)
     if layout.unseen:
-        motion = smoothed(motion, [known.index(joint) for joint in layout.unseen])
+        motion = simulated_joints.smoothed(motion, [known.index(joint) for joint in layout.unseen])
         # The angles behind the springs are simulated, so that the samples must resolve the
         # fastest oscillation in the band, and no more: the cost grows with their number.
         motion = decimated(motion, max(1, int(motion.rate_hz / (SAMPLES * motion.cutoff_hz))))
@@ -119,14 +111,14 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
     band = min(wider * start.cutoff_hz, rate_hz / 8)
-    motion = finer_side(known, reconstruct_motion(known, log, band))
+    motion = simulated_joints.finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
     # Torque noise < noise of I_M w': a wider band would only add that of the encoder. Any noise in
     # the column w' of an unknown I_M makes it too small (errors in variables).
     noises = [motor_noise(layout, joint, log, motion) for joint in behind]
     is_noisy = any(torque < rotor for torque, rotor in noises)
     if is_noisy or any("motor_inertia" in layout.actuators[x].names for x in layout.unseen):
-        return finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
+        return simulated_joints.finer_side(known, reconstruct_motion(known, log, start.cutoff_hz))
     return motion
 
 
@@ -168,7 +160,7 @@ class Pull:
 
     layout: Layout
     run: Run
-    load: LinearisedLoad
+    load: simulated_joints.LinearisedLoad
     force: Array
 
     def moved(self, change: Array, part: float, initial: Array) -> Run:
@@ -179,7 +171,7 @@ class Pull:
         # the parameters, and free motions Phi from the changes s of each window's initial state.
         response = self.load.response(self.force @ np.append(part, change)[:, None])
         weights = np.column_stack([np.ones(len(initial)), initial])
-        motion = displaced(self.run.motion, joints, response, weights)
+        motion = simulated_joints.displaced(self.run.motion, joints, response, weights)
         if layout.has_zeros:
             position = motion.joint_position.copy()
             others = [joint for joint in range(known.n) if joint not in joints]
@@ -319,21 +311,23 @@ class _Around:
     @cached_property
     def nudged(self) -> tuple[Motion, Motion]:
         """The motions with all joint positions changed, and with all speeds."""
-        return nudged(self.run.motion, 0), nudged(self.run.motion, 1)
+        return simulated_joints.nudged(self.run.motion, 0), simulated_joints.nudged(
+            self.run.motion, 1
+        )
 
     @property
-    def linearised_load(self) -> LinearisedLoad:
+    def linearised_load(self) -> simulated_joints.LinearisedLoad:
         """What pulls at the simulated joints: the bodies, and the drives against their motion."""
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
         simulated = list(map(model.torque_joints.index, layout.simulated))
-        slopes = drive_slopes(
+        slopes = simulated_joints.drive_slopes(
             self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
         )
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
         by_speed = by_speed + self.friction[1][:, :, None] * eye
         inside = self.jacobians.part(self.joints, self.joints).plus(by_position, by_speed)
-        return LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
+        return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
     def linearised(self) -> tuple[Residuals, Pull]:
         """Return the residuals of the simulated joints, and what pulls at these joints.
@@ -380,7 +374,7 @@ class _Around:
             moves = response.position[:, row], response.velocity[:, row]
             for move, motion in zip(moves, self.nudged, strict=True):
                 _, zeta, R = self.motor_equation(joint, motion)
-                slope = (zeta - R @ self.x[of_drive] - residual) / NUDGE
+                slope = (zeta - R @ self.x[of_drive] - residual) / simulated_joints.NUDGE
                 # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
                 # The first column is the change by the Newton correction of the joint.
                 columns[:, row] += slope[:, None] * move

@@ -44,15 +44,8 @@ from seaid.identification.drive_estimates import with_values
 from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torque
 from seaid.identification.two_step import spring_torque_joints, two_step_equations
 from seaid.log import Motion
-from seaid.regressor import Regression, actuator_regression, motor_regressor
+from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
 from seaid.regressor.load import LoadModel, load_model_of, with_gear_torque
-from seaid.regressor.regression import (
-    actuator_equation,
-    actuator_rows,
-    signals,
-    stacked,
-    under_load,
-)
 from seaid.robot import Robot
 
 _SINGULAR = 1e-6
@@ -147,7 +140,7 @@ def linearised(
     drives = {
         joint: _linearised_drive(robot, motions, joint)
         for joint in searched
-        if actuator_equation(robot, motions[0], joint)[0].non_linear
+        if regression.actuator_equation(robot, motions[0], joint)[0].non_linear
     }
     robot = robot.with_drives(drives) if drives else robot
     _check_warm_up(robot, motions, searched)
@@ -253,8 +246,8 @@ class _Search:
 
 def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
     """Return the search on the actuator side of an elastic joint, with all of its columns."""
-    regressor, _ = actuator_equation(robot, motions[0], joint)
-    kept = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
+    regressor, _ = regression.actuator_equation(robot, motions[0], joint)
+    kept = [regression.actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
     times = [motion.time[samples] for motion, samples in zip(motions, kept, strict=True)]
     count = sum(map(len, times))
     # The rows have no columns, since a nonlinear drive without values has none.
@@ -291,7 +284,7 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
         nominal={},
     )
     simple = robot.with_drives({joint: plain})
-    rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
+    rows = regression.stacked([actuator_regression(simple, motion, joint) for motion in motions])
     estimate = ordinary(rows)
     values = {**plain.values, **estimate.by_name}
     stiffness = values.get("stiffness", 0.0)
@@ -349,7 +342,7 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                 continue
             returns, ranges = [0.0], [1e-12]
             for motion in motions:
-                by_name = signals(robot, motion, index)
+                by_name = regression.signals(robot, motion, index)
                 x = by_name["theta_M"]
                 if field == "spring":
                     x = (
@@ -542,7 +535,7 @@ def with_gear_torques(
     robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 ) -> tuple[Robot, list[Motion]]:
     """Return the robot with linearised stiff drives, and motions with their gear torques."""
-    joints = under_load(robot, used)
+    joints = regression.under_load(robot, used)
     if not joints:
         return linearised_load(robot, motions, used), list(motions)
     drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
@@ -573,8 +566,9 @@ def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> li
             return better
         known = better
     raise IdentificationError(
-        f"load-dependent friction of {', '.join(under_load(robot, used))} did not converge in "
-        f"{_MOST_TURNS} iterations: remove 'load' from friction, or move these joints more"
+        f"load-dependent friction of {', '.join(regression.under_load(robot, used))} did not "
+        f"converge in {_MOST_TURNS} iterations: remove 'load' from friction, or move these joints "
+        "more"
     )
 
 
@@ -626,10 +620,10 @@ def linearised_robot(
     _check_whole_warm_up(robot, datasets)
     motions = [first_motion(dataset) for dataset in datasets]
     robot = linearised(robot, motions)
-    if not nonlinear_joints(robot, used) and not under_load(robot, used):
+    if not nonlinear_joints(robot, used) and not regression.under_load(robot, used):
         return robot, list(datasets)
     robot, known = with_gear_torques(robot, motions, used)
-    if not under_load(robot, used):
+    if not regression.under_load(robot, used):
         return robot, list(datasets)
     if not all(isinstance(dataset, Motion) for dataset in datasets):
         raise IdentificationError(

@@ -30,16 +30,8 @@ from seaid.estimation.nonlinear_least_squares import (
     nuisance_draw,
     without_information,
 )
+from seaid.identification import motor_driven
 from seaid.identification.drive_estimates import without_torque
-from seaid.identification.motor_driven import (
-    WINDOW_S,
-    MotorDriven,
-    Run,
-    check_columns,
-    motor_noise,
-    runs_of,
-    with_hysteresis,
-)
 from seaid.identification.refined_parameters import (
     Advance,
     Layout,
@@ -369,10 +361,10 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
     """
     known, rng = layout.identification.known, np.random.default_rng(0)
     total = np.zeros((len(point.x), len(point.x)))
-    for _ in range(_STATE_DRAWS if with_hysteresis(known, layout.simulated) else 0):
+    for _ in range(_STATE_DRAWS if motor_driven.with_hysteresis(known, layout.simulated) else 0):
         noisy = [
             replace(log, simulator=log.simulator.with_noise(known, logs, rng))
-            if isinstance(log.simulator, MotorDriven)
+            if isinstance(log.simulator, motor_driven.MotorDriven)
             else log
             for log in point.logs
         ]
@@ -383,13 +375,17 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
 # What is compared
 
 
-def point_at(layout: Layout, logs: Sequence[Log], x: Array, window_s: float = WINDOW_S) -> LogPoint:
+def point_at(
+    layout: Layout, logs: Sequence[Log], x: Array, window_s: float = motor_driven.WINDOW_S
+) -> LogPoint:
     """Return the point of a search at the values x (p,), its joints simulated to satisfy (8)."""
     shortest_s = SHORTEST_STRETCH / layout.identification.cutoff_hz
     parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
     simulators: list[Simulator] = []
     if layout.simulated:
-        simulators += [MotorDriven(runs_of(layout, part, window_s)) for part in parts]
+        simulators += [
+            motor_driven.MotorDriven(motor_driven.runs_of(layout, part, window_s)) for part in parts
+        ]
     if layout.sensed or layout.others:
         simulators += [MeasuredTorques.of(layout, part) for part in parts]
     return point_of(layout, simulators, x).settled()
@@ -475,7 +471,7 @@ def _rows_of_channels(
 
     for joint in layout.sensed:
         rows = rows_of(partial(actuator_regression, known, joint=joint), layout.drives[joint])
-        check_columns(layout, rows.names, joint)
+        motor_driven.check_columns(layout, rows.names, joint)
         yield known.index(joint), layout.drives[joint], rows
     if layout.others:
         zero = without_torque(known, layout.simulated)
@@ -514,10 +510,10 @@ def _simulated_log(layout: Layout, log: Log, point: LogPoint) -> Log:
     return filled.between(parts[0].time[0], parts[-1].time[-1])
 
 
-def _runs(point: LogPoint) -> list[Run]:
+def _runs(point: LogPoint) -> list[motor_driven.Run]:
     """Return the simulated windows of all logs."""
     simulators = [log.simulator for log in point.logs]
-    return [run for x in simulators if isinstance(x, MotorDriven) for run in x.runs]
+    return [run for x in simulators if isinstance(x, motor_driven.MotorDriven) for run in x.runs]
 
 
 def simulated_from_motors(identification: Identification, log: Log) -> Log:
@@ -565,7 +561,7 @@ def first_estimate(identification: Identification, logs: list[Log]) -> FirstEsti
     channels = len(layout.simulated) + np.flatnonzero(np.isin(layout.simulated, layout.unseen))
     noise = [
         max(
-            np.hypot(*motor_noise(layout, joint, log, run.motion))
+            np.hypot(*motor_driven.motor_noise(layout, joint, log, run.motion))
             for log in logs
             for run in _runs(point)
         )
@@ -593,7 +589,7 @@ def _noise_of_states(point: LogPoint) -> Array:
     states, and the derivatives by a stiffness have a part that is noise.
     """
     rng, step = np.random.default_rng(0), point.step
-    driven = [log for log in point.logs if isinstance(log.simulator, MotorDriven)]
+    driven = [log for log in point.logs if isinstance(log.simulator, motor_driven.MotorDriven)]
     noise = np.zeros((len(point.x), len(point.x)))
     for _ in range(_STATE_DRAWS):
         states = [nuisance_draw(log.residuals, step.stds, rng) for log in driven]

@@ -16,11 +16,9 @@ from itertools import chain
 from typing import Any, Literal
 
 from seaid.checks.channels import locked_outputs
-from seaid.checks.columns import resolved_widths
 from seaid.checks.experiment import Experiment, experiment_of, with_torques_of
 from seaid.checks.model import (
     SideSelection,
-    model_sides,
     selections,
 )
 from seaid.checks.setup import log_findings
@@ -307,12 +305,11 @@ class Problem:
         if self.only is None:
             return []
         (estimate,), case = self.two_step.values(), self.only
-        robot, motions = case.robot, case.motions
+        robot, motions, logs = case.robot, case.motions, case.logs.in_memory
         fits, base = (estimate.actuators, estimate.fit), case.condition.model.base
-        widths = resolved_widths(robot, case.logs.in_memory, motions)
         known = base, self.options.encoder_offset_std, case.logs.numbers
         gears = deflection_joints(robot, motions)
-        return selections(model_sides(robot, motions, fits, widths, gears, *known))
+        return selections(checking.checked_sides(robot, motions, logs, fits, gears, *known))
 
 
 def solve(

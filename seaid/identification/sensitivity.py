@@ -41,6 +41,7 @@ from seaid.estimation.fitting import Rows
 from seaid.estimation.least_squares import equal_weights, solve
 from seaid.estimation.parameters import names_of_all
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
+from seaid.identification import two_step
 from seaid.identification.drive_estimates import (
     has_only_spring_torque,
     with_unit_constant,
@@ -52,13 +53,6 @@ from seaid.identification.stacked_fits import (
     RobotEstimate,
     offset_lever,
     sensed_spring,
-)
-from seaid.identification.two_step import (
-    ENCODER_OFFSET,
-    Condition,
-    SpecificParameters,
-    propagated_names,
-    rows_of_conditions,
 )
 from seaid.log import Log, Motion, low_pass
 from seaid.log.motion import POSITION_BAND
@@ -179,7 +173,7 @@ def _scores(fits: Sequence[WeightedFit], estimate: Estimate, propagated: Array |
 
 
 def sensitivity_findings(
-    condition: Condition, sides: RobotEstimate, estimator: str
+    condition: two_step.Condition, sides: RobotEstimate, estimator: str
 ) -> list[Finding]:
     """Return what another estimator or a wider cutoff contradicts in two steps of wls or ols.
 
@@ -219,7 +213,7 @@ def _estimator_findings(
 
 
 def _cutoff_findings(
-    condition: Condition, sides: RobotEstimate, ordinary: bool
+    condition: two_step.Condition, sides: RobotEstimate, ordinary: bool
 ) -> Iterator[Finding]:
     """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
     robot, motions = condition.robot, condition.motions
@@ -350,7 +344,7 @@ class Constant:
     @property
     def is_offset(self) -> bool:
         """Whether it is an encoder offset, which each condition has for itself."""
-        return self.name == ENCODER_OFFSET
+        return self.name == two_step.ENCODER_OFFSET
 
     @property
     def key(self) -> str:
@@ -378,7 +372,7 @@ class Constant:
         Those of any drive may contain a larger input, since coupled drives share torques.
         """
         return bool(self.inputs) or (
-            self.joint == joint and self.name not in ("bodies", ENCODER_OFFSET)
+            self.joint == joint and self.name not in ("bodies", two_step.ENCODER_OFFSET)
         )
 
 
@@ -474,7 +468,7 @@ def _with_constant(robot: Robot, joint: str, name: str, value: float) -> Robot:
 def encoder_offsets(robot: Robot, std: float) -> list[Constant]:
     """Return the offsets of the joint encoders with a standard deviation [rad or m], if any."""
     part = std * STEP / OFFSET_STEP  # in units of the step over `STEP`, see `Constant`
-    return [Constant(ENCODER_OFFSET, x, part, robot) for x in robot.joint_names if std]
+    return [Constant(two_step.ENCODER_OFFSET, x, part, robot) for x in robot.joint_names if std]
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,9 +479,9 @@ class GivenConstants:
     same ones; encoders, which come last, are zeroed anew in each.
     """
 
-    conditions: Mapping[str, Condition]
+    conditions: Mapping[str, two_step.Condition]
     constants: Mapping[str, Sequence[Constant]]
-    specific: SpecificParameters
+    specific: two_step.SpecificParameters
     executor: Executor | None
 
     @property
@@ -511,11 +505,11 @@ class GivenConstants:
             name: _equations(name, x, estimates[name], self.constants[name])
             for name, x in self.conditions.items()
         }
-        with rows_of_conditions(
+        with two_step.rows_of_conditions(
             self.conditions,
             self.specific,
             equations,
-            propagated_names(first.robot, [*sides.springs]),
+            two_step.propagated_names(first.robot, [*sides.springs]),
             sides.fit.rows is None,
             self.executor,
             error_names=[constant.key for constant in self.common],
@@ -574,7 +568,7 @@ class GivenConstants:
 
 
 def given_constants(
-    conditions: Mapping[str, Condition], known_std: Mapping[str, float]
+    conditions: Mapping[str, two_step.Condition], known_std: Mapping[str, float]
 ) -> Mapping[str, list[Constant]]:
     """Return the constants of each condition that have a standard deviation."""
     constants = {name: list(constants_of(x.robot, known_std)) for name, x in conditions.items()}
@@ -611,7 +605,7 @@ def _rows_at_once(
 
 
 def _equations(
-    name: str, condition: Condition, sides: RobotEstimate, constants: Sequence[Constant]
+    name: str, condition: two_step.Condition, sides: RobotEstimate, constants: Sequence[Constant]
 ) -> dict[str, Regress]:
     """Return the functions for the rows of a condition, which propagate errors of the constants."""
     robot, turn, equations = condition.robot, sides.turn, dict[str, Regress]()
@@ -655,7 +649,10 @@ def _drive_rows(
 
 
 def _load_rows(
-    condition: Condition, sides: RobotEstimate, constants: Sequence[Constant], motion: Motion
+    condition: two_step.Condition,
+    sides: RobotEstimate,
+    constants: Sequence[Constant],
+    motion: Motion,
 ) -> Regression:
     """Return the load side without the torques of springs, which propagates them and constants.
 

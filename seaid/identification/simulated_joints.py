@@ -24,16 +24,8 @@ from seaid.drives import Drive
 from seaid.drives.drives import groups_of
 from seaid.errors import IdentificationError, listed
 from seaid.estimation.nonlinear_least_squares import Residuals
+from seaid.identification import refined_parameters
 from seaid.identification.datasets import Dataset, first_motion
-from seaid.identification.refined_parameters import (
-    Advance,
-    Layout,
-    LogPoint,
-    MotionChange,
-    block_means,
-    layout_of,
-    point_of,
-)
 from seaid.log import Log, Motion, low_pass, reconstruct_motion
 from seaid.log.channels import OF_CONTROLLERS
 from seaid.log.commands import commanded_part, relative_supply
@@ -188,7 +180,9 @@ class CommandDriven:
     log: Log
     motion: Motion
 
-    def linearised(self, layout: Layout, x: Array) -> tuple[Residuals, Advance]:
+    def linearised(
+        self, layout: refined_parameters.Layout, x: Array
+    ) -> tuple[Residuals, refined_parameters.Advance]:
         """Return the residuals of the joint positions at x (p,); each rollout starts anew."""
         robot, log = layout.robot_at(x), self.log
         moved = rollout(robot, log, longest_closed_s=STEP_S)
@@ -202,25 +196,25 @@ class CommandDriven:
         if motion.bridged is not None:  # what was interpolated over a gap was not measured
             unknown |= motion.bridged[:, None]
         block = max(1, round(_BLOCK_S * (len(log.time) - 1) / float(np.ptp(log.time))))
-        rows = block_means(columns, unknown, log.time, 1, block, 0)
+        rows = refined_parameters.block_means(columns, unknown, log.time, 1, block, 0)
         late = rows.time - log.time[0] > min(_transient_s(robot), 0.25 * np.ptp(log.time))
         return replace(rows, kept=rows.kept & late[..., None]), lambda *_: self
 
-    def changed(self, change: MotionChange) -> CommandDriven:
+    def changed(self, change: refined_parameters.MotionChange) -> CommandDriven:
         """Return the simulator itself, as commands are inputs that have no scale."""
         return self
 
 
-def commanded_point(start: Identification, logs: Sequence[Log]) -> LogPoint:
+def commanded_point(start: Identification, logs: Sequence[Log]) -> refined_parameters.LogPoint:
     """Return the point of a search at the values of an identification."""
-    layout = layout_of(start, 0.0)
+    layout = refined_parameters.layout_of(start, 0.0)
     windows = []
     for log in logs:
         for stretch in stretches(usable(log), 1.0):
             count = max(1, int(np.ceil((stretch.time[-1] - stretch.time[0]) / _WINDOW_S)))
             edges = np.linspace(stretch.time[0], stretch.time[-1], count + 1)
             windows += [_window(start, stretch.between(a, b)) for a, b in pairwise(edges)]
-    return point_of(layout, windows, layout.start)
+    return refined_parameters.point_of(layout, windows, layout.start)
 
 
 def _window(identification: Identification, log: Log) -> CommandDriven:
@@ -277,7 +271,9 @@ def _motion_of(robot: Robot, motion: Motion, moved: Log) -> Motion:
     )
 
 
-def _sensitivity(layout: Layout, robot: Robot, motion: Motion, log: Log, x: Array) -> Array:
+def _sensitivity(
+    layout: refined_parameters.Layout, robot: Robot, motion: Motion, log: Log, x: Array
+) -> Array:
     """Return the derivative (T, n, p) of the positions of a rollout by the parameters x (p,)."""
     known, model = layout.identification.known, layout.identification.model
     names = model.torque_joints

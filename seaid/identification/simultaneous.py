@@ -32,17 +32,7 @@ from seaid.drives import ParameterName, readable
 from seaid.drives.drives import groups_of
 from seaid.drives.terms import parameter_of
 from seaid.errors import ExcitationError, IdentificationError, listed
-from seaid.estimation import Estimate, Estimator, FittedRows
-from seaid.estimation.least_squares import (
-    equal_weights,
-    estimate_of_rows,
-    extrapolated,
-    factored,
-    settled_weights,
-    solve,
-    weights_at,
-    with_drifts_of,
-)
+from seaid.estimation import Estimate, Estimator, FittedRows, least_squares
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import without_torque
@@ -230,12 +220,12 @@ def estimation(estimator: Estimator, propagated: Array | None = None) -> Estimat
     iteration have two solutions where the model lacks an effect at one joint, with the equation of
     a neighbour fitted exactly or not, and the iteration would alternate between them.
     """
-    if estimator.weigh is not settled_weights:
+    if estimator.weigh is not least_squares.settled_weights:
         return lambda rows, theta: estimator.solve(rows, propagated)
 
     def reweighted(rows: Regression, theta: Array) -> Estimate:
-        parts = factored(rows, propagated)
-        return estimate_of_rows(parts, weights_at(parts.whole, theta))
+        parts = least_squares.factored(rows, propagated)
+        return least_squares.estimate_of_rows(parts, least_squares.weights_at(parts.whole, theta))
 
     return reweighted
 
@@ -268,7 +258,7 @@ def settled(
         last = [*last[-2:], theta]
         if iteration >= _PATIENCE and iteration % 3 == 0:
             scale = np.where(new.standard_errors > 0, new.standard_errors, 1.0)
-            theta = extrapolated(np.array(last) / scale) * scale
+            theta = least_squares.extrapolated(np.array(last) / scale) * scale
     worst = int(np.argmax(moved / new.standard_errors))
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
@@ -400,11 +390,14 @@ def _estimated(
     # ones are correlated between (7) and (8).
     change = partial(_solved_rows, robot, estimator, whole)
     solved = change(rows)
-    qr_factor, equal = qr_factor_of(solved), estimator.weigh is equal_weights
-    weights = weights_at(qr_factor, whole.values)
-    if estimator.weigh is settled_weights:
-        solution, cutoff_hz = solve(qr_factor, weights), condition.datasets[0].cutoff_hz
-        whole = with_drifts_of(solved, weights, solution, whole, cutoff_hz)
+    qr_factor, equal = qr_factor_of(solved), estimator.weigh is least_squares.equal_weights
+    weights = least_squares.weights_at(qr_factor, whole.values)
+    if estimator.weigh is least_squares.settled_weights:
+        solution, cutoff_hz = (
+            least_squares.solve(qr_factor, weights),
+            condition.datasets[0].cutoff_hz,
+        )
+        whole = least_squares.with_drifts_of(solved, weights, solution, whole, cutoff_hz)
     of_joints, springs = whole.by_owner(), tuple(start.springs)
     drives = {joint: of_joints[joint] for joint in robot.joint_names if joint in of_joints}
     both = FittedRows(whole, qr_factor, solved, propagated, weights, equal, change)

@@ -400,10 +400,11 @@ def check_scale_of_locked(robot: Robot, datasets: Sequence[Dataset], locked: Seq
         if names & set(drive_estimates.CONSTANTS) and {STIFFNESS, "motor_inertia"} <= names:
             (name,) = names & set(drive_estimates.CONSTANTS)
             raise IdentificationError(
-                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: {drive_estimates.CONSTANTS[name]}, "
-                "and its output is locked. Give one of: the torque of a sensor behind the gear "
-                f"(joint_torque), the stiffness of its spring (known = ['{STIFFNESS}']), its "
-                f"rotor inertia, or the constant itself (known = ['{name}'])"
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: "
+                f"{drive_estimates.CONSTANTS[name]}, and its output is locked. Give one of: the "
+                "torque of a sensor behind the gear (joint_torque), the stiffness of its spring "
+                f"(known = ['{STIFFNESS}']), its rotor inertia, or the constant itself "
+                f"(known = ['{name}'])"
             )
 
 

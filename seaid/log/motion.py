@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, connected_groups
+from seaid._arrays import Array, BoolArray, connected_groups, safely
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
@@ -586,13 +586,16 @@ def _check_coupled(
 ) -> None:
     """Raise LogError if stiff drives do not determine the joints of a group without an encoder."""
     slopes = robot.transmission[np.ix_(drives, lacking)]
-    if len(drives) < len(lacking) or np.linalg.matrix_rank(slopes) < len(lacking):
+    if not drives or safely(np.linalg.matrix_rank, slopes, what=_TURNS) < len(lacking):
         names = robot.joint_names
         raise LogError(
             f"the drives of {listed(names[i] for i in group)} are coupled, and the log has no "
             f"joint position of {listed(names[i] for i in lacking)}; the motor positions of stiff "
             f"drives in the log do not replace it: {listed(names[i] for i in drives) or 'none'}"
         )
+
+
+_TURNS = "the positions of coupled joints"
 
 
 def _check_elastic(joint: str, is_unseen: bool, is_blind: bool) -> None:
@@ -619,7 +622,9 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
         if lacking and drives:
             # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
             rest = motor[:, drives] / ratio[drives] - joint[:, seen] @ C[np.ix_(drives, seen)].T
-            joint[:, lacking] = rest @ np.linalg.pinv(C[np.ix_(drives, lacking)]).T
+            slopes = C[np.ix_(drives, lacking)]
+            inverse = safely(np.linalg.pinv, slopes, what=_TURNS)
+            joint[:, lacking] = rest @ inverse.T
     motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
 

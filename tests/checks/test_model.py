@@ -17,7 +17,7 @@ import seaid
 from scripts.benchmarks import contact_backlash
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import CODES
-from seaid.checks.columns import DRIVE_CHECKS, Side, resolved_widths
+from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.engine import Accepted, Alternative, Candidate, Equation, ModelComparison, Trial
 from seaid.checks.values import drive_findings
 from seaid.drives import drive_table
@@ -26,6 +26,7 @@ from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding
 from seaid.identification import Identification, identify
+from seaid.identification.checking import resolved_widths
 from seaid.log import Log
 from seaid.robot import Robot
 from seaid.simulation import Noise

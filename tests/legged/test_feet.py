@@ -29,6 +29,7 @@ from seaid.legged.feet import (
 )
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
+from seaid.log.describe.inference import Doubt
 from seaid.log.description import Source
 from tests.legged.test_floating_base import base_of, go2, with_base
 from tests.plants import kept
@@ -260,7 +261,7 @@ def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
     }
     columns = {foot: Source((f"contact[{k}]",)) for k, foot in enumerate(GO2_FEET)}
     contacts = {foot: {"contact": source} for foot, source in columns.items()}
-    plain = Description(LogDescription(joints, None, contacts=contacts), ("q: a guess",), ())
+    plain = Description(LogDescription(joints, None, contacts=contacts), (Doubt("q: a guess"),), ())
     ordered = with_leg_order(plain, robot, given)
     for k, name in enumerate(robot.joint_names):
         column = f"q[{grouped.tolist().index(k)}]"
