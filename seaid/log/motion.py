@@ -618,12 +618,10 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
     for group in connected_groups(C != 0):
         lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
-        seen = [i for i in group if not unseen[i]]
         if lacking and drives:
             # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
-            rest = motor[:, drives] / ratio[drives] - joint[:, seen] @ C[np.ix_(drives, seen)].T
-            slopes = C[np.ix_(drives, lacking)]
-            inverse = safely(np.linalg.pinv, slopes, what=_TURNS)
+            rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
+            inverse = safely(np.linalg.pinv, C[np.ix_(drives, lacking)], what=_TURNS)
             joint[:, lacking] = rest @ inverse.T
     motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
