@@ -166,7 +166,8 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReque
     from seaid.checks.model import selections
     from seaid.drives.drives import DefaultTerms
 
-    problem, conclusion = "seaid.identification.problem", "seaid.identification.conclusion"
+    names = ("problem", "checking", "conclusion")
+    problem, checking, conclusion = (f"seaid.identification.{name}" for name in names)
 
     def selected(sides: Sequence[Side]) -> list[SideSelection]:
         drives = [side.robot.drives[joint] for side in sides for joint in side.joints]
@@ -174,7 +175,7 @@ def estimates_only(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReque
         return selections(sides) if is_open else []
 
     monkeypatch.setattr(f"{problem}.log_findings", lambda *_: [])
-    monkeypatch.setattr(f"{problem}.findings_of_setup", lambda _, moving, known, logs: known)
+    monkeypatch.setattr(f"{checking}.findings_of_setup", lambda _, moving, known, logs: known)
     monkeypatch.setattr(f"{problem}.selections", selected)
     monkeypatch.setattr(f"{conclusion}.sensitivity_findings", lambda *_: [])
     monkeypatch.setattr(f"{conclusion}.backlash_findings", lambda *_: [])
