@@ -105,7 +105,7 @@ def test_files_of_one_motion_are_recognised_by_columns_and_times(
     positions, torques = both(tmp_path)
     logs, (doubt,) = logs_of_files([positions, torques], arm)
     assert names_of(logs) == [["positions.csv", "torques.csv"]]
-    words = "positions.csv, torques.csv have different columns over the same time (4 s): taken for"
+    words = "positions.csv, torques.csv: different columns over the same time (4 s): taken for"
     assert doubt.startswith(words)
     again = write(tmp_path / "again.csv", t=FAST, q=q(FAST))
     hip = write(tmp_path / "hip.csv", t=FAST, hip_pos=q(FAST), hip_torque=tau(FAST))
