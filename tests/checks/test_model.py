@@ -384,6 +384,40 @@ def test_torques_that_are_all_late_are_one_finding(case: str, delay_s: float) ->
         assert finding.remedy.count("delay_s = ") == robot.n
 
 
+@pytest.mark.parametrize("delay_s", quick_only([0.03, -0.01], [0.03]))
+def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: float) -> None:
+    """A late one leaves the motor less friction than none, an early one is a negative damping."""
+    right, place = leg_log(3), leg().index("knee_pitch")
+    positions = right.joint_position.copy()
+    positions[:, place] = np.interp(right.time - delay_s, right.time, positions[:, place])
+    found = identify(leg(TEST_MASS).without_nominal(), replace(right, joint_position=positions))
+    (finding,) = (x for x in found.warnings if x.code in ("delay", "nonlinear-spring"))
+    assert (finding.code, finding.joint) == ("delay", "knee_pitch")
+    error = finding.evidence["standard error [s]"]
+    assert abs(finding.evidence["delay [s]"] - delay_s) < 3 * error < 0.004
+    assert "joint_position = { column = " in finding.remedy
+    assert f"delay_s = {round(finding.evidence['delay [s]'], 5)}" in finding.remedy
+
+
+@pytest.mark.parametrize(("torque", "rotor"), quick_only([(2, 1), (0.5, 1), (1, 2)], [(2, 1)]))
+def test_a_known_rotor_is_the_scale_of_the_torque_next_to_a_spring(
+    torque: float, rotor: float
+) -> None:
+    """Which of the two is wrong no log decides: both are named, and no line is printed."""
+    joint, log = "knee_pitch", leg_log(3)
+    motor_torque = log.motor_torque.copy()
+    motor_torque[:, leg().index(joint)] *= torque
+    inertia = rotor * leg().drives[joint].values["motor_inertia"]
+    robot = with_knee(leg(TEST_MASS), motor_inertia_kg_m2=inertia).without_nominal()
+    found = identify(robot, replace(log, motor_torque=motor_torque))
+    (finding,) = (x for x in found.warnings if x.code == "rotor-inertia")
+    assert (finding.severity, finding.joint) == ("doubtful", joint)
+    times = finding.evidence["rotor inertia over the given one"]
+    assert abs(times - torque / rotor) < 3 * finding.evidence["standard error"] < 0.3
+    assert "by its constant" in finding.message
+    assert "motor_inertia_kg_m2 = " not in finding.remedy
+
+
 @pytest.mark.parametrize(("resolved", "severity"), [(4.0, "note"), (2.0, "doubtful")])
 def test_a_width_that_the_sampling_explains_is_noted_only(resolved: float, severity: str) -> None:
     tests = {"bic": 50.0, "F": 90.0, "t": 9.0, "independent": 200.0, "parameters": 1}
