@@ -404,7 +404,7 @@ def _rotor_is_other(
         f"given value is wrong; or the motor torque is {off}, as by its constant: "
         f"{CODES['torque-scale'].implies}",
         joint,
-        "doubtful" if abs(np.log(times)) > 2 * POOR else "note",
+        "doubtful" if share > MATTERS and abs(np.log(times)) > 2 * POOR else "note",
         {"rotor inertia over the given one": times, "standard error": error, "explained": share},
         f"{CODES['torque-scale'].measurement}: if the torque is right, remove motor_inertia_kg_m2 "
         "of the drive to have it identified",
