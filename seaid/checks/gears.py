@@ -63,8 +63,8 @@ def _orders(side: Side, joint: str) -> Iterator[engine.Candidate]:
         if name == "mesh" and width < 2 * np.pi * drive.ratio:  # it has the orders of the motor
             continue
         for order in orders:
-            # What is periodic is shown by the repetition: the motion passes two periods.
-            if (name, order) not in known and order * width >= 4 * np.pi:
+            # Less than half a period looks like the spring.
+            if (name, order) not in known and order * width >= np.pi:
                 columns = partial(_harmonic, side, joint, name, order)
                 yield engine.linear_candidate(joint, name, str(order), columns)
 

@@ -269,7 +269,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
     def diverges(*_: object) -> Motion:
         raise IdentificationError("the fitted model diverges")
 
-    monkeypatch.setattr("seaid.identification.simulated_joints.driven_motion", diverges)
+    monkeypatch.setattr("seaid.identification.instrumental.driven_motion", diverges)
     found = estimate_instrumental(Condition(robot, [motion], model), sides, None)
     (finding,) = found.findings
     assert finding.message.startswith("the instruments of the load side come from the smoothed")
