@@ -365,7 +365,7 @@ class Experiment:
         rates = np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0)
         return np.stack([rates, self._rotors], axis=-1).swapaxes(0, 1)
 
-    @derived("robot", "torque", "motor")
+    @derived(*_OF_TORQUES)
     def _rotors(self) -> Array:
         """Accelerations (R, n) of motors that turn rotors of any inertia, zero of the others."""
         return np.asarray(self._has_open_rotor * self.motor[2])
@@ -540,7 +540,7 @@ class Experiment:
         unknown = [x.motor_inertia_kg_m2 is None or x == IDEAL_DRIVE for x in drives]
         return np.array(unknown, dtype=bool)
 
-    @derived("robot", "torque")
+    @derived(*_OF_TORQUES)
     def _has_open_rotor(self) -> BoolArray:
         """Whether the known motor torque (n,) of a stiff joint turns a rotor of any inertia."""
         is_stiff = ~np.isin(np.arange(self.robot.n), self._elastic)
