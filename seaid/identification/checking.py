@@ -36,13 +36,7 @@ from seaid.errors import (
     listed,
 )
 from seaid.estimation import FittedRows, estimator_named
-from seaid.identification.datasets import (
-    Dataset,
-    Source,
-    datasets_by_log,
-    first_motion,
-    sources_of,
-)
+from seaid.identification.datasets import Dataset, Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.nonlinear_terms import linearised_robot
 from seaid.identification.two_step import ONLY, Condition, estimate_two_step, joints_with_torque
 from seaid.identification.unseen_springs import joints_sensed_by_motor_only, with_regressed_angles

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, connected_groups, safely
+from seaid._arrays import Array, BoolArray, safely
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
@@ -28,7 +28,7 @@ from seaid.log.filtering import (
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
-from seaid.robot import at_drives
+from seaid.robot import at_drives, coupled_groups
 
 if TYPE_CHECKING:
     from seaid.log.log import Log
@@ -558,16 +558,16 @@ def _bridged(logged: Array, time: Array) -> BoolArray | None:
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
     """Raise LogError for joints whose motion the positions of both sides do not determine."""
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    for group in connected_groups(robot.transmission != 0):
-        lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
-        if len(group) > 1 and lacking:
-            _check_coupled(robot, group, lacking, drives)
-        for index in group:
-            name, is_unseen = robot.joint_names[index], bool(unseen[index]) and len(group) == 1
-            if robot.drives[name].is_elastic:
-                _check_elastic(name, is_unseen, bool(blind[index]))
-            elif is_unseen and blind[index]:
-                raise LogError(f"joint '{name}' has no position in the log")
+    groups = coupled_groups(robot.transmission)
+    for group in groups:
+        _check_coupled(robot, group, unseen, blind)
+    coupled = {index for group in groups for index in group}
+    for index, name in enumerate(robot.joint_names):
+        is_unseen = bool(unseen[index]) and index not in coupled
+        if robot.drives[name].is_elastic:
+            _check_elastic(name, is_unseen, bool(blind[index]))
+        elif is_unseen and blind[index]:
+            raise LogError(f"joint '{name}' has no position in the log")
 
 
 def _lacking_and_stiff(
@@ -581,13 +581,12 @@ def _lacking_and_stiff(
     return [i for i in group if unseen[i]], [i for i in stiff if not blind[i]]
 
 
-def _check_coupled(
-    robot: Robot, group: Sequence[int], lacking: Sequence[int], drives: Sequence[int]
-) -> None:
+def _check_coupled(robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray) -> None:
     """Raise LogError if stiff drives do not determine the joints of a group without an encoder."""
-    slopes = robot.transmission[np.ix_(drives, lacking)]
-    if not drives or safely(np.linalg.matrix_rank, slopes, what=_TURNS) < len(lacking):
-        names = robot.joint_names
+    lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
+    slopes, names = robot.transmission[np.ix_(drives, lacking)], robot.joint_names
+    rank = safely(np.linalg.matrix_rank, slopes, what=_TURNS) if slopes.size else 0
+    if rank < len(lacking):
         raise LogError(
             f"the drives of {listed(names[i] for i in group)} are coupled, and the log has no "
             f"joint position of {listed(names[i] for i in lacking)}; the motor positions of stiff "
@@ -616,13 +615,14 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
     joint, motor = np.hsplit(signal.copy(), 2)
     C, ratio = robot.transmission, np.array([robot.drives[x].ratio for x in robot.joint_names])
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    for group in connected_groups(C != 0):
+    for group in coupled_groups(C):
         lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
-        if lacking and drives:
+        if lacking:
             # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
             rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
             inverse = safely(np.linalg.pinv, C[np.ix_(drives, lacking)], what=_TURNS)
             joint[:, lacking] = rest @ inverse.T
+    joint = np.where(np.isnan(joint), motor / ratio, joint)  # C = 1 for all others
     motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
 
