@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -130,7 +131,10 @@ def test_bodies_that_cannot_exist_are_refused(found: Identification, tmp_path: P
 def test_ranges_hold_the_truth(tmp_path: Path) -> None:
     counts = study(30, tmp_path, seed=1).by_source
     for count in counts.values():
-        assert 0.92 <= count.held / count.all <= 0.99, dict(counts)
+        # Three standard deviations of a binomial count: 0.913 to 0.987 for 320 ranges, where
+        # standard errors 1.3 times too small hold 0.868, and 1.3 times too large hold 0.989.
+        deviation = math.sqrt(0.95 * 0.05 / count.all)
+        assert abs(count.held / count.all - 0.95) < 3 * deviation, dict(counts)
 
 
 def test_the_simulated_robots_differ_as_the_prior_says(tmp_path: Path) -> None:
