@@ -169,8 +169,8 @@ class Side:
                 [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
             )
             if filtered:
-                known = with_known_friction(motion, range(robot.n), columns)
-                columns = in_band_at(motion, known, samples)
+                [columns] = with_known_friction(robot, motion, robot.joint_names, [columns])
+                columns = in_band_at(motion, columns, samples)
             # (instants, n, k) -> (R, k): of each row its instant and its joint.
             torques[places] = columns[instants, rows.joint[places].astype(int)]
         return torques

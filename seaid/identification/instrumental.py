@@ -129,10 +129,11 @@ def load_with_instruments(
     """Return `load_regression` with instruments from the motion by `make` as further columns."""
     model, made = fitted.model, make(robot, motion, fitted)
     rows = load_regression(robot, motion, model, springs)
-    joints = [robot.index(joint) for joint in model.torque_joints]
-    Z = load_columns(robot, made, model, springs).H
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
-    Z = in_band(made, with_known_friction(motion, joints, Z))
+    [Z] = with_known_friction(
+        robot, motion, model.torque_joints, [load_columns(robot, made, model, springs).H]
+    )
+    Z = in_band(made, Z)
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])

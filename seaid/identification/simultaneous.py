@@ -120,8 +120,7 @@ def _with_motor_friction(robot: Robot, motion: Motion, joints: Iterable[str]) ->
     for joint in joints:
         index = robot.index(joint)
         regressor, _ = actuator_equation(robot, motion, joint)
-        motor = known_friction(robot, motion, joint, regressor)
-        known[:, index] = motion.where_known(index, motor)
+        known[:, index] = known_friction(robot, motion, joint, regressor)
     return replace(motion, friction_known=known)
 
 

@@ -191,18 +191,6 @@ class Motion(Display):
         """Joint position, velocity and acceleration, each (T, n), as arguments of a regressor."""
         return self.joint_position, self.joint_velocity, self.joint_acceleration
 
-    def has_known_friction(self, index: int) -> bool:
-        """Return whether the equation of a joint has the factor `friction_known`."""
-        known = self.friction_known
-        return known is not None and not np.isnan(known[0, index])
-
-    def where_known(self, index: int, columns: Array) -> Array:
-        """Return columns (T, ...) of a joint's equation, zero where its friction is not known."""
-        if self.friction_known is None or not self.has_known_friction(index):
-            return columns
-        factor = self.friction_known[:, index]
-        return np.asarray(columns * factor.reshape(-1, *(1,) * (columns.ndim - 1)))
-
     @property
     def rate_hz(self) -> float:
         """Sampling rate of the grid."""

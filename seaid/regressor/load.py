@@ -39,6 +39,7 @@ from seaid.regressor.regression import (
     Regression,
     input_signals,
     joint_regressor,
+    known_load_friction,
     motor_regressor,
     rows_by_pieces,
     sensed_torque,
@@ -447,9 +448,10 @@ def load_rows(
     rows = row_samples(motion)
     joints = [robot.index(joint) for joint in model.torque_joints]
     # a combination of equations that are all valid, whatever friction does at rest
+    parts = (columns.torque - columns.payload, columns.H, columns.propagated)
     y, H, propagated = (
-        in_band_at(motion, with_known_friction(motion, joints, part), rows)
-        for part in (columns.torque - columns.payload, columns.H, columns.propagated)
+        in_band_at(motion, part, rows)
+        for part in with_known_friction(robot, motion, model.torque_joints, parts)
     )
     usable = np.ones((len(joints), len(rows)), dtype=bool)
     for row, joint in enumerate(model.torque_joints):
@@ -505,21 +507,27 @@ def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Bo
     return unknown
 
 
-def with_known_friction(motion: Motion, joints: Sequence[int], columns: Array) -> Array:
+def with_known_friction(
+    robot: Robot, motion: Motion, joints: Sequence[str], parts: Sequence[Array]
+) -> list[Array]:
     """Return columns (T, k, ...) of the equations of joints, zero where friction is not known."""
-    if not any(motion.has_known_friction(joint) for joint in joints):
-        return columns
-    each = [motion.where_known(joint, columns[:, row]) for row, joint in enumerate(joints)]
-    return np.stack(each, axis=1)
+    known = {row: known_load_friction(robot, motion, joint) for row, joint in enumerate(joints)}
+    factors = {row: factor for row, factor in known.items() if factor is not None}
+    if not factors:
+        return list(parts)
+    changed = [part.copy() for part in parts]
+    for row, factor in factors.items():
+        for columns in changed:
+            columns[factor == 0, row] = 0.0
+    return changed
 
 
 def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> BoolArray:
     """Return which of some samples give an equation of a joint on the load side."""
-    index = robot.index(joint)
-    if not motion.has_known_friction(index):
+    known = known_load_friction(robot, motion, joint)
+    if known is None:
         return ~unknown_friction(robot, motion, joint)[rows]
-    assert motion.friction_known is not None
-    share = in_band_at(motion, motion.friction_known[:, [index]], rows)[:, 0]
+    share = in_band_at(motion, known, rows)
     return np.asarray((share >= LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
 
 
@@ -529,10 +537,9 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     These are the standstills of a stiff drive with dry friction, and of joints with dry friction
     of their own.
     """
-    index = robot.index(joint)
-    unknown = _group_rests(robot, motion, joint)
-    if motion.friction_known is not None and motion.has_known_friction(index):
-        unknown |= motion.friction_known[:, index] == 0
+    unknown, known = _group_rests(robot, motion, joint), known_load_friction(robot, motion, joint)
+    if known is not None:
+        unknown |= known == 0
     elif not robot.drives[joint].is_elastic:
         unknown |= unknown_motor_friction(robot, motion, joint)
     return unknown

@@ -359,9 +359,28 @@ def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveReg
     Coulomb. As a factor of the whole equation before the low pass of the rows, zero takes these
     samples out of a combination of equations that are all valid. (4b) has no friction.
     """
-    index = robot.index(joint)
     if not _has_motor(regressor) or not is_dry(robot.drives[joint]):
         return np.ones(len(motion.time))
+    return _known_motor_friction(motion, robot.index(joint))
+
+
+def known_load_friction(robot: Robot, motion: Motion, joint: str) -> Array | None:
+    """Return `known_friction` of a joint's load side (T,), None where all samples count.
+
+    There it is the motor friction of a stiff drive. On a moving base it is None: the equations are
+    combined, and a factor of its own for each of them would leave the contact forces in.
+    """
+    index = robot.index(joint)
+    if motion.friction_known is not None and not np.isnan(motion.friction_known[0, index]):
+        return motion.friction_known[:, index]
+    drive = robot.drives[joint]
+    if drive.is_elastic or not is_dry(drive) or not robot.base_is_held:
+        return None
+    return _known_motor_friction(motion, index)
+
+
+def _known_motor_friction(motion: Motion, index: int) -> Array:
+    """Return 1 where the direction of a motor's dry friction is known, and 0 elsewhere (T,)."""
     speed, fastest = motion.motor_velocity[:, index], float(motion.largest_speeds[0, index])
     band_hz = POSITION_BAND * motion.cutoff_hz
     return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)

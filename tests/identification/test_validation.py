@@ -13,7 +13,7 @@ from seaid.identification import Identification, Validation, identify, validate,
 from seaid.identification.validation import compared
 from seaid.log import row_samples
 from seaid.regressor import motor_regressor
-from seaid.regressor.regression import known_friction
+from seaid.regressor.regression import known_friction, known_load_friction
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import (
@@ -64,12 +64,18 @@ def test_numbers_are_those_of_the_traces() -> None:
 def test_errors_count_the_samples_that_identification_uses() -> None:
     (motion,) = arm_found().motions
     rows, fits = row_samples(motion), compared(arm_found(), motion)
+    # A row needs a fifth of its window only, so that fewer rows are excluded than samples.
     for joint in arm().elastic_joints:
         counted = fits.actuator.counted[rows, arm().index(joint)]
         known = known_friction(arm(), motion, joint, motor_regressor(arm(), joint))[rows]
         assert np.array_equal(counted, known == 1)
         assert 0 < arm_found().excluded[joint] <= np.sum(~counted)
-    assert np.sum(~fits.load.counted[rows]) == arm_found().excluded["load"] > 0
+    for joint in arm().joint_names:
+        counted = fits.load.counted[rows, arm().index(joint)]
+        known = known_load_friction(arm(), motion, joint)
+        assert (known is None) == (joint in arm().elastic_joints)
+        assert np.array_equal(counted, np.ones(len(rows)) if known is None else known[rows] == 1)
+    assert 0 < arm_found().excluded["load"] <= np.sum(~fits.load.counted[rows])
     for fit in (arm_result().actuator, arm_result().load):
         there = np.isfinite(fit.relative_error)
         assert np.all(fit.relative_error[there] < 1.2 * fit.relative_error_with_standstill[there])
