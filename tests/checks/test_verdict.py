@@ -275,15 +275,17 @@ def test_what_one_block_alone_determines_is_not_predicted_by_the_others() -> Non
 @pytest.mark.slow  # identifies three robots from two logs each
 @pytest.mark.parametrize("name", ["leg", "arm", "ur10"])
 def test_a_log_of_a_second_is_too_short_and_one_of_ten_is_not(name: str) -> None:
-    """Logs of a second were "good", with torques of other motions that were 50 to 90 % wrong."""
-    codes = []
-    for duration_s in (1.0, 10.0):
-        _, robot, log = short_log(name, duration_s, seed=1)
-        found = seaid.identify(robot, log)
-        codes.append({one.code for one in found.warnings})
-        assert found.verdict.level == "good" or duration_s < 10
-    assert "few-rows" in codes[0]
-    assert "few-rows" not in codes[1]
+    """Logs of a second were "good", with torques of other motions that were 50 to 90 % wrong.
+
+    A second of the arm may be good, if it is: its torques of the long motion are right then.
+    """
+    (*_, short), (_, robot, long) = (short_log(name, seconds, seed=1) for seconds in (1.0, 10.0))
+    of_second, of_ten = (seaid.identify(robot, log) for log in (short, long))
+    assert of_ten.verdict.level == "good"
+    assert "few-rows" not in {finding.code for finding in of_ten.warnings}
+    if "few-rows" not in {finding.code for finding in of_second.warnings}:
+        assert name == "arm"
+        assert np.max(seaid.validate(of_second, long).load.relative_error) < 0.05
 
 
 def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined() -> None:

@@ -246,7 +246,7 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
     found = identify(TRUTH.without_nominal(), log, estimator=estimator, cutoff_hz=12.0)
     # The bias of least squares follows the motion: to the fit it is a slow error of the torque.
     codes = {one.code for one in noise_findings(found.load)}
-    assert codes <= ({"drift"} if estimator == "wls" else set())
+    assert codes <= {"drift" if estimator == "wls" else "weak-instruments"}
     return np.asarray(found.load.values - found.base.project(TRUTH.parameters))
 
 
