@@ -208,9 +208,7 @@ class DriveRows:
                 regressor = self.regressor(self.robot, self.joint)
                 known = regression.known_friction(self.robot, motion, self.joint, regressor)
             else:
-                joint = self.robot.joint_names[index]
-                weights = regression.known_load_friction(self.robot, motion, joint)
-                known = np.ones(len(motion.time)) if weights is None else weights
+                known = regression.known_load_friction(self.robot, motion, index)
             chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
             # The times of rows are among those of the samples: this is their index.
             samples = np.searchsorted(motion.time, self.rows.time[chosen])

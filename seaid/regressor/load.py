@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import ParameterName, total_ratio
+from seaid.drives import ParameterName, is_dry, total_ratio
 from seaid.drives.terms import LEVEL_OF
 from seaid.errors import IdentificationError, LogError
-from seaid.log import row_samples
-from seaid.log.rows import PIECE_SAMPLES, in_band_at, joint_standstill
+from seaid.log import row_samples, standstill
+from seaid.log.rows import PIECE_SAMPLES, in_band_at, joint_standstill, still_share
 from seaid.regressor.base import (
     Joints,
     Links,
@@ -45,7 +45,6 @@ from seaid.regressor.regression import (
     sensed_torque,
     signals,
     spring_regressor,
-    unknown_motor_friction,
     with_changes,
 )
 from seaid.robot import Robot, at_drives, torques_at_drives
@@ -501,33 +500,26 @@ def with_gear_torque(
 
 def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> BoolArray:
     """Return `unknown_friction` of several joints (T, k), which may be none."""
-    unknown = np.zeros((len(motion.time), len(joints)), dtype=bool)
-    for place, joint in enumerate(joints):
-        unknown[:, place] = unknown_friction(robot, motion, joint)
-    return unknown
+    each = [unknown_friction(robot, motion, joint) for joint in joints]
+    return np.reshape(np.array(each, dtype=bool), (len(joints), len(motion.time))).T
 
 
 def with_known_friction(
     robot: Robot, motion: Motion, joints: Sequence[str], parts: Sequence[Array]
 ) -> list[Array]:
     """Return columns (T, k, ...) of the equations of joints, zero where friction is not known."""
-    known = {row: known_load_friction(robot, motion, joint) for row, joint in enumerate(joints)}
-    factors = {row: factor for row, factor in known.items() if factor is not None}
-    if not factors:
+    each = [known_load_friction(robot, motion, robot.index(joint)) for joint in joints]
+    known = np.reshape(each, (len(joints), len(motion.time))).T
+    if np.all(known == 1):
         return list(parts)
-    changed = [part.copy() for part in parts]
-    for row, factor in factors.items():
-        for columns in changed:
-            columns[factor == 0, row] = 0.0
-    return changed
+    return [part * known.reshape(*known.shape, *(1,) * (part.ndim - 2)) for part in parts]
 
 
 def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> BoolArray:
     """Return which of some samples give an equation of a joint on the load side."""
-    known = known_load_friction(robot, motion, joint)
-    if known is None:
+    if not robot.base_is_held:
         return ~unknown_friction(robot, motion, joint)[rows]
-    share = in_band_at(motion, known, rows)
+    share = in_band_at(motion, known_load_friction(robot, motion, robot.index(joint)), rows)
     return np.asarray((share >= LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
 
 
@@ -537,12 +529,12 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     These are the standstills of a stiff drive with dry friction, and of joints with dry friction
     of their own.
     """
-    unknown, known = _group_rests(robot, motion, joint), known_load_friction(robot, motion, joint)
-    if known is not None:
-        unknown |= known == 0
-    elif not robot.drives[joint].is_elastic:
-        unknown |= unknown_motor_friction(robot, motion, joint)
-    return unknown
+    drive, index = robot.drives[joint], robot.index(joint)
+    unknown = known_load_friction(robot, motion, index) == 0
+    if not robot.base_is_held and is_dry(drive) and not drive.is_elastic:
+        # While its motor stands friction is anything up to that of Coulomb.
+        unknown |= standstill(motion, index, still_share(drive))
+    return np.asarray(unknown | _group_rests(robot, motion, joint))
 
 
 def _group_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:

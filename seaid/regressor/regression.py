@@ -21,7 +21,7 @@ from seaid.errors import LogError
 from seaid.log import Motion, row_samples, standstill
 from seaid.log.filtering import is_friction_known, moving
 from seaid.log.motion import POSITION_BAND
-from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces, still_share
+from seaid.log.rows import PIECE_SAMPLES, in_band_at, pieces
 from seaid.robot import at_drives, torques_at_drives
 
 if TYPE_CHECKING:
@@ -361,40 +361,24 @@ def known_friction(robot: Robot, motion: Motion, joint: str, regressor: DriveReg
     """
     if not _has_motor(regressor) or not is_dry(robot.drives[joint]):
         return np.ones(len(motion.time))
-    return _known_motor_friction(motion, robot.index(joint))
-
-
-def known_load_friction(robot: Robot, motion: Motion, joint: str) -> Array | None:
-    """Return `known_friction` of a joint's load side (T,), None where all samples count.
-
-    There it is the motor friction of a stiff drive. On a moving base it is None: the equations are
-    combined, and a factor of its own for each of them would leave the contact forces in.
-    """
     index = robot.index(joint)
-    if motion.friction_known is not None and not np.isnan(motion.friction_known[0, index]):
-        return motion.friction_known[:, index]
-    drive = robot.drives[joint]
-    if drive.is_elastic or not is_dry(drive) or not robot.base_is_held:
-        return None
-    return _known_motor_friction(motion, index)
-
-
-def _known_motor_friction(motion: Motion, index: int) -> Array:
-    """Return 1 where the direction of a motor's dry friction is known, and 0 elsewhere (T,)."""
     speed, fastest = motion.motor_velocity[:, index], float(motion.largest_speeds[0, index])
     band_hz = POSITION_BAND * motion.cutoff_hz
     return is_friction_known(speed, fastest, motion.rate_hz, band_hz).astype(float)
 
 
-def unknown_motor_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    """Return the samples (T,) at which a motor with dry friction stands.
+def known_load_friction(robot: Robot, motion: Motion, index: int) -> Array:
+    """Return `known_friction` of the load side of a joint (T,), that of the motor if it is stiff.
 
-    Its friction there is anything up to that of Coulomb, and so is its torque.
+    On a moving base all count: the equations are combined so that contact forces leave them, and a
+    factor of its own for each of them would leave these in.
     """
-    drive = robot.drives[joint]
-    if not is_dry(drive):
-        return np.zeros(len(motion.time), dtype=bool)
-    return standstill(motion, robot.index(joint), still_share(drive))
+    joint, known = robot.joint_names[index], motion.friction_known
+    if known is not None and not np.isnan(known[0, index]):
+        return known[:, index]
+    if robot.drives[joint].is_elastic or not robot.base_is_held:
+        return np.ones(len(motion.time))
+    return known_friction(robot, motion, joint, motor_regressor(robot, joint))
 
 
 def _has_motor(regressor: DriveRegressor) -> bool:

@@ -72,9 +72,9 @@ def test_errors_count_the_samples_that_identification_uses() -> None:
         assert 0 < arm_found().excluded[joint] <= np.sum(~counted)
     for joint in arm().joint_names:
         counted = fits.load.counted[rows, arm().index(joint)]
-        known = known_load_friction(arm(), motion, joint)
-        assert (known is None) == (joint in arm().elastic_joints)
-        assert np.array_equal(counted, np.ones(len(rows)) if known is None else known[rows] == 1)
+        known = known_load_friction(arm(), motion, arm().index(joint))
+        assert np.all(known == 1) == (joint in arm().elastic_joints)
+        assert np.array_equal(counted, known[rows] == 1)
     assert 0 < arm_found().excluded["load"] <= np.sum(~fits.load.counted[rows])
     for fit in (arm_result().actuator, arm_result().load):
         there = np.isfinite(fit.relative_error)
