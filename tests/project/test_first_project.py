@@ -16,7 +16,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
-from seaid.errors import SeaidError
+from seaid.errors import IdentificationError, SeaidError
 from seaid.project import FirstProject, Project, load_project, run_project, write_first_project
 from seaid.project.first_project import _drives_text, _lock_hints, inferred_drives
 from tests import experiments
@@ -257,6 +257,38 @@ def test_one_call_makes_and_runs_a_project(tmp_path: Path, monkeypatch: pytest.M
         seaid.run(urdf, [log], folder=tmp_path)
     with pytest.raises(SeaidError, match="a project needs a log"):
         seaid.run(urdf, [], folder=tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("columns", "doubt"),
+    [
+        ({"arm_pos_rad": 50.0, "arm_torque_Nm": 1.0}, "arm_pos_rad: goes beyond the limits of arm"),
+        ({"arm_pos": 0.9, "arm_eff": 1.0}, "taken for the motor's torque converted to the joint"),
+        (
+            {"arm_enc_deg": 40.0, "arm_motor_rad": 20.0, "arm_torque_mNm": 1e3},
+            "arm_torque_mNm: taken for the motor's torque, at the motor",
+        ),
+    ],
+)
+def test_sides_and_units_that_names_do_not_tell_are_doubts(
+    tmp_path: Path, columns: dict[str, float], doubt: str
+) -> None:
+    chain(tmp_path, "arm", limit=1.0)
+    time = np.arange(4000) / 200
+    logged = {name: size * np.sin(time + k // 2) for k, (name, size) in enumerate(columns.items())}
+    made, _ = first_project(tmp_path, tmp_path / "robot.urdf", {"time": time, **logged})
+    assert any(doubt in text for text in made.doubts)
+
+
+def test_a_current_of_one_sign_is_a_doubt_and_no_torque(tmp_path: Path) -> None:
+    robot = chain(tmp_path, "arm", limit=1.0)
+    time = np.arange(4000) / 200
+    columns = {"time": time, "arm_pos": 0.9 * np.sin(time), "arm_current": np.abs(np.cos(3 * time))}
+    made, project = first_project(tmp_path, tmp_path / "robot.urdf", columns)
+    assert any("has one sign: a magnitude or the current of a" in doubt for doubt in made.doubts)
+    log = project.logs[0].read(project.robot())
+    with pytest.raises(IdentificationError, match="no joint has a torque in the logs: describe"):
+        seaid.identify(robot, log)
 
 
 def geared_log(folder: Path, count: int = 2, **more: Array) -> Path:
