@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import seaid
-from scripts.fuzz import cases_of
 from seaid.errors import LogError, RobotError
 from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
@@ -65,14 +64,6 @@ def test_commands_are_taken_or_refused_and_write_nothing_outside_of_their_folder
     assert {kind_of("command", seed, tmp_path) for seed in range(8)} == {"accepted", "refused"}
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["x", *map(str, range(8))])
     assert [path.name for path in (tmp_path / "x").rglob("*")] == ["y", "z"]
-
-
-def test_cases_are_spread_over_targets_in_turns() -> None:
-    """A run of few cases tries every target."""
-    cases = cases_of(["npz", "mesh"], 60, 7)
-    assert len(set(cases)) == 60
-    assert cases[:2] == [("mesh", 7), ("npz", 7)]
-    assert cases[-1] == ("npz", 56)
 
 
 # Names and expressions of any letters

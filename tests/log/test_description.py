@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.legged import load_robot
-from seaid.log import Log, LogDescription, Repairs, describe_log, read_log, write_log
+from seaid.log import Log, LogDescription, describe_log, read_log, write_log
 from seaid.log.description import changed_source, description_for
 from seaid.log.repair.clocks import longest_bridge
 from seaid.log.usable_parts import holes
@@ -23,7 +23,7 @@ from seaid.simulation.simulation import measure
 from tests.experiments import DATA, LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
-from tests.plants import write_columns, write_robot
+from tests.plants import write_robot
 
 TIME = np.arange(200) / 100
 ROTARY = {"type": "series_elastic", "gear_ratio": 100}
@@ -278,20 +278,6 @@ def test_a_period_is_in_the_unit_of_its_column(tmp_path: Path, source: Table, wr
     assert any("(as given)" in str(repair) for repair in log.report)
 
 
-def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
-    """A sample that is no number is refused with the remedy, which repairs it."""
-    robot = robot_of(tmp_path, ROTARY)
-    columns = {"time_s": TIME, "arm.motor_position_rad": wave(0.5), "arm.motor_torque_Nm": wave(1)}
-    spoiled = wave(0.7)
-    spoiled[50] = np.nan
-    path = write_columns(tmp_path / "log.npz", columns | {"arm.joint_position_rad": spoiled})
-    with pytest.raises(LogError, match=r"or repair single samples with repair=seaid\.Repairs\(\)"):
-        read_log(path, robot)
-    log = read_log(path, robot, repair=Repairs())
-    assert log.joint_position[50, 0] == pytest.approx(wave(0.7)[50], abs=1e-3)
-    assert [repair.kind for repair in log.report] == ["values that are no number"]
-
-
 # Where descriptions come from
 
 
@@ -458,28 +444,3 @@ def test_every_measured_set_is_read_with_its_description_and_described_without(
         of["deflection"].sign for of in inferred.description.joints.values() if "deflection" in of
     }
     assert signs <= {-1}  # as the makers of the arm have it
-
-
-@pytest.mark.slow  # 0.7 s
-def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
-    """Two files of one motion give the same log."""
-    robot = robot_of(tmp_path, STIFF, UR10)
-    folder = LOGS / "ur10_exciting"
-    logs = [
-        read_log(folder / f"ur10_exciting_trajectory{end}", robot, description=LOGS / name)
-        for end, name in ((".npz", "ur10_csv.toml"), (".db3", "ur10_bag.toml"))
-    ]
-    np.testing.assert_allclose(logs[0].joint_position, logs[1].joint_position, atol=1e-8)
-    np.testing.assert_allclose(logs[0].motor_torque, logs[1].motor_torque, atol=1e-6)
-
-
-@pytest.mark.hebi
-def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
-    """HEBI's own file and the table that was made of it give the same log."""
-    robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:1])
-    folder = LOGS / "hebi_x5_unloaded"
-    table = read_log(folder / "exampleLog.csv", robot, description=LOGS / "hebi_csv_1.toml")
-    raw = read_log(folder / "exampleLog.hebilog", robot, description=LOGS / "hebilog_1.toml")
-    np.testing.assert_allclose(table.motor_position, raw.motor_position, atol=1e-3)
-    torque, raw_torque = (log.sensors()["joint_torque"] for log in (table, raw))
-    np.testing.assert_allclose(torque, raw_torque, atol=1e-6)

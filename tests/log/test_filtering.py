@@ -24,12 +24,12 @@ from seaid.log.filtering import (
 from seaid.log.rows import in_band_at
 
 RATE_HZ = 1000.0
-TIME = np.arange(10_000) / RATE_HZ
+TIME = np.arange(20_000) / RATE_HZ
 INSIDE = slice(1000, -1000)
 
 
-def sine(frequency_hz: float, phase: float = 0.3) -> Array:
-    return np.sin(2 * np.pi * frequency_hz * TIME + phase)[:, None]
+def waves(frequency_hz: float, phase: float = 0.3) -> Array:
+    return np.asarray(np.sin(2 * np.pi * frequency_hz * TIME + phase)[:, None])
 
 
 def gain(frequency_hz: float, cutoff_hz: float) -> float:
@@ -41,10 +41,10 @@ def gain(frequency_hz: float, cutoff_hz: float) -> float:
 @pytest.mark.parametrize("frequency_hz", [0.5, 5.0, 30.0])
 def test_sine_keeps_its_phase_and_takes_the_gain_of_two_passes(frequency_hz: float) -> None:
     """The gain is that of the bilinear transform of two passes, and backwards it is the same."""
-    filtered = low_pass(sine(frequency_hz), RATE_HZ, 10.0)
-    expected = gain(frequency_hz, 10.0) * sine(frequency_hz)
+    filtered = low_pass(waves(frequency_hz), RATE_HZ, 10.0)
+    expected = gain(frequency_hz, 10.0) * waves(frequency_hz)
     assert np.allclose(filtered[INSIDE], expected[INSIDE], rtol=0, atol=1e-6)
-    backwards = low_pass(sine(frequency_hz)[::-1], RATE_HZ, 10.0)[::-1]
+    backwards = low_pass(waves(frequency_hz)[::-1], RATE_HZ, 10.0)[::-1]
     assert np.allclose(filtered[INSIDE], backwards[INSIDE], rtol=0, atol=1e-6)
 
 
@@ -185,16 +185,11 @@ def test_a_joint_at_rest_has_no_direction() -> None:
 
 # The proposed pass band: motion, noise, encoder steps, rate and duration, each with its reason
 
-LONG = np.arange(20_000) / RATE_HZ
 NAMES = ("hip", "knee")
 
 
-def waves(frequency_hz: float, phase: float = 0.3) -> Array:
-    return np.asarray(np.sin(2 * np.pi * frequency_hz * LONG + phase)[:, None])
-
-
 def noise(seed: int, size: float) -> Array:
-    return np.random.default_rng(seed).normal(0.0, size, (len(LONG), 1))
+    return np.random.default_rng(seed).normal(0.0, size, (len(TIME), 1))
 
 
 def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ) -> CutoffSelection:
@@ -265,10 +260,10 @@ def test_noise_of_steps_is_that_of_simulated_encoders(steps_hz: int) -> None:
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float) -> None:
     """Noise of spectrum c f^-p: the acceleration's power below f is (2 pi)^4 c f^(5-p) / (5-p)."""
-    rng, frequency = np.random.default_rng(4), np.fft.rfftfreq(len(LONG), 1 / RATE_HZ)
+    rng, frequency = np.random.default_rng(4), np.fft.rfftfreq(len(TIME), 1 / RATE_HZ)
     density = 1e-9 * np.maximum(frequency, frequency[1]) ** -exponent
     white = rng.normal(size=(2, len(frequency))).T @ [1, 1j]
-    coloured = np.fft.irfft(white * np.sqrt(density * RATE_HZ * len(LONG) / 4), len(LONG))
+    coloured = np.fft.irfft(white * np.sqrt(density * RATE_HZ * len(TIME) / 4), len(TIME))
     power = 5 - exponent
     exact = (1e-4 * 0.5 * power / 1e-9) ** (1 / power)
     found = proposed(waves(1.0) + coloured[:, None])
@@ -279,13 +274,13 @@ def test_coloured_noise_narrows_the_band_as_far_as_its_own_level(exponent: float
 
 def test_what_is_no_motion_does_not_decide() -> None:
     """Vibrations, sweeps, units, offsets and joints that stand still leave the band as it is."""
-    fast, still = waves(2.5), np.full((len(LONG), 1), 0.7)
+    fast, still = waves(2.5), np.full((len(TIME), 1), 0.7)
     expected = proposed(fast).cutoff_hz
     for joints in ((100 * waves(0.3) + 5.0, 1e-3 * fast - 2.0), (fast, still)):
         assert proposed(np.hstack(joints)).cutoff_hz == pytest.approx(expected, rel=1e-6)
     assert proposed(np.hstack([fast, noise(0, 1e-3)])).cutoff_hz == expected
     assert proposed(waves(0.5) + 0.02 * waves(15.0)).motion_hz[0] == pytest.approx(1.0, abs=0.3)
-    sweep = 0.3 * LONG[:, None]  # a single long move at an even speed
+    sweep = 0.3 * TIME[:, None]  # a single long move at an even speed
     assert proposed(sweep + 2e-3 * waves(20.0) + noise(0, 1e-4)).motion_hz[0] < 0.5
 
 
@@ -297,6 +292,6 @@ def test_band_of_a_slow_short_or_still_log_says_so() -> None:
     short = proposed(waves(0.5)[:4000])
     assert short.cutoff_hz == pytest.approx(15 / 4)
     assert "fifteen periods in the log" in short.reason
-    nothing = proposed(np.full((len(LONG), 1), 0.7))
+    nothing = proposed(np.full((len(TIME), 1), 0.7))
     assert nothing.cutoff_hz == RATE_HZ / 8
     assert "nothing moves" in str(nothing)

@@ -65,9 +65,9 @@ def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return file
 
 
-def parts(path: Path, chunk_samples: int = 1000, **options: Any) -> list[Log]:
+def parts(path: Path) -> list[Log]:
     """Return all parts of a long log."""
-    return [one.log for one in iterate_log(path, ROBOT, chunk_samples=chunk_samples, **options)]
+    return [one.log for one in iterate_log(path, ROBOT, chunk_samples=1000)]
 
 
 @pytest.mark.parametrize("overlap", [0, 70])

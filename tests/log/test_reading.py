@@ -11,7 +11,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
-from seaid.log import open_long_log, read_log
+from seaid.log import read_log
 from seaid.log.channels import column_names
 from seaid.log.readers.opening import _plain_numbers
 from seaid.robot import Robot
@@ -90,7 +90,6 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
             "leave the whole column NaN if there is no such sensor",
         ),
     ),
-    (column(JOINT, 5, np.inf), (f"column '{JOINT}' has 1 values that are not finite",)),
     (column(TORQUE, 7, 2e12), (f"'{TORQUE}' has 2e+12 in sample 7",)),
     *(
         ({"columns": columns}, (words,))
@@ -98,14 +97,10 @@ MISTAKES: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
             ({"arm.joint_position": "x"}, "log is named 'arm.joint_position'; did you mean"),
             ({"time_s": "tme_s"}, "named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
             ({"time_s": ("time_s", "msec")}, "no unit of this quantity is named 'msec'; did"),
-            ({"time_s": ("time_s", "deg")}, "is named 'deg'; allowed: s, ms, us, ns"),
             ({TORQUE: (TORQUE, "rad")}, "is named 'rad'; allowed: Nm, mNm, uNm"),
             ({MOTOR: (MOTOR, 0.0)}, "the factor must be finite and not zero, found 0.0"),
-            ({MOTOR: (MOTOR, np.nan)}, "the factor must be finite and not zero, found nan"),
             ({"time_s": ("x", "rad", 1)}, f"{ONE}("),
-            ({"time_s": 5}, f"{ONE}5"),
             ({"time_s": ("t", None)}, ONE),
-            ({"time_s": (5, 1.0)}, ONE),
             (["time_s"], "columns= must be a mapping"),
         )
     ),
@@ -148,14 +143,6 @@ def test_fifty_samples_are_enough(arm: Robot, tmp_path: Path) -> None:
     assert len(read_log(columns, arm).time) == 50
     with pytest.raises(LogError, match="a log needs 50 samples or more, found 49"):
         read_log({name: values[:49] for name, values in columns.items()}, arm)
-
-
-@pytest.mark.parametrize("path", [None, 5, b"log.csv", [5]])
-def test_a_path_is_a_text_or_a_path(arm: Robot, path: Any) -> None:
-    """What is no path is refused before a file is looked for."""
-    for read in (read_log, open_long_log):
-        with pytest.raises(LogError, match="path= must be a path"):
-            read(path, arm)
 
 
 def test_foreign_columns_come_in_by_name_unit_and_factor(arm: Robot, tmp_path: Path) -> None:

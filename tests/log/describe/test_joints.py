@@ -80,13 +80,6 @@ def test_the_robot_tells_degrees_and_the_description_reads(tmp_path: Path) -> No
     np.testing.assert_allclose(log.joint_position[:, 1], np.deg2rad(wave(0.5, 5.0)), rtol=1e-12)
 
 
-@pytest.mark.slow  # 1.3 s
-def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
-    """What is not used is counted, not listed."""
-    more = np.tile(wave(1.0)[:, None], (1, 9_000))
-    assert len(str(guess(tmp_path, t=TIME, q=GOAL, x=more))) < 5_000
-
-
 @pytest.mark.parametrize("pattern", ["{}{}", "{}[{}]"])
 @pytest.mark.parametrize("joints", [("joint5",), ("joint2", "joint4"), ("joint4", "joint5")])
 @pytest.mark.parametrize("is_still", [False, True])

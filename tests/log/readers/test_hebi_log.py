@@ -12,8 +12,6 @@ from tests.log.readers.files import error_of
 
 HEBI_X5 = Path(__file__).parents[3] / "models/logs/hebi_x5_unloaded/exampleLog.hebilog"
 
-MEASURED = Path(__file__).parents[4] / "shared" / "data" / "hebi_arms" / "virtual_spring.hebilog"
-
 
 def hebilog(samples: int = 3) -> bytes:
     """Return what stands around the messages of a HEBI log of two modules."""
@@ -53,18 +51,3 @@ def test_a_hebi_log_with_bytes_between_its_records_is_read_whole(tmp_path: Path)
     columns = ["motor_position[0]", "time[0]"]
     for name, values in open_table(HEBI_X5).load(columns).items():
         np.testing.assert_array_equal(open_table(path).load(columns)[name], values)
-
-
-@pytest.mark.skipif(
-    not MEASURED.is_file(), reason=f"measured logs are not part of the project: no file {MEASURED}"
-)
-def test_a_measured_hebi_log_is_read_whole_and_said_to_be_cut_off(tmp_path: Path) -> None:
-    """All its samples are read, and no part of it is taken for the whole."""
-    pytest.importorskip("hebi")
-    table = open_table(MEASURED)
-    assert len(table.names) == 36
-    assert len(table.load(["motor_position[1]", "time[0]"])["time[0]"]) == 5_337
-    path, whole = tmp_path / "log.hebilog", MEASURED.read_bytes()
-    for cut in np.random.default_rng(0).integers(100, len(whole), 20):
-        path.write_bytes(whole[:cut])
-        assert "is cut off: its last record" in error_of(path)

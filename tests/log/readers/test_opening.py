@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import socket
 import struct
 import sys
 import zipfile
@@ -180,7 +179,6 @@ PACKED = npz(a=npy("(60,)", data=np.sin(np.arange(60.0)).tobytes()))
 REFUSED: tuple[tuple[str, Any, str], ...] = (
     ("log.npz", npz(a=npy("(1000000000,)")), "declares 8 GB of samples"),
     ("log.npz", npz(a=npy("(10**30,)")), "column 'a' cannot be read: "),
-    ("log.npz", npz(a=npy("(9" + "9" * 30 + ",)")), "declares 8e+22 GB of samples"),
     ("log.npz", npz(a=npy("(-5,)")), "column 'a' cannot be read: its shape is (-5,)"),
     ("log.npz", npz(a=npy("(2,)", data=bytes(9))), "column 'a' cannot be read: it is truncated"),
     ("log.npz", npz(a=npy("(2")), "column 'a' cannot be read"),
@@ -203,7 +201,6 @@ REFUSED: tuple[tuple[str, Any, str], ...] = (
     ("log.npz", npz(a=npy("(1, 10001)", data=bytes(8 * 10_001))), "must be a vector of numbers"),
     ("log.npz", {"a": np.zeros((60, 2))}, f"{NOT_NUMBERS} float64 of shape (60, 2)"),
     ("log.npz", {"a": np.array("text")}, f"{NOT_NUMBERS} <U4 of shape ()"),
-    ("log.npz", {"a": np.zeros(60, dtype=complex)}, f"{NOT_NUMBERS} complex128"),
     ("log.npz", {"a": np.array([{}], dtype=object)}, f"{NOT_NUMBERS} object"),
     *((f"log.{end}", {"a": ["x", "y"]}, NOT_NUMBERS) for end in ("npz", "h5", "json", "parquet")),
     ("log.h5", {"a": h5py.Empty("f8")}, NOT_NUMBERS),
@@ -340,34 +337,6 @@ def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
     assert error_of(path) == missing
     (tmp_path / "now.csv").write_text("")
     assert error_of(path) == f"{missing}; did you mean 'now.csv'?"
-
-
-def test_sockets_devices_and_links_that_go_round_are_refused(tmp_path: Path) -> None:
-    """No path keeps a reader waiting, or gives it an endless file."""
-    with socket.socket(socket.AF_UNIX) as end:
-        end.bind(os.path.relpath(tmp_path / "socket.csv"))
-    os.mkfifo(tmp_path / "pipe.csv")
-    os.mkfifo(tmp_path / "pipe.db3")
-    (tmp_path / "zero.csv").symlink_to("/dev/zero")
-    (tmp_path / "round.csv").symlink_to("round.csv")
-    for name, words in {
-        **dict.fromkeys(("socket.csv", "pipe.csv", "zero.csv"), "is a pipe, a socket or a device"),
-        "": "is a folder without a ROS bag",
-        "round.csv": "Too many levels of symbolic links",
-        f"{'x' * 300}.csv": "File name too long",
-        "a\0b.csv": "null",
-        "zero.csv/log.csv": "no log file at",
-    }.items():
-        assert words in error_of(tmp_path / name)
-
-
-@pytest.mark.parametrize("ending", ["json", "parquet"])
-def test_names_with_escapes_are_shown_without(arm: Robot, tmp_path: Path, ending: str) -> None:
-    """No name of a column writes to a terminal."""
-    path = save(tmp_path / f"log.{ending}", {"a\n\x1b[31m": [1.0]})
-    with pytest.raises(LogError, match=r"\\x1b\[31m") as caught:
-        read_log(path, arm)
-    assert str(caught.value).isprintable()
 
 
 # What is read in pieces, and what is too large
