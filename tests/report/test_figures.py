@@ -70,9 +70,6 @@ def test_load_figure_shows_every_joint_measured_grey_and_computed_black(
         assert f"({arm_result().load.raw_relative_error[joint]:.1%} raw)" in caption
 
 
-#
-
-
 # The figure of a planned motion: every joint and limit drawn, with units, and the spectra.
 
 
