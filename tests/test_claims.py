@@ -117,22 +117,6 @@ def test_new_figures_are_written_into_the_file_and_the_pages() -> None:
     assert filled == "k = <!--=leg.stiffness-->12.5<!--=-->, <!--=arm.stiffness-->12.0<!--=-->"
 
 
-@pytest.mark.parametrize(
-    ("line", "other", "message"),
-    [
-        ("seconds = 1", "minutes = 1", "'minutes'"),
-        ("seconds = 1", "seconds =", "Invalid value"),
-        ("claim = ", "about = ", "'about'"),
-        ("5 %", "a little", "could not convert"),
-        ("(\\S+)", "\\S+", "has to have one group"),
-        ("(\\S+)", "(\\S+", "missing )"),
-    ],
-)
-def test_what_is_wrong_in_the_file_is_named(line: str, other: str, message: str) -> None:
-    with pytest.raises(ClaimError, match=f"^docs/claims\\.toml: .*{re.escape(message)}"):
-        claims.runs_of(EXAMPLE.replace(line, other, 1))
-
-
 def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
     rows = [run for run in RUNS if run.capability]
     assert len(rows) >= 10

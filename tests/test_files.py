@@ -5,7 +5,6 @@ import os
 import stat
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -185,20 +184,6 @@ def test_a_name_may_be_as_long_and_odd_as_the_disk_allows(tmp_path: Path, name: 
     assert (tmp_path / name).read_text() == "text of ?"
     assert (tmp_path / "a.csv").read_text() == "?\n0\n"
     assert len(os.listdir(tmp_path)) == 2
-
-
-def test_threads_on_one_path_leave_one_whole_file(tmp_path: Path) -> None:
-    path, begin = tmp_path / "out.txt", threading.Barrier(4)
-
-    def write(letter: str) -> None:
-        begin.wait(timeout=10)
-        for _ in range(10):
-            write_whole(path, letter * 100_000)
-
-    with ThreadPoolExecutor(4) as threads:
-        list(threads.map(write, "abcd"))
-    assert path.read_text() in {letter * 100_000 for letter in "abcd"}
-    assert os.listdir(tmp_path) == ["out.txt"]
 
 
 # The working folder

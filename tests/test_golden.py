@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from scripts import golden
-from scripts.golden import MOVE, REDERIVATION, WRONG, CaseResult, Difference, Golden
+from scripts.golden import MOVE, REDERIVATION, WRONG, CaseResult, Golden
 from scripts.golden_cases import GROUPS, KNOWN_WRONG, cases
 from scripts.golden_records import KnownWrong, Record, of_error, of_text
 from seaid.errors import SeaidError
@@ -109,19 +109,6 @@ def test_changes_within_the_tolerances_of_a_rederivation_are_none_but_no_move(
     assert found(now) == []
     assert [change for *_, change in found(now, MOVE)] == [kind]
     assert found(changed(K, ["value", 100.0 * (1 + 1e-10), 2.0]), MOVE) == []
-
-
-def test_table_has_the_known_wrong_records_last_with_their_reason() -> None:
-    """At most ten differences of a kind are listed."""
-    wrong = changed("active bound 0", None, "wrong one")
-    now = replace(wrong, cases={**wrong.cases, "leg": changed("verdict", None).cases["leg"]})
-    text = golden.table_of(golden.differences(before(), now, REDERIVATION))
-    lines = [line.split() for line in text.splitlines()]
-    assert lines.index(["TULip:"]) < lines.index(["known", "wrong:"])
-    assert "they are not active" in text
-    assert golden.table_of([]) == "No differences."
-    many = [Difference("TULip", f"case {place}", "", "missing") for place in range(12)]
-    assert "and 2 more" in golden.table_of(many)
 
 
 def test_a_written_file_is_read_as_it_was_and_a_bad_one_refused(tmp_path: Path) -> None:

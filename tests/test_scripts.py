@@ -8,12 +8,10 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import seaid
-from scripts.benchmarks import speed_held
 
 ROOT = Path(__file__).parents[1]
 TULIP_FILES = (
@@ -187,17 +185,6 @@ def test_every_script_has_a_short_form() -> None:
     assert not SHORT_FORMS.keys() & RUN_ELSEWHERE.keys()
     for file, test in RUN_ELSEWHERE.items():
         assert file.removesuffix(".py") in (ROOT / test).read_text(encoding="utf-8")
-
-
-@pytest.mark.slow  # starts a process that starts others
-@pytest.mark.parametrize("measured", [[1.0], [1.3, 1.2], [1.3, 1.0, 1.2], [1.3, 1.0, 1.1]])
-def test_speed_is_measured_again_while_the_answer_is_open(
-    measured: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    answers = iter([*measured, 9.0])
-    monkeypatch.setattr(speed_held, "ratio", lambda *_: next(answers))
-    tree: Any = None
-    assert speed_held.ratios("identify", tree, tree) == measured
 
 
 @pytest.mark.slow  # 3 s: a process and its worker, which takes the types of the script from it
