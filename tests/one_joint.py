@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 from seaid.legged import load_robot
 from seaid.robot import Robot
@@ -24,15 +25,16 @@ def one_joint(folder: Path, kind: str = "revolute", drive: dict[str, Any] | None
     return load_robot(path, {"arm": drive} if drive else None)
 
 
-def chain(folder: Path, *joints: str, limit: float = 3.0) -> Robot:
-    """Return a chain of revolute joints with these names."""
+def chain(folder: Path, *joints: str, limit: float = 3.0, name: str = "robot") -> Robot:
+    """Return a chain of revolute joints with these names, which may have any letters."""
     limits = f'<limit lower="{-limit}" upper="{limit}" effort="9" velocity="9"/>'
-    links = ["base", *(f"link_of_{joint}" for joint in joints)]
+    links = [quoteattr(link) for link in ("base", *(f"link_of_{joint}" for joint in joints))]
     body = "".join(
-        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
-        f'<parent link="{parent}"/><child link="{child}"/></joint>'
+        f'<link name={child}>{BODY}</link><joint name={quoteattr(joint)} type="revolute">{limits}'
+        f"<parent link={parent}/><child link={child}/></joint>"
         for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True)
     )
     path = folder / "robot.urdf"
-    path.write_text(f'<robot name="robot"><link name="base"/>{body}</robot>')
+    text = f'<robot name={quoteattr(name)}><link name="base"/>{body}</robot>'
+    path.write_text(text, encoding="utf-8")
     return load_robot(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -11,29 +10,12 @@ from seaid._arrays import Array, FrozenMapping, frozen
 from seaid.estimation import Estimate, TermTest, Whiteness
 from seaid.estimation.estimate import ModelChecks
 from seaid.identification import Fit, Identification, Validation
-from seaid.legged import load_robot
 from seaid.regressor import BaseParameters
 from seaid.regressor.load import LoadModel
-from seaid.robot import Robot
 from seaid.robot.inertia import UNITS
+from tests.one_joint import chain
 
 HOSTILE = ("<b>x</b>", "\"'&amp;", "</script><script>alert(1)</script>", "${a}", "$x_y$", "{{ 7 }}")
-
-
-def chain(folder: Path, joints: tuple[str, ...]) -> Robot:
-    """Return a chain of turning joints of these names, with stiff ideal drives."""
-    body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    text = '<robot name="chain &lt;i&gt;"><link name="base"/>'
-    parent = "base"
-    for number, joint in enumerate(joints):
-        link = f"link_{number}"
-        text += f'<link name="{link}">{body}</inertial></link>'
-        text += f'<joint name={quoteattr(joint)} type="continuous"><parent link="{parent}"/>'
-        text += f'<child link="{link}"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/></joint>'
-        parent = link
-    path = folder / "chain.urdf"
-    path.write_text(text + "</robot>", encoding="utf-8")
-    return load_robot(path)
 
 
 def estimate(names: tuple[str, ...], units: tuple[str, ...], seed: int = 0) -> Estimate:
@@ -53,7 +35,7 @@ def made_up(
     folder: Path, joints: tuple[str, ...], samples: int = 4000
 ) -> tuple[Identification, Validation]:
     """Return an identification of a chain whose own motions are not kept, and its validation."""
-    robot = chain(folder, joints)
+    robot = chain(folder, *joints, name="chain <i>")
     per_joint = 7
     columns = tuple(10 * body + k for body in range(robot.n) for k in range(per_joint))
     names = robot.parameter_names

@@ -25,7 +25,7 @@ from seaid.errors import RobotError
 from seaid.export import FORMATS, WrittenModel
 from seaid.export.joint_actuators import EFFECTS, actuators_of
 from seaid.robot import Robot
-from tests.one_joint import BODY, one_joint
+from tests.one_joint import chain, one_joint
 
 ROOT = Path(__file__).parents[2]
 KP, KD, LIMIT, DELAY_S = 20.0, 1.5, 12.0, 0.0123
@@ -51,17 +51,6 @@ ODD = "odd-joint \"'</\\&é"
 
 def robot_with(folder: Path, drive: Any = SERVO, kind: str = "revolute") -> Robot:
     return one_joint(folder, kind).with_drives({"arm": drive})
-
-
-def odd_robot(folder: Path) -> Robot:
-    name = ODD.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    path = folder / "odd.urdf"
-    path.write_text(
-        f'<robot name="1 odd"><link name="base"/><link name="body">{BODY}</link>'
-        f'<joint name="{name}" type="revolute"><parent link="base"/><child link="body"/>'
-        '<limit lower="-3" upper="3" effort="9" velocity="7"/></joint></robot>'
-    )
-    return seaid.load_robot(path, {ODD: SERVO})
 
 
 def written(robot: Robot, folder: Path, name: Any, **options: Any) -> WrittenModel:
@@ -338,7 +327,7 @@ def test_what_a_format_lacks_is_said_and_nothing_else(
 
 
 def test_names_are_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = odd_robot(tmp_path)
+    robot = chain(tmp_path, ODD, name="1 odd").with_drives({ODD: SERVO})
     path = written(robot, tmp_path, "isaaclab").path
     ((joint, (_, fields)),) = configured(path, "isaaclab.actuators", monkeypatch).items()
     assert joint == ODD

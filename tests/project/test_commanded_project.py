@@ -20,7 +20,7 @@ from seaid.project import FirstProject
 from tests import experiments
 from tests.cli.small_arm import done, run
 from tests.measured import LOGS
-from tests.plants import write_columns
+from tests.plants import write_columns, write_robot
 
 
 def servo_project_of(
@@ -271,8 +271,7 @@ def test_init_reads_lists_in_cells_and_the_file_of_the_commands(tmp_path: Path) 
             for k, at in enumerate(clock)
         ]
         (tmp_path / f"run.{name}.csv").write_text("\n".join(lines))
-    urdf = tmp_path / "two.urdf"
-    urdf.write_text(two_links(joints))
+    urdf = two_links(tmp_path / "two.urdf", joints)
     gains = seaid.Controller(position_gain_Nm_per_rad=20.0, is_held=True)
     made = seaid.write_first_project(
         urdf,
@@ -294,19 +293,21 @@ def test_init_reads_lists_in_cells_and_the_file_of_the_commands(tmp_path: Path) 
     assert np.allclose(log.position_command[inside, 1], expected, atol=2e-3)
 
 
-def two_links(joints: tuple[str, str]) -> str:
-    """Return the URDF of two arms side by side."""
-    body = """<link name="{0}_link"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/><inertia
-ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{0}"
-type="revolute"><parent link="base"/><child link="{0}_link"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="50" velocity="20"/></joint>"""
-    return f'<robot name="two"><link name="base"/>{"".join(map(body.format, joints))}</robot>'
+BODY = """<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>"""
+LIMIT = '<limit lower="-3" upper="3" effort="50" velocity="20"/>'
+
+
+def two_links(path: Path, joints: tuple[str, str]) -> Path:
+    """Write the URDF of two arms side by side."""
+    ends = (f'revolute base {x}_link <axis xyz="0 1 0"/>{LIMIT}' for x in joints)
+    return write_robot(path, dict(zip(joints, ends, strict=True)), BODY)
 
 
 def servo_project(folder: Path, validate_s: tuple[float, float]) -> Path:
     """Write a project of two servos, one of which stands still, and of one log."""
     joints, time = ("shoulder", "elbow"), np.arange(0, 12, 0.01)
-    (folder / "two.urdf").write_text(two_links(joints))
+    two_links(folder / "two.urdf", joints)
     q = 0.4 * np.sin(2 * time) + 0.3 * np.sin(5.3 * time)
     v, a = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
     torque = 0.1 * a - 2.943 * np.cos(q) + 0.3 * v + 0.2 * np.tanh(v / 0.05)
