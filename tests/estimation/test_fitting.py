@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import seaid.log.long_log as long_log_module
-from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate
 from seaid.estimation.fitting import (
@@ -22,7 +21,7 @@ from seaid.estimation.fitting import (
     stored_estimate,
     tukey,
 )
-from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
+from seaid.estimation.least_squares import ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
 from seaid.identification import identify
 from seaid.identification.datasets import rows_of_equations
@@ -156,13 +155,11 @@ def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def stream_estimate(
-    logs: list[LongLog], weigh: Callable[[QRFactor], Array] = settled_weights
-) -> tuple[Estimate, QRFactor]:
+def stream_estimate(logs: list[LongLog]) -> tuple[Estimate, QRFactor]:
     with rows_of_equations(logs, {"": actuator}, True, None, False) as stored:
         rows = stored[""]
         assert isinstance(rows, StoredRows)
-        return stored_estimate(rows, weigh, None)[:2]
+        return stored_estimate(rows, settled_weights, None)[:2]
 
 
 def opened(path: Path, chunk_samples: int = 1500) -> LongLog:
@@ -186,10 +183,22 @@ def assert_same(found: Estimate, expected: Estimate) -> None:
     assert found.residual_std == pytest.approx(expected.residual_std, rel=1e-9)
 
 
-@pytest.mark.parametrize("chunk", [1250, 1777, 100_000])
-def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
-    found = stream_estimate([opened(npz, chunk)], equal_weights)[0]
-    assert_same(found, ordinary(actuator(motion())))
+@pytest.mark.parametrize(
+    ("seeds", "chunk"),
+    quick_first([((0,), 1250), ((0,), 1777), ((0,), 100_000), ((0, 1), 1500)], 3),
+)
+def test_logs_in_pieces_of_any_size_are_fitted_as_their_rows(
+    tmp_path: Path, seeds: tuple[int, ...], chunk: int
+) -> None:
+    """As those of all logs together."""
+    for seed in seeds:
+        write_log(log(seed), tmp_path / f"{seed}.npz")
+    logs = [opened(tmp_path / f"{seed}.npz", chunk) for seed in seeds]
+    rows = stacked([actuator(motion(seed)) for seed in seeds])
+    found, qr_factor = stream_estimate(logs)
+    assert_same(found, ordinary(rows))
+    assert (qr_factor.count, qr_factor.excluded) == (len(rows.y), rows.excluded)
+    assert qr_factor.joint_names == ROBOT.joint_names
 
 
 def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,18 +228,6 @@ def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("seaid.estimation.fitting.np.save", full)
     with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
         stream_estimate([opened(npz)])
-
-
-@pytest.mark.slow  # 2.0 s
-def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
-    write_log(log(1), tmp_path / "other.npz")
-    logs = [opened(npz), opened(tmp_path / "other.npz")]
-    both = stacked([actuator(motion()), actuator(motion(1))])
-    found, qr_factor = stream_estimate(logs)
-    assert_same(found, ordinary(both))
-    assert qr_factor.count == len(both.y)
-    assert qr_factor.excluded == both.excluded
-    assert qr_factor.joint_names == ROBOT.joint_names
 
 
 def test_part_without_motion_is_still_left_out_by_the_speed_of_the_whole(tmp_path: Path) -> None:
