@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from seaid._arrays import Array
 from seaid.drives import drive_table
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import Finding
-from seaid.log import Log
+from seaid.log import Log, Motion
 from seaid.log.repair.channels import unwrapped
 from seaid.robot import Robot
 from tests.experiments import TEST_MASS, arm, arm_log, leg, leg_log
@@ -34,6 +34,18 @@ def of_joint(log: Log, j: int, **factors: float) -> Log:
     """Return the log with channels of joint j multiplied by factors."""
     own = np.arange(len(log.joint_names)) == j
     return changed(log, {name: np.where(own, by, 1.0) for name, by in factors.items()})
+
+
+Recorded = TypeVar("Recorded", Log, Motion)
+
+
+def with_channels(recorded: Recorded, joint: str, **changes: Callable[[Array], Array]) -> Recorded:
+    """Return a log or a motion with channels of a joint that are functions of what they were."""
+    columns: dict[str, Any] = {name: getattr(recorded, name).copy() for name in changes}
+    for name, change in changes.items():
+        channel = columns[name][:, recorded.joint_names.index(joint)]
+        channel[:] = change(channel)
+    return replace(recorded, **columns)
 
 
 def worst(robot: Robot, *logs: Log) -> Finding:

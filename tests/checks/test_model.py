@@ -46,7 +46,15 @@ from tests.experiments import (
     true_geared_arm,
     wiggle,
 )
-from tests.mistakes import CASES, Planted, check_planted, lines_of, repaired
+from tests.mistakes import (
+    CASES,
+    Planted,
+    check_planted,
+    lines_of,
+    of_joint,
+    repaired,
+    with_channels,
+)
 from tests.one_joint import one_joint
 from tests.representatives import quick_only
 
@@ -70,9 +78,7 @@ def open_robot() -> Robot:
 
 def with_torque(joint: str, more: Array) -> Log:
     """Return the log of a motor that needs more torque for the same motion."""
-    torque = leg_log(3).motor_torque.copy()
-    torque[:, leg().index(joint)] += more
-    return replace(leg_log(3), motor_torque=torque)
+    return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)
 
 
 def findings(found: Identification) -> list[Finding]:
@@ -387,10 +393,11 @@ def test_torques_that_are_all_late_are_one_finding(case: str, delay_s: float) ->
 @pytest.mark.parametrize("delay_s", quick_only([0.03, -0.01], [0.03]))
 def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: float) -> None:
     """A late one leaves the motor less friction than none, an early one is a negative damping."""
-    right, place = leg_log(3), leg().index("knee_pitch")
-    positions = right.joint_position.copy()
-    positions[:, place] = np.interp(right.time - delay_s, right.time, positions[:, place])
-    found = identify(leg(TEST_MASS).without_nominal(), replace(right, joint_position=positions))
+    t = leg_log(3).time
+    late = with_channels(
+        leg_log(3), "knee_pitch", joint_position=lambda q: np.interp(t - delay_s, t, q)
+    )
+    found = identify(leg(TEST_MASS).without_nominal(), late)
     (finding,) = (x for x in found.warnings if x.code in ("delay", "nonlinear-spring"))
     assert (finding.code, finding.joint) == ("delay", "knee_pitch")
     error = finding.evidence["standard error [s]"]
@@ -404,12 +411,10 @@ def test_a_known_rotor_is_the_scale_of_the_torque_next_to_a_spring(
     torque: float, rotor: float
 ) -> None:
     """Which of the two is wrong no log decides: both are named, and no line is printed."""
-    joint, log = "knee_pitch", leg_log(3)
-    motor_torque = log.motor_torque.copy()
-    motor_torque[:, leg().index(joint)] *= torque
+    joint = "knee_pitch"
     inertia = rotor * leg().drives[joint].values["motor_inertia"]
     robot = with_knee(leg(TEST_MASS), motor_inertia_kg_m2=inertia).without_nominal()
-    found = identify(robot, replace(log, motor_torque=motor_torque))
+    found = identify(robot, of_joint(leg_log(3), leg().index(joint), motor_torque=torque))
     (finding,) = (x for x in found.warnings if x.code == "rotor-inertia")
     assert (finding.severity, finding.joint) == ("doubtful", joint)
     times = finding.evidence["rotor inertia over the given one"]
@@ -460,11 +465,10 @@ def test_screening_excludes_no_term_that_a_comparison_supports(
 
 def with_zero(robot: Robot, log: Log, joint: str, offset: float) -> Log:
     """Return the log of a joint whose encoders were set to zero at another angle [rad]."""
-    index, drive = robot.index(joint), robot.drives[joint]
-    positions, motors = log.joint_position.copy(), log.motor_position.copy()
-    positions[:, index] += offset
-    motors[:, index] += offset * drive.ratio * drive.load_radius / drive.motor_radius
-    return replace(log, joint_position=positions, motor_position=motors)
+    drive = robot.drives[joint]
+    of_motor = offset * drive.ratio * drive.load_radius / drive.motor_radius
+    moved = {"joint_position": lambda q: q + offset, "motor_position": lambda q: q + of_motor}
+    return with_channels(log, joint, **moved)
 
 
 def test_known_bodies_leave_open_whether_a_zero_or_their_centre_is_off() -> None:

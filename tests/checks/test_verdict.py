@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,18 @@ import seaid
 from scripts.benchmarks.short_logs import short_log
 from seaid._arrays import Array
 from seaid.checks import CODES, JointFit
-from seaid.checks.values import unused_findings
+from seaid.checks.values import noise_findings, unused_findings
 from seaid.checks.verdict import RobotFit, _blocks, fit_findings, verdict_of
 from seaid.estimation import FittedRows
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.export import content_of
+from seaid.identification.problem import Method
 from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
+from tests.experiments import leg_log as loaded_leg_log
+from tests.mistakes import with_channels
 from tests.plants import regression
 from tests.representatives import quick_first
 
@@ -71,17 +75,15 @@ def test_friction_that_a_log_cannot_identify_and_a_channel_in_no_equation_are_sa
 @pytest.mark.slow  # 0.5 s
 def test_a_torque_of_the_wrong_sign_is_named_where_no_spring_explains_it() -> None:
     """The search for a spring that is not linear fails before a result can have findings."""
-    log = leg_log()
+    log = with_channels(leg_log(), "knee_pitch", motor_torque=np.negative)
     drive: Any = leg().drives["knee_pitch"]
-    torque = log.motor_torque.copy()
-    torque[:, leg().index("knee_pitch")] *= -1
     values = {name: x for name, x in drive.nominal.items() if name != "stiffness"}
     spring = replace(drive, spring=("linear", "cubic"), nominal=values)
     robot = leg().with_drives({"knee_pitch": spring}).without_nominal()
     with pytest.raises(
         seaid.errors.RobotError, match=r"^sign: the torque of knee_pitch has the opposite"
     ):
-        seaid.identify(robot, replace(log, motor_torque=torque))
+        seaid.identify(robot, log)
 
 
 def pushed_log(size: float) -> Log:
@@ -108,11 +110,10 @@ def pushed_log(size: float) -> Log:
 
 def log_of_noise() -> Log:
     """Return the log of a leg whose torque of the hip's roll is noise."""
-    log = measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, 1)
-    noise = np.random.default_rng(0).normal(size=len(log.time))
-    torque = log.motor_torque.copy()
-    torque[:, 1] = np.std(torque[:, 1]) * noise
-    return replace(log, motor_torque=torque)
+    rng = np.random.default_rng(0)
+    return with_channels(
+        loaded_leg_log(), "hip_roll", motor_torque=lambda x: np.std(x) * rng.normal(size=len(x))
+    )
 
 
 UNEXPLAINED: dict[str, tuple[Callable[[], Log], tuple[str, str], tuple[float, float]]] = {
@@ -304,3 +305,39 @@ def test_a_good_result_names_the_drives_with_parameters_that_are_not_determined(
     assert sentence(0.5, 2.0, 40.0).endswith(
         "but drives have errors of 100% and more: joint_1, joint_2"
     )
+
+
+# A slow drift of motor torques
+
+DRIFTING = ("hip_yaw", "knee_pitch")
+
+
+def with_trend(trend_Nm: float, method: Method = "two-step") -> seaid.Identification:
+    """Return the identification of the leg whose torques of two joints have a linear trend."""
+    log = loaded_leg_log(5)
+    ramp = np.linspace(-trend_Nm, trend_Nm, len(log.time))[:, None]
+    drifts = np.array([joint in DRIFTING for joint in log.joint_names])
+    log = replace(log, motor_torque=log.motor_torque + ramp * drifts)
+    return seaid.identify(leg(TEST_MASS).without_nominal(), log, method=method)
+
+
+@pytest.mark.slow  # 0.7 s
+@pytest.mark.parametrize("method", quick_first(["two-step", "simultaneous"]))
+def test_the_drifting_joints_are_named_and_have_its_errors(method: Method) -> None:
+    drifting, steady = with_trend(2e-3, method), with_trend(0.0, method)
+    assert {one.joint for one in drifting.warnings if one.code == "drift"} == set(DRIFTING)
+    assert not any(one.code == "drift" for one in steady.warnings)
+    for joint in (*DRIFTING, "hip_pitch") if method == "two-step" else ():
+        ratio = drifting.drives[joint].standard_errors / steady.drives[joint].standard_errors
+        friction = ratio[drifting.drives[joint].names.index("coulomb_friction")]
+        assert friction > 1.5 if joint in DRIFTING else friction == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "severity"), [(0.004, "note"), (0.02, "doubtful")])
+def test_a_drift_of_a_small_part_of_the_torque_is_a_note(share: float, severity: str) -> None:
+    """It is in the standard errors; what explains it is no more severe."""
+    drift = SimpleNamespace(joint="knee", ratio=100.0, share=share, corner_hz=2.3)
+    numbers = {"independent_rows": 100, "parameters": 1, "scatter": 1.0, "instruments": {}}
+    diagnostics = SimpleNamespace(**numbers, growth=8.0, drifts=(drift,))
+    (finding,) = noise_findings(SimpleNamespace(diagnostics=diagnostics))  # type: ignore[arg-type]
+    assert (finding.code, finding.severity) == ("drift", severity)
