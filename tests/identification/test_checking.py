@@ -187,14 +187,6 @@ def test_a_unit_of_all_torques_does_not_hide_exchanged_encoders(case: str) -> No
     assert seaid.check(robot, wrong).warnings == ()
 
 
-@pytest.mark.slow  # 2 s
-def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
-    robot = leg(TEST_MASS)
-    other = robot.with_values(100 * robot.parameters, robot.drives)
-    warnings = seaid.check(other, leg_log()).warnings
-    assert [(one.code, one.severity) for one in warnings] == [("nominal-values", "note")]
-
-
 def spring_rows(error_rad: float, seed: int) -> tuple[Array, Array]:
     """Return angles of both sides and the torque of a spring behind a gear with an error."""
     random = np.random.default_rng(seed)

@@ -21,9 +21,11 @@ from tests.experiments import (
     arm_motion,
     drive_scores,
     leg,
+    leg_log,
     leg_motion,
     perfect_log,
 )
+from tests.mistakes import with_channels
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -37,7 +39,7 @@ WARM = 0.4
 def together(seed: int = 1) -> Conditions:
     """Return the leg cold with its bare foot, and with a test mass and less friction when warm."""
     cold = measure(leg(), leg_motion(), LEG_SENSORS, seed=seed)
-    warm = measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=seed + 1)
+    warm = leg_log(seed + 1)
     friction = [leg().drives[joint].values["viscous_friction"] for joint in leg().joint_names]
     lacking = WARM * np.array(friction) * leg_motion(TEST_MASS).motor_velocity
     warm = replace(warm, motor_torque=warm.motor_torque - lacking)
@@ -152,13 +154,8 @@ def test_conditions_that_cannot_be_are_refused(
 def test_a_wrong_set_up_is_named_in_its_condition() -> None:
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
     good = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    bad = measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=2)
-    knee = bad.joint_names.index("knee_pitch")
-    torque = bad.motor_torque.copy()
-    torque[:, knee] *= -1.0
-    both = identify_conditions(
-        {"bare": (bare, good), "loaded": (loaded, replace(bad, motor_torque=torque))}
-    )
+    bad = with_channels(leg_log(2), "knee_pitch", motor_torque=np.negative)
+    both = identify_conditions({"bare": (bare, good), "loaded": (loaded, bad)})
     named = {
         name: [(one.code, one.joint) for one in found.findings if one.severity == "wrong"]
         for name, found in both.identifications.items()
@@ -176,9 +173,7 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
     """In one condition the torque of the wrist is that of another part of the motion."""
     robot = arm().without_nominal()
     logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (0, 1)]
-    wrist, torque = robot.index("wrist"), logs[1].motor_torque.copy()
-    torque[:, wrist] = np.roll(torque[:, wrist], len(torque) // 3)
-    wrong = replace(logs[1], motor_torque=torque)
+    wrong = with_channels(logs[1], "wrist", motor_torque=lambda x: np.roll(x, len(x) // 3))
     for second, level in ((logs[1], "good"), (wrong, "usable with care")):
         both = identify_conditions({"a": (robot, logs[0]), "b": (robot, second)})
         found = both.identifications
@@ -197,8 +192,7 @@ def test_a_torque_that_the_model_does_not_explain_is_named_in_its_condition() ->
 def test_a_payload_that_was_not_given_is_named() -> None:
     robot = leg().without_nominal()
     bare = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
-    loaded = measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=2)
-    both = identify_conditions({"bare": (robot, bare), "loaded": (robot, loaded)})
+    both = identify_conditions({"bare": (robot, bare), "loaded": (robot, leg_log(2))})
     for found in both.identifications.values():
         named = [one for one in found.warnings if one.code == "no-fit"]
         assert found.verdict.level == "do not use"

@@ -20,6 +20,7 @@ from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion
+from tests.mistakes import with_channels
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -33,9 +34,9 @@ def late_log(late: dict[tuple[str, str], float], torque_std: float = 5e-4) -> Lo
     """Return a log of the leg at 500 Hz whose channels {(joint, field): s} are late."""
     motion = leg_motion()
     for (joint, field), delay in late.items():
-        values, index = getattr(motion, field).copy(), leg().index(joint)
-        values[:, index] = CubicSpline(motion.time, values[:, index])(motion.time - delay)
-        motion = replace(motion, **{field: values})
+        time = motion.time
+        late_by = {field: lambda x, t=time, d=delay: CubicSpline(t, x)(t - d)}
+        motion = with_channels(motion, joint, **late_by)
     log = measure(leg(), motion, replace(LEG_SENSORS, torque_std_Nm=torque_std), 0)
     if "joint_torque" in {field for _, field in late}:
         log = replace(log, joint_torque=motion.joint_torque)

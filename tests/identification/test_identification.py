@@ -20,16 +20,14 @@ from seaid.log import Log, open_long_log, write_log
 from seaid.regressor import joint_torques
 from seaid.simulation.simulation import measure
 from tests.experiments import (
-    ARM_SENSORS,
     ELASTIC,
     LEG_SENSORS,
     TEST_MASS,
-    arm,
-    arm_motion,
     leg,
     leg_log,
     leg_motion,
 )
+from tests.mistakes import with_channels
 from tests.representatives import quick_first
 
 KNOWN = leg(TEST_MASS).without_nominal()
@@ -37,9 +35,7 @@ KNOWN = leg(TEST_MASS).without_nominal()
 
 def changed(field: str, joint: str, value: float) -> Log:
     """Return the log with one signal of one joint held at a value."""
-    values = getattr(leg_log(), field).copy()
-    values[:, KNOWN.index(joint)] = value
-    return replace(leg_log(), **{field: values})
+    return with_channels(leg_log(), joint, **{field: lambda x: np.full_like(x, value)})
 
 
 def test_found_robot_has_the_found_values() -> None:
@@ -251,17 +247,6 @@ def test_logs_without_an_answer_are_refused(
     """The error names the joint and the channel."""
     with pytest.raises(kind, match=words):
         identify(KNOWN, logs(), torque_joints=rows)
-
-
-def test_a_term_that_is_not_there_is_not_worth_having() -> None:
-    robot = arm()
-    known = robot.without_nominal()
-    joint = known.elastic_joints[0]
-    more = replace(known.drives[joint], extra_terms=("c*theta_M_dot**3",))
-    known = known.with_values(known.parameters, {**known.drives, joint: more})
-    identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3), method="two-step")
-    tests = {term.terms[0]: term for term in identified.checks[joint].terms}
-    assert tests["c"].bic < 0 < tests["viscous_friction"].bic
 
 
 @pytest.mark.slow  # several identifications of the leg

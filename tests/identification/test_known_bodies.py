@@ -58,12 +58,6 @@ def test_a_robot_of_known_bodies_has_no_base_parameters() -> None:
     assert cross_check(base, exact_base_parameters(robot)).agree
 
 
-def test_known_bodies_stay_when_nominal_values_go() -> None:
-    known = leg("foot").without_nominal()
-    np.testing.assert_array_equal(known.parameters[40:], leg().parameters[40:])
-    assert np.all(np.isnan(known.parameters[:40]))
-
-
 @pytest.mark.parametrize(
     ("names", "message"),
     [

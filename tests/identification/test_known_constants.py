@@ -251,6 +251,11 @@ def estimates_of_halves(robot: Robot, log: Log, **options: Any) -> list[Estimate
     return [side for each in found for side in (*each.drives.values(), each.load, each.load_side)]
 
 
+def refined_estimates(robot: Robot, log: Log, **options: Any) -> list[Estimate]:
+    """Return the load estimate of a refinement."""
+    return [refine(identify(robot, log, cutoff_hz=4.0, **options), log).load]
+
+
 @cache
 def plain_estimates(
     estimated: Callable[..., list[Estimate]], experiment: Experiment, **options: Any
@@ -332,22 +337,7 @@ def test_conditions_with_different_standard_deviations_are_refused() -> None:
 @pytest.mark.slow  # refinements of the leg
 @pytest.mark.usefixtures("estimates_only")
 def test_a_refinement_has_the_errors_of_known_constants() -> None:
-    robot, noisy = by_noisy_torque()
-    plain, stated, other = (
-        refine(identify(one, data, cutoff_hz=4.0, known_std=known_std), data)
-        for one, data, known_std in (
-            (robot, noisy, {}),
-            (robot, noisy, {"torque": 0.03}),
-            (robot, replace(noisy, motor_torque=1.001 * noisy.motor_torque), {}),
-        )
-    )
-    np.testing.assert_allclose(stated.load.values, plain.load.values)
-    added = np.sqrt(np.maximum(np.diag(stated.load.covariance - plain.load.covariance), 0.0))
-    moved = 30 * np.abs(other.load.values - plain.load.values)
-    assert np.max(moved / plain.load.standard_errors) > 5
-    np.testing.assert_array_less(
-        np.abs(added - moved), 0.05 * moved + 0.1 * plain.load.standard_errors
-    )
+    check_moved(by_noisy_torque(), "torque", "", refined_estimates)
 
 
 @pytest.mark.slow  # ten identifications of the leg

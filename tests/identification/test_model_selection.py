@@ -7,27 +7,29 @@ import numpy as np
 import pytest
 
 from scripts.benchmarks import contact_backlash, hysteresis
+from seaid._arrays import Array
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification import compare_terms, identify
 from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
+from tests.mistakes import with_channels
 from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with_terms
 
 ROBOT = leg(TEST_MASS).without_nominal()
 
 
-def plain_log() -> Log:
-    return leg_log(3)
+def with_torque(joint: str, more: Array | float) -> Log:
+    """Return the log of a motor that needs more torque for the same motion."""
+    return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)
 
 
 def test_a_term_that_is_there_is_recommended_alone() -> None:
     """A knee that sticks more than it slides."""
-    torque, speed = plain_log().motor_torque.copy(), leg_motion(TEST_MASS).motor_velocity[:, 3]
-    torque[:, 3] += 0.02 * np.exp(-((speed / 60.0) ** 2)) * np.sign(speed)
+    speed = leg_motion(TEST_MASS).motor_velocity[:, 3]
+    log = with_torque("knee_pitch", 0.02 * np.exp(-((speed / 60.0) ** 2)) * np.sign(speed))
     terms = {"friction": ("stribeck", "quadratic", "asymmetric"), "spring": ("cubic",)}
-    log = replace(plain_log(), motor_torque=torque)
     found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
     assert dict(found.recommended) == {"knee_pitch": (("friction", "stribeck"),)}
     assert found.robot.drives["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
@@ -47,18 +49,17 @@ def test_a_term_that_is_there_is_recommended_alone() -> None:
 )
 def test_hysteresis_that_is_there_is_recommended(field: str, width: float, level: float) -> None:
     """In the place of Coulomb friction or next to the spring."""
-    motion, torque = leg_motion(TEST_MASS), plain_log().motor_torque.copy()
-    drive = leg().drives["knee_pitch"]
+    motion, drive = leg_motion(TEST_MASS), leg().drives["knee_pitch"]
     motor = motion.motor_position[:, 3]
     lever = drive.motor_radius / drive.ratio
     if field == "spring":
         stretch = lever * motor - drive.load_radius * motion.joint_position[:, 3]
-        torque[:, 3] += lever * level * states(stretch, width)[0]
+        more = lever * level * states(stretch, width)[0]
     else:
-        coulomb = drive.values["coulomb_friction"] + level
-        torque[:, 3] += coulomb * states(motor, width)[0]
-        torque[:, 3] -= drive.values["coulomb_friction"] * np.sign(motion.motor_velocity[:, 3])
-    log = replace(plain_log(), motor_torque=torque)
+        coulomb = drive.values["coulomb_friction"]
+        more = (coulomb + level) * states(motor, width)[0]
+        more -= coulomb * np.sign(motion.motor_velocity[:, 3])
+    log = with_torque("knee_pitch", more)
     terms = {"friction": ("dahl",), "spring": ("dahl", "dead_zone")}
     found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
     assert dict(found.recommended)["knee_pitch"][0] == (field, "dahl")
@@ -88,7 +89,7 @@ def test_what_is_not_there_is_not_recommended() -> None:
         "spring": ("dead_zone", "dahl"),
         "joint_friction": ("coulomb",),
     }
-    found = compare_terms(ROBOT, plain_log(), joints=["hip_roll", "ankle_pitch"], terms=terms)
+    found = compare_terms(ROBOT, leg_log(3), joints=["hip_roll", "ankle_pitch"], terms=terms)
     assert not found.recommended
     assert "The data support no term in addition" in str(found)
     asked = {(one.joint, one.term) for one in found.comparisons}
@@ -98,11 +99,8 @@ def test_what_is_not_there_is_not_recommended() -> None:
 
 
 def test_what_a_load_side_lacks_is_found_there() -> None:
-    torque = plain_log().motor_torque.copy()
-    torque[:, 1] += 0.03
-    log = replace(plain_log(), motor_torque=torque)
     terms = {"friction": ("offset", "asymmetric")}
-    found = compare_terms(ROBOT, log, joints=["hip_roll"], terms=terms)
+    found = compare_terms(ROBOT, with_torque("hip_roll", 0.03), joints=["hip_roll"], terms=terms)
     assert dict(found.recommended) == {"hip_roll": (("friction", "offset"),)}
 
 
@@ -116,18 +114,15 @@ def test_what_a_load_side_lacks_is_found_there() -> None:
 def test_unknown_terms_are_refused(field: str, term: str, words: str) -> None:
     """The error names the nearest."""
     with pytest.raises(IdentificationError, match=rf"terms=: {words}"):
-        compare_terms(ROBOT, plain_log(), terms={field: (term,)})
+        compare_terms(ROBOT, leg_log(3), terms={field: (term,)})
 
 
 @pytest.mark.slow  # 1.2 s
 def test_a_width_of_coulomb_friction_is_recommended() -> None:
     """A torque that turns with the direction of the hip over 15 rad/s, a tenth of its speeds."""
-    motion, index = leg_motion(TEST_MASS), 1
-    speed = motion.motor_velocity[:, index]
-    torque = plain_log().motor_torque.copy()
+    speed = leg_motion(TEST_MASS).motor_velocity[:, 1]
     own = leg().drives["hip_roll"].values["coulomb_friction"]
-    torque[:, index] += (own + 0.05) * np.tanh(speed / 15.0) - own * np.sign(speed)
-    log = replace(plain_log(), motor_torque=torque)
+    log = with_torque("hip_roll", (own + 0.05) * np.tanh(speed / 15.0) - own * np.sign(speed))
     found = compare_terms(ROBOT, log, joints=["hip_roll"])
     assert dict(found.recommended) == {"hip_roll": (("friction", "smooth_coulomb"),)}
     drive = found.robot.drives["hip_roll"]
@@ -138,10 +133,10 @@ def test_a_width_of_coulomb_friction_is_recommended() -> None:
 
 
 def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
-    log, motion = plain_log(), leg_motion(TEST_MASS)
-    motor, sensed = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)
-    motor[:, 3], sensed[:, 3] = np.nan, motion.joint_torque[:, 3] + 0.01 * np.sin(log.time)
-    log = replace(log, motor_torque=motor, joint_torque=sensed)
+    log = with_torque("knee_pitch", np.nan)
+    sensed = np.full_like(log.motor_torque, np.nan)
+    sensed[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3] + 0.01 * np.sin(log.time)
+    log = replace(log, joint_torque=sensed)
     found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms={"friction": ["stribeck"]})
     (one,) = found.comparisons
     assert one.comparison is None

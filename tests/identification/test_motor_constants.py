@@ -22,7 +22,7 @@ from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import arm, arm_motion
-from tests.plants import log_with, write_columns
+from tests.plants import log_with, write_columns, write_robot
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -49,6 +49,7 @@ def test_the_rotor_inertias_of_other_joints_give_no_scale_to_noisy_currents() ->
 # A horizontal axis: a motor with a current, a screw, and a spring in front of the carriage.
 
 
+INERTIA = '<inertia ixx="{0}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/>'
 MASS_KG, SCREW_RAD_PER_M = 12.0, 2 * np.pi / 0.01
 TRUTH = {
     "viscous_friction": 2e-4,
@@ -62,15 +63,10 @@ TIME = np.arange(0, 40, 0.004)
 
 @pytest.fixture(scope="module")
 def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("axis") / "axis.urdf"
-    path.write_text(
-        f"""<robot name="axis"><link name="frame"/><link name="carriage"><inertial>
-        <mass value="{MASS_KG}"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
-        </inertial></link><joint name="x_axis" type="prismatic"><parent link="frame"/>
-        <child link="carriage"/><axis xyz="1 0 0"/>
-        <limit lower="-0.5" upper="0.5" effort="800" velocity="2"/></joint></robot>"""
-    )
-    return path
+    body = f'<inertial><mass value="{MASS_KG}"/>{INERTIA.format(0.1, 0.1)}</inertial>'
+    limit = '<limit lower="-0.5" upper="0.5" effort="800" velocity="2"/>'
+    joint = f'prismatic frame carriage <axis xyz="1 0 0"/>{limit}'
+    return write_robot(tmp_path_factory.mktemp("axis") / "axis.urdf", {"x_axis": joint}, body)
 
 
 def robot_of(urdf: Path, ratio: float = 1.0) -> seaid.Robot:
@@ -147,13 +143,14 @@ def test_the_first_project_of_an_axis_with_a_screw_and_a_spring(urdf: Path, tmp_
 # A spring whose output is held from outside, as on a test bench.
 
 
-URDF = """\
-<robot name="bench"><link name="base"/>
-<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>
-<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="100" velocity="5"/></joint></robot>
-"""
+def bench_urdf(folder: Path, kind: str = "revolute") -> Path:
+    body = '<inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>'
+    body += f"{INERTIA.format(0.001, 0.02)}</inertial>"
+    limit = '<limit lower="-2" upper="2" effort="100" velocity="5"/>'
+    joints = {"elbow": f'{kind} base arm <axis xyz="0 1 0"/>{limit}'}
+    return write_robot(folder / "bench.urdf", joints, body)
+
+
 K, N, ROTOR, VISCOUS, COULOMB, K_T = 300.0, 100.0, 5e-5, 1e-4, 0.02, 0.05
 TRUE = {
     "stiffness": K,
@@ -192,9 +189,8 @@ def bench_log() -> Log:
 
 
 def bench(tmp_path: Path, **options: object) -> Robot:
-    (tmp_path / "bench.urdf").write_text(URDF)
     drive = replace(SeriesElasticDrive(gear_ratio=N), **options)  # type: ignore[arg-type]
-    return load_robot(tmp_path / "bench.urdf", {"elbow": drive})
+    return load_robot(bench_urdf(tmp_path), {"elbow": drive})
 
 
 @pytest.mark.parametrize("is_current", [False, True])
@@ -246,13 +242,13 @@ def test_a_first_project_asks_for_what_a_locked_output_does_not_show(
     tmp_path: Path, kind: str, key: str
 ) -> None:
     """The drive of a sliding one can be read all the same."""
-    (tmp_path / "bench.urdf").write_text(URDF.replace('"revolute"', f'"{kind}"'))
-    robot = load_robot(tmp_path / "bench.urdf")
+    urdf = bench_urdf(tmp_path, kind)
+    robot = load_robot(urdf)
     log = replace(bench_log(), is_prismatic=(kind == "prismatic",))
     tables, (doubt,) = inferred_drives(robot, [log])
     assert f"does not show its {key}" in doubt
     assert tables["elbow"]["type"] == "series_elastic"
     if kind == "prismatic":
-        assert load_robot(tmp_path / "bench.urdf", filled(tables)).drives["elbow"].is_elastic
+        assert load_robot(urdf, filled(tables)).drives["elbow"].is_elastic
     else:
         assert 'gear_ratio = "?"' in _drives_text(tables, [doubt], tmp_path / "drives.toml")

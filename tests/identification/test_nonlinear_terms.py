@@ -144,6 +144,8 @@ def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
     assert np.max(np.abs(far)) < 3.3, dict(zip(found.drives[joint].names, far, strict=True))
 
 
+CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
+
 SINGLE = ("smooth", "dahl", "asymmetric", "quadratic", "stribeck")
 """Terms of friction that other cases have together with more."""
 
@@ -151,6 +153,11 @@ EXACT = {
     **{("two", term): case for term, case in FRICTION.items()},
     **{("spring of two", term): case for term, case in SPRINGS.items()},
     ("beside two", "joint friction"): JOINT_FRICTION,
+    # a motor constant beside a known stiffness
+    **{
+        ("two", kind): ({"motor_input": kind, "known": ("stiffness",)}, {constant: 0.03})
+        for kind, constant in CONSTANTS.items()
+    },
     **{("one", term): case for term, case in STIFF_FRICTION.items()},
 }
 """{(where, term): what the drive then has, and the true values}."""
@@ -167,6 +174,7 @@ def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
     motion = exact_motion(truth, {"two": free_stretch(0.15)} if is_free else None)
     found = identified(truth, motion, ["one"] if is_free else None)
     assert set(case[1]) <= set(found.drives[joint].names)
+    assert set(case[0].get("known", ())).isdisjoint(found.drives[joint].names)
     check_values(found, truth, joint)
     if not is_free:
         check_bodies(found, truth)
@@ -186,17 +194,6 @@ def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its
     check_values(found, truth, "two", rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["current", "voltage"])
-def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
-    constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
-    terms = {"motor_input": kind, "known": ("stiffness",)}
-    truth = robot(STIFF, with_terms(ELASTIC, terms, {constant: 0.03}))
-    found = identified(truth, exact_motion(truth))
-    assert "stiffness" not in found.drives["two"].names
-    check_values(found, truth, "two")
-    check_bodies(found, truth)
-
-
 CURRENT: Case = {"motor_input": "current"}, {"torque_constant": 0.05}
 ALWAYS = {"payloads": (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)}
 KNOWN = [(), ("lower",), ("upper", "lower")]
@@ -211,7 +208,7 @@ KNOWN = [(), ("lower",), ("upper", "lower")]
 )
 def test_the_load_gives_the_motor_constant_of_a_spring(kind: str, bodies: tuple[str, ...]) -> None:
     """`identifiability` and `identify` agree: known bodies do, or the torque of another joint."""
-    constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
+    constant = CONSTANTS[kind]
     one = STIFF if not bodies else with_terms(STIFF, {"motor_input": kind}, {constant: 0.05})
     two = with_terms(ELASTIC, {"motor_input": kind}, {constant: 0.03})
     truth = robot(one, two, known_bodies=bodies)

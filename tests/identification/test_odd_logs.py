@@ -21,34 +21,28 @@ from seaid.estimation.fitting import EstimatorName
 from seaid.log import Log
 from seaid.regressor import joint_torques
 from seaid.robot import Robot
-from tests.plants import log_with
+from tests.plants import log_with, write_robot
 from tests.representatives import quick_first, quick_only
 
-PENDULUM = """
-<robot name="pendulum">
-  <link name="base"/>
-  <link name="rod">
-    <inertial>
-      <mass value="1"/><origin xyz="0.2 0 0"/>
-      <inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/>
-    </inertial>
-  </link>
-  <joint name="hinge" type="revolute">
-    <parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="10" velocity="10"/>
-  </joint>
-</robot>
-"""
+ROD = (
+    '<inertial><mass value="1"/><origin xyz="0.2 0 0"/>'
+    '<inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+HINGE = '<axis xyz="0 1 0"/><limit lower="-3" upper="{}" effort="10" velocity="10"/>'
 TIME: Array = np.linspace(0.0, 9.995, 2000)
 ANGLE = 0.8 * np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME + 1)
 SPEED = 2.4 * np.cos(3 * TIME) + 2.1 * np.cos(7 * TIME + 1)
 ACCELERATION = -7.2 * np.sin(3 * TIME) - 14.7 * np.sin(7 * TIME + 1)
 
 
+def robot_of_hinge(folder: Path) -> Robot:
+    joints = {"hinge": f"revolute base rod {HINGE.format(3)}"}
+    return seaid.load_robot(write_robot(folder / "pendulum.urdf", joints, ROD))
+
+
 @pytest.fixture
 def pendulum(tmp_path: Path) -> Robot:
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    return seaid.load_robot(tmp_path / "pendulum.urdf")
+    return robot_of_hinge(tmp_path)
 
 
 def torque(robot: Robot) -> Array:
@@ -87,12 +81,12 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 ) -> None:
     """The torque of a stiff drive without a sensor of its own is that of the one at its joint."""
     terms = friction if "smooth_coulomb" in friction else (*friction, "coulomb")
-    robot = pendulum.with_drives({"hinge": StiffDrive(friction=terms)})
+    robot = pendulum.with_drives({"hinge": StiffDrive(gear_ratio=5.0, friction=terms)})
     at_joint = seaid.identify(robot, log_of(ANGLE, joint_torque=torque(pendulum)))
-    at_motor = seaid.identify(robot, log_of(ANGLE, motor_torque=torque(pendulum)))
+    at_motor = seaid.identify(robot, log_of(ANGLE, motor_torque=torque(pendulum) / 5))
     assert at_joint.load_side.values == pytest.approx(at_motor.load_side.values, rel=1e-9)
     if "smooth_coulomb" in friction:
-        assert at_joint.drives["hinge"].value("coulomb_friction") == pytest.approx(0.3, 0.02)
+        assert at_joint.drives["hinge"].value("coulomb_friction") == pytest.approx(0.06, 0.02)
 
 
 @pytest.mark.parametrize("estimator", ["wls", "tukey"])
@@ -152,12 +146,11 @@ def test_odd_channels_give_an_error_of_ours_or_numbers(
 
 def two_pendulums(folder: Path, drives: dict[str, Any], upper: float = 3.0) -> Robot:
     """Return two pendulums side by side, whose second one has another limit."""
-    rod = PENDULUM[PENDULUM.index('  <link name="rod">') : PENDULUM.index("</robot>")]
-    other = rod.replace("rod", "bar").replace("hinge", "other")
-    other = other.replace('upper="3"', f'upper="{upper}"')
-    path = folder / "two.urdf"
-    path.write_text(f'<robot name="two"><link name="base"/>{rod}{other}</robot>')
-    return seaid.load_robot(path, drives)
+    joints = {
+        "hinge": f"revolute base rod {HINGE.format(3)}",
+        "other": f"revolute base bar {HINGE.format(upper)}",
+    }
+    return seaid.load_robot(write_robot(folder / "two.urdf", joints, ROD), drives)
 
 
 def log_of_two(
@@ -205,19 +198,13 @@ def test_a_joint_that_stands_still_is_named_and_the_others_are_estimated(
     assert found.model.torque_joints == ("hinge",)
 
 
-def robot_of_hinge(folder: Path) -> Robot:
-    (folder / "hinge.urdf").write_text(PENDULUM)
-    return seaid.load_robot(folder / "hinge.urdf")
-
-
 def test_a_distal_joint_that_stands_still_is_one_body_with_the_one_before_it(
     pendulum: Robot, tmp_path: Path
 ) -> None:
     """Its base parameters are those of both bodies: those of each are not identifiable."""
-    rod = PENDULUM[PENDULUM.index('  <link name="rod">') : PENDULUM.index("</robot>")]
-    end = rod.replace("rod", "bar").replace("hinge", "end").replace('"base"', '"rod"')
-    path = tmp_path / "chain.urdf"
-    path.write_text(f'<robot name="chain"><link name="base"/>{rod}{end}</robot>')
+    ends = {"hinge": "base rod", "end": "rod bar"}
+    joints = {joint: f"revolute {links} {HINGE.format(3)}" for joint, links in ends.items()}
+    path = write_robot(tmp_path / "chain.urdf", joints, ROD)
     robot = seaid.load_robot(path, dict.fromkeys(("hinge", "end"), WITH_FRICTION))
     states = (np.column_stack([one, 0 * TIME]) for one in (ANGLE, SPEED, ACCELERATION))
     loads = joint_torques(robot, *states) + np.column_stack([torque(pendulum), 0 * TIME])

@@ -20,7 +20,7 @@ from seaid.excitation import Trajectory
 from seaid.identification import identify
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
-from seaid.log import Log, Motion, reconstruct_motion
+from seaid.log import Motion, reconstruct_motion
 from seaid.regressor import Regression, base_parameters, joint_torques, load_regression
 from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
 from seaid.robot import Payload, Robot
@@ -34,11 +34,13 @@ from tests.experiments import (
     arm,
     leg,
     leg_log,
+    leg_motion,
     leg_trajectory,
     motion_of,
     true_value,
     wiggle,
 )
+from tests.mistakes import with_channels
 from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
 
@@ -211,24 +213,6 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
     assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
 
 
-@pytest.mark.slow  # iterations of both sides of the leg
-@pytest.mark.usefixtures("estimates_only")
-def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
-    """In turn, the motor equation alone has to show the stiffness of the ankle."""
-    sensors = replace(LEG_SENSORS, motor_offset_rad=0.0)
-    log = measure(IN_MOTION, leg_case(rate_hz=1000.0), sensors, 3)
-    known = IN_MOTION.without_nominal()
-    in_turn = identify(known, log, method="two-step").drives
-    at_once = identify(known, log, method="simultaneous").drives
-    errors = [x["ankle_pitch"].standard_error("stiffness") for x in (at_once, in_turn)]
-    assert errors[0] < 0.2 * errors[1]
-    true = true_value(IN_MOTION, "ankle_pitch", "stiffness")
-    assert at_once["ankle_pitch"].value("stiffness") == pytest.approx(true, rel=0.02)
-    for joint in ELASTIC:
-        error = at_once[joint].value("stiffness") - true_value(IN_MOTION, joint, "stiffness")
-        assert abs(error) < 3 * at_once[joint].standard_error("stiffness")
-
-
 @pytest.mark.slow  # 88 estimates from twelve seconds
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     robot, model = two_springs().without_nominal(), model_of(two_springs())
@@ -250,10 +234,9 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 )
 def test_a_spring_whose_torque_is_measured(springs: tuple[str, ...], is_blind: bool) -> None:
     """(4b) stands for (7) without a motor torque, by itself or freed of the spring by (8)."""
-    motor_torque = leg_case(TEST_MASS).motor_torque.copy()
+    motion = leg_case(TEST_MASS)
     if is_blind:
-        motor_torque[:, LEG.index("knee_pitch")] = np.nan
-    motion = replace(leg_case(TEST_MASS), motor_torque=motor_torque)
+        motion = with_channels(motion, "knee_pitch", motor_torque=lambda x: np.nan * x)
     rows = simultaneous_regression(LEG, motion, model_of(LEG), springs)
     assert ("viscous_friction of knee_pitch" not in rows.names) == is_blind
     truth = truth_of(LEG, model_of(LEG), rows.names)
@@ -344,30 +327,22 @@ def test_a_complete_model_has_both_sides_at_once_by_default() -> None:
     assert "method: simultaneous" in by_data.summary()
 
 
-def knee_torque(change: Callable[[Array, Array], Array]) -> Log:
-    """Return the log of the leg with another motor torque of the knee, by it and its speed."""
-    log, knee = leg_log(), leg().index("knee_pitch")
-    assert log.motor_torque is not None
-    assert log.motor_position is not None
-    torque = log.motor_torque.copy()
-    speed = np.gradient(log.motor_position[:, knee], log.time)
-    torque[:, knee] = change(torque[:, knee], speed)
-    return replace(log, motor_torque=torque)
-
-
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("factor", "drag", "reason"),
     quick_first(
         [
-            (lambda x, speed: 1.05 * x, "contradicts the motor equations"),
-            (lambda x, speed: x + 4e-7 * speed * np.abs(speed), "missing-term at knee_pitch"),
+            (1.05, 0.0, "contradicts the motor equations"),
+            (1.0, 4e-7, "missing-term at knee_pitch"),
         ]
     ),
 )
-def test_an_incomplete_model_is_identified_in_turn(
-    change: Callable[[Array, Array], Array], reason: str
-) -> None:
-    by_data = identify(leg(TEST_MASS).without_nominal(), knee_torque(change))
+def test_an_incomplete_model_is_identified_in_turn(factor: float, drag: float, reason: str) -> None:
+    """The torque of the knee has another scale, or drag by the square of its speed."""
+    w = leg_motion(TEST_MASS).motor_velocity[:, leg().index("knee_pitch")]
+    log = with_channels(
+        leg_log(), "knee_pitch", motor_torque=lambda x: factor * x + drag * w * np.abs(w)
+    )
+    by_data = identify(leg(TEST_MASS).without_nominal(), log)
     assert by_data.method == "two-step"
     assert reason in by_data.not_shared
     assert by_data.not_shared in by_data.summary()

@@ -24,6 +24,7 @@ from seaid.simulation.forward_dynamics import begin_of
 from seaid.simulation.plant import JOINT_SPEED, SPEED, plant_of, warmed
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_trajectory, wiggle
+from tests.mistakes import with_channels
 from tests.one_joint import one_joint
 from tests.plants import log_with
 from tests.representatives import quick_first
@@ -45,14 +46,14 @@ def warming(drive: Drive) -> Drive:
 
 def log_at(warmth: Array, slopes: tuple[float, ...] = tuple(SLOPES.values()), seed: int = 1) -> Log:
     """Return a log whose knee has more friction by the formula, at the same motion."""
-    robot, motion = leg(TEST_MASS), leg_motion(TEST_MASS)
-    index = robot.index(KNEE)
-    speed, torque = motion.motor_velocity[:, index], motion.motor_torque.copy()
-    torque[:, index] += (warmth - 25.0) * (slopes[0] * speed + slopes[1] * np.sign(speed))
-    column = np.full_like(torque, np.nan)
-    column[:, index] = warmth
-    motion = replace(motion, motor_torque=torque, motor_temperature=column)
-    return measure(robot, motion, LEG_SENSORS, seed)
+    motion = leg_motion(TEST_MASS)
+    speed = motion.motor_velocity[:, leg().index(KNEE)]
+    more = (warmth - 25.0) * (slopes[0] * speed + slopes[1] * np.sign(speed))
+    motion = replace(motion, motor_temperature=np.full_like(motion.motor_torque, np.nan))
+    motion = with_channels(
+        motion, KNEE, motor_torque=lambda x: x + more, motor_temperature=lambda _: warmth
+    )
+    return measure(leg(TEST_MASS), motion, LEG_SENSORS, seed)
 
 
 def ramp(low: float = 18.0, high: float = 48.0) -> Array:

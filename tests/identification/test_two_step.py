@@ -14,15 +14,12 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives import ParameterName, SeriesElasticDrive, StiffDrive
 from seaid.estimation import Estimate
-from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.identification import Identification, identify, validate
 from seaid.identification.problem import Method
 from seaid.identification.stacked_fits import TORQUE_OFFSET, FitsInTurn, identifiable_offsets
 from seaid.log import Log, Motion
-from seaid.regressor import Regression, actuator_regression, base_parameters, load_regression
 from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.load import load_model
 from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
@@ -38,9 +35,9 @@ from tests.experiments import (
     leg,
     leg_motion,
     perfect_log,
-    true_value,
     with_named_friction,
 )
+from tests.plants import regression
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -79,37 +76,12 @@ def load_error(found: Identification, truth: Robot) -> float:
     )
 
 
-# The true motion, without filter, away from standstill: exact.
-
-
-@pytest.mark.rounding
-def test_true_motion_gives_the_exact_drives(experiment: Experiment) -> None:
-    truth, motion, _ = experiment
-    for joint in truth.elastic_joints:
-        found = ordinary(actuator_regression(truth.without_nominal(), motion, joint))
-        expected = [true_value(truth, joint, name) for name in found.names[:3]]
-        assert found.names[:3] == ("viscous_friction", "coulomb_friction", "stiffness")
-        assert found.values[:3] == pytest.approx(expected, rel=1e-8)
-        assert found.value("spring_offset") == pytest.approx(0.0, abs=1e-8)
-
-
-@pytest.mark.rounding
-def test_true_motion_gives_the_exact_base_parameters_and_stiff_drives(
-    experiment: Experiment,
-) -> None:
-    truth, motion, _ = experiment
-    known = truth.without_nominal()
-    springs = {
-        joint: np.array([true_value(truth, joint, "stiffness"), 0.0])
-        for joint in truth.elastic_joints
-    }
-    model = load_model(known, base_parameters(known), known.joint_names)
-    found = ordinary(load_regression(known, motion, model, springs))
-    p = len(model.base.columns)
-    assert found.values[:p] == pytest.approx(model.base.project(truth.parameters), abs=1e-8)
-    expected = [true_value(truth, joint, name) for joint, name, _ in model.drives]
-    assert found.values[p:] == pytest.approx(expected, rel=1e-8)
-    assert len(expected) == 4
+def assert_same(found: Identification, other: Identification) -> None:
+    """Check that all estimates and their errors are equal to the last digit."""
+    pairs = [(found.load, other.load), *((x, other.drives[j]) for j, x in found.drives.items())]
+    for estimate, same in pairs:
+        np.testing.assert_array_equal(estimate.values, same.values)
+        np.testing.assert_array_equal(estimate.covariance, same.covariance)
 
 
 # Perfect sensors: what is left comes from the filters, and from rows in which dry friction changes
@@ -146,11 +118,7 @@ def test_findings_change_no_estimate(
     alone = identify(truth.without_nominal(), log)
     assert whole.setup
     assert not alone.setup
-    for one, other in zip(
-        (whole.load, *whole.drives.values()), (alone.load, *alone.drives.values()), strict=True
-    ):
-        np.testing.assert_array_equal(one.values, other.values)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
+    assert_same(whole, alone)
 
 
 @pytest.mark.slow  # 72 and 200 identifications of whole robots
@@ -183,11 +151,7 @@ def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:
     )
     results = [identify(robot, log) for robot in (truth, truth.without_nominal(), wrong)]
     for other in results[1:]:
-        assert np.array_equal(results[0].load.values, other.load.values)
-        assert np.array_equal(results[0].load.covariance, other.load.covariance)
-        for joint, estimate in results[0].drives.items():
-            assert np.array_equal(estimate.values, other.drives[joint].values)
-            assert np.array_equal(estimate.covariance, other.drives[joint].covariance)
+        assert_same(results[0], other)
 
 
 def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElasticDrive:
@@ -275,18 +239,6 @@ def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> N
     assert load_error(found, truth) < 0.005
 
 
-@pytest.mark.usefixtures("estimates_only")
-def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
-    truth, motion = arm(), arm_motion()
-    stiff = np.array([joint not in truth.elastic_joints for joint in truth.joint_names])
-    ratios = [truth.drives[joint].ratio for joint in truth.joint_names]
-    joint_torque = np.where(stiff, motion.motor_torque * ratios, np.nan)
-    log = with_torques(truth, motion, joint_torque, np.where(stiff, np.nan, motion.motor_torque))
-    found = identify(truth.without_nominal(), log)
-    expected = identify(truth.without_nominal(), perfect_log(truth, motion))
-    assert found.load_side.values == pytest.approx(expected.load_side.values, rel=1e-9)
-
-
 # Torque offsets of drives on springs, which the load side tells from spring offsets.
 
 
@@ -344,10 +296,7 @@ def test_a_constant_that_gravity_explains_is_not_identifiable() -> None:
     angle = np.random.default_rng(0).normal(size=400)
     for reach, expected in ((1.0, ("a",)), (0.05, ())):
         columns = np.column_stack([np.cos(reach * angle), np.ones(400)])
-        zeros = np.zeros(400)
-        rows = Regression(
-            ("gravity", "offset"), ("", ""), columns, angle, zeros, zeros, zeros, 0, columns[:, :0]
-        )
+        rows = regression(columns, angle, names=("gravity", "offset"))
         assert identifiable_offsets(qr_factor_of(rows), ["a"]) == expected
 
 
