@@ -15,7 +15,6 @@ import seaid.log.long_log as long_log_module
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate
 from seaid.estimation.fitting import (
-    LinearEstimator,
     StoredRows,
     huber,
     stored_estimate,
@@ -30,23 +29,12 @@ from seaid.log.motion import motion_of
 from seaid.regressor import Regression, actuator_regression
 from seaid.regressor.regression import regressions_of_parts, stacked
 from tests.estimation.rows import TRUTH, experiment, spoiled
-from tests.experiments import arm, arm_log, true_value
+from tests.experiments import arm, arm_log
 from tests.representatives import quick_first
 
 Solver = Callable[[Regression], Estimate]
 
 ROBUST = pytest.mark.parametrize("estimator", [huber, tukey])
-
-
-@pytest.mark.slow  # 3.8 s
-@ROBUST
-def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
-    """95 % efficiency: errors grow by 1 / sqrt(0.95)."""
-    draws = [experiment(seed, count=200) for seed in range(200)]
-    plain, robust = (
-        np.std([solve(rows).values - TRUTH for rows in draws]) for solve in (ordinary, estimator)
-    )
-    assert robust == pytest.approx(plain / np.sqrt(0.95), rel=0.025)
 
 
 @ROBUST
@@ -57,19 +45,6 @@ def test_a_fifth_of_gross_outliers_by_the_thousand_does_little(estimator: Solver
     assert np.max(np.abs(weighted(data).values - TRUTH)) > 2.0
     assert np.all(np.abs(found.values - TRUTH) < 0.05)
     assert found.residual_std == pytest.approx(1.0, rel=0.4)  # that of the good rows
-
-
-def test_tukey_forgets_what_huber_still_follows() -> None:
-    """A saturated stretch: the torque stays low just where the motion asks for most."""
-    data = experiment(1, count=2000, phi=0.9)
-    H = data.H + np.array([3.0, 0.0, 0.0])
-    exact = H @ TRUTH
-    y = np.minimum(exact, np.quantile(exact, 0.85)) + 0.1 * (data.y - data.H @ TRUTH)
-    data = replace(data, H=H, y=y)
-    errors = [np.max(np.abs(one(data).values - TRUTH)) for one in (ordinary, huber, tukey)]
-    assert errors[0] > 0.05
-    assert errors[1] < 0.3 * errors[0]
-    assert errors[2] < 0.02
 
 
 @pytest.mark.rounding
@@ -116,24 +91,6 @@ def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("seaid.estimation.fitting._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
         huber(spoiled(experiment(7, count=1000), 0.2))
-
-
-@pytest.mark.parametrize("name", quick_first(["tukey", "huber"]))
-def test_spikes_in_a_log(name: LinearEstimator) -> None:
-    """One of a thousand samples of torque is a spike; the low pass smears it over its rows."""
-    log = arm_log(0)
-    torque, rng = log.motor_torque.copy(), np.random.default_rng(0)
-    bad = rng.random(torque.shape) < 1e-3
-    torque[bad] += (10 * np.std(torque, axis=0) * rng.choice([-1.0, 1.0], torque.shape))[bad]
-    known = arm().without_nominal()
-    spiky, clean = (
-        identify(known, recorded, method="two-step", estimator=name)
-        for recorded in (replace(log, motor_torque=torque), log)
-    )
-    for joint in known.elastic_joints:
-        off = spiky.drives[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
-        assert off == pytest.approx(1.0, abs=0.05)
-        assert spiky.checks[joint].condition_number < 3 * clean.checks[joint].condition_number
 
 
 # Long logs in pieces: the same rows, the same estimate, the same errors as in memory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -269,6 +270,17 @@ def test_some_information_always_counts() -> None:
     assert right.white_covariance == pytest.approx(100 * step.white_covariance, rel=1e-6)
     same = without_information(step, np.zeros((P, P)))
     assert same.covariance == pytest.approx(step.covariance, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "std"), [(math.nan, 1.0), (0.0, -1.0), (0.0, 0.0), (0.0, math.inf)]
+)
+def test_priors_and_bounds_without_a_meaning_are_refused(value: float, std: float) -> None:
+    """A standard deviation that is not above zero, and bounds that leave no value."""
+    with pytest.raises(IdentificationError, match="a standard deviation above zero, found"):
+        Prior(value, std)
+    with pytest.raises(IdentificationError, match="speed of knee leave no value"):
+        Parameter("speed", "knee", lower=2.0, upper=1.0)
 
 
 # The search.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,16 @@ from scipy.ndimage import binary_erosion
 
 import seaid
 from scripts.benchmarks.legged import noisy
+from scripts.identify_biped import FEET as BIPED_FEET
+from scripts.identify_biped import plant as biped_plant
+from scripts.identify_biped import simulate as biped_log
+from scripts.identify_biped import standing_plan, write_biped
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.checks.codes import observed
-from seaid.errors import Finding, SeaidError
+from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.identification.result import extension_of
-from seaid.legged import with_leg_order
+from seaid.legged import whole_body, with_leg_order
 from seaid.legged.base import turned_to_world
 from seaid.legged.feet import (
     FEET_CHECKS,
@@ -31,7 +36,7 @@ from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
 from seaid.log.describe.inference import Doubt
 from seaid.log.description import Source
-from tests.legged.test_floating_base import base_of, go2, with_base
+from tests.legged.test_floating_base import STANDING, base_of, found_standing, go2, with_base
 from tests.plants import kept
 
 
@@ -342,3 +347,91 @@ def test_feet_that_push_while_flagged_in_the_air_are_named() -> None:
     assert finding.severity == "doubtful"
     assert "lower the threshold" in finding.remedy
     assert max(finding.evidence.values()) > 2.0
+
+
+# The whole robot, and contacts that no flags name
+
+
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
+def test_contacts_are_found_from_torques_with_bodies_that_are_not_exact() -> None:
+    rng, base = np.random.default_rng(2), walked().base
+    assert base is not None
+    wrong = np.repeat(rng.uniform(0.8, 1.2, len(go2().body_names)), 10)
+    robot = go2().with_values(go2().parameters * wrong, go2().drives)
+    log = replace(walked(), base=replace(base, contacts={}))
+    with pytest.raises(LogError, match="or find it from torques and motion"):
+        seaid.reconstruct_motion(robot, log)
+    done = seaid.legged.find_contacts(robot, log)
+    assert done.log.base is not None
+    for foot, flag in flags().items():
+        own = done.log.base.contacts[foot] > 0.5
+        assert np.mean(own == (flag > 0.5)) > 0.98
+        assert done.certainty[foot] > 0.95
+    said = [str(one) for one in done.log.report if one.kind == "samples of unclear load"]
+    for note, (foot, clear) in zip(said, done.certainty.items(), strict=True):
+        assert note.startswith(f"{foot}.contact")
+        assert note.endswith(f"from torques and motion, {clear:.1%} of the samples are clear")
+    half = replace(log, base=replace(base, contacts={"FL_foot": flags()["FL_foot"]}))
+    assert "FL_foot" not in seaid.legged.find_contacts(robot, half).certainty
+    held = seaid.load_robot("go2")
+    silent = replace(log, motor_torque=np.full_like(log.motor_torque, np.nan))
+    for one, given, message in (
+        (held, log, "needs a robot with a floating base and contacts="),
+        (robot.without_nominal(), log, "the inertial parameters of the robot file"),
+        (robot, silent, "needs the torque of each joint"),
+    ):
+        with pytest.raises(IdentificationError, match=message):
+            seaid.legged.find_contacts(one, given)
+
+
+@pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
+def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
+    robot = STANDING
+    rng = np.random.default_rng(5)
+    grouping = seaid.base_parameters(robot, stances=[[]])
+    covariance = np.diag(rng.uniform(1e-6, 1e-4, len(grouping.columns)))
+    estimate = replace(
+        found_standing().load,
+        names=grouping.expressions,
+        values=grouping.project(robot.parameters),
+        units=("1",) * len(grouping.columns),
+        covariance=covariance,
+        white_standard_errors=None,
+        degrees_of_freedom=None,
+    )
+    identified = replace(found_standing(), base=grouping, load=estimate, motions=())
+    values = [one.value for one in whole_body(identified)]
+    bodies = robot.parameters.reshape(-1, 10)
+    assert values[0] == pytest.approx(bodies[:, 0].sum())
+    assert np.all(np.isnan(values[4:]))  # the base shares its mass with the hips
+    draws = rng.multivariate_normal(estimate.values, covariance, 4000)
+    spread = [
+        [one.value for one in whole_body(replace(identified, load=replace(estimate, values=x)))][:4]
+        for x in draws[:400]
+    ]
+    errors = [one.standard_error for one in whole_body(identified)][:4]
+    np.testing.assert_allclose(np.std(spread, axis=0), errors, rtol=0.12)
+
+
+def test_biped_is_two_legs_and_a_trunk(tmp_path: Path) -> None:
+    urdf, toml = write_biped(tmp_path)
+    robot = seaid.load_robot(urdf, drives=toml, base="floating", contacts=BIPED_FEET)
+    leg = seaid.load_robot("models/tulip_leg.urdf")
+    masses = robot.parameters[::10]
+    # the axle of each ankle weighs 45 g, the trunk 3 kg
+    assert np.sum(masses) == pytest.approx(2 * (np.sum(leg.parameters[::10]) + 0.045) + 3.0)
+    assert len(robot.elastic_joints) == 6
+    stance = [[foot.link for foot in BIPED_FEET]]
+    assert len(seaid.base_parameters(robot, stances=stance).columns) == 66
+
+
+@pytest.mark.slow  # 12 s of MuJoCo in steps of 0.25 ms, and the fit
+def test_standing_determines_springs_of_ankles(tmp_path: Path) -> None:
+    urdf, toml = write_biped(tmp_path)
+    robot = seaid.load_robot(urdf, drives=toml, base="floating", contacts=BIPED_FEET)
+    log = biped_log(robot, biped_plant(urdf, robot, False), standing_plan(robot, 12.0, 1), 1)
+    found = seaid.identify(robot.without_nominal(), log)
+    for side in ("left", "right"):
+        joint = f"{side}_ankle_pitch"
+        truth = robot.drives[joint].values["stiffness"]
+        assert found.drives[joint].value("stiffness") == pytest.approx(truth, rel=0.02)

@@ -141,17 +141,6 @@ def test_the_equations_in_flight_are_those_of_exact_arithmetic() -> None:
     assert len(exact.columns) == 94
 
 
-def test_total_mass_needs_feet_that_leave_the_ground() -> None:
-    robot = standing("go2.urdf")
-    mass = np.zeros(len(robot.parameters))
-    mass[::10] = 1.0
-    trot = [(GO2[0], GO2[3]), (GO2[1], GO2[2])]
-    for stances, is_determined in (([()], True), (trot, True), ([GO2], False)):
-        grouping = seaid.base_parameters(robot, stances=stances).grouping
-        left = mass - grouping.T @ np.linalg.lstsq(grouping.T, mass, rcond=None)[0]
-        assert (np.linalg.norm(left) < 1e-9 * np.linalg.norm(mass)) == is_determined
-
-
 HOLLOW = (
     '<robot name="hollow"><link name="base"/><link name="arm"><inertial><mass value="1"/>'
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
