@@ -1,7 +1,5 @@
 """Set-ups with mistakes: logs with a changed channel, what is found first, and its repair."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Codes of findings: their texts, which follow from others, and checks that fail."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Mistakes of commands, and torques that are none, are named with lines that repair them."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Terms that the rows of an identification support: named, and added where nobody named any."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """Remedies are applied as they are printed to the files of a user, which then read again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache

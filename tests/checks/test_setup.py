@@ -1,7 +1,5 @@
 """The robot file is a prior: rough files are no mistake, and rivals are named together."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 from dataclasses import fields, replace

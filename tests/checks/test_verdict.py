@@ -1,7 +1,5 @@
 """What of a log no equation uses is noted; torques that no model explains are named."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """One plant of rows whose truth is known: noise of any colour, outliers, and its own scale."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Newey-West against processes whose long-run variance is known."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

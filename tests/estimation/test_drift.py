@@ -1,7 +1,5 @@
 """Slow drift of a torque: found where it is, its share and corner, and right standard errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Estimate: intervals, parts, names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Robust estimates against truth, with and without outliers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

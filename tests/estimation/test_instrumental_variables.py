@@ -1,7 +1,5 @@
 """Instrumental variables against noise in the columns."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

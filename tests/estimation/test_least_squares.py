@@ -1,7 +1,5 @@
 """Least squares against the textbook."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Information against the rows it stands for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

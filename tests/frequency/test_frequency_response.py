@@ -1,7 +1,5 @@
 """Frequency responses of linear plants that scipy simulates, and the springs found in them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace

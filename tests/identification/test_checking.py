@@ -1,7 +1,5 @@
 """Mistakes of a set-up are named with a remedy that repairs them; right set-ups have no warning."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace

@@ -70,19 +70,15 @@ def assert_possible(result: FeasibleParameters) -> None:
         assert np.linalg.eigvalsh(mass)[0] > 0
 
 
-@cache
-def panda(path: Path) -> Robot:
-    return load_robot(path, joints=[f"panda_joint{number}" for number in range(1, 8)])
-
-
 ROBOTS = ("leg", "arm", "panda")
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=ROBOTS, scope="module")
 def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -> Robot:
     """Return the TULip leg, the arm with rail and telescope, the Panda arm."""
     if request.param == "panda":
-        return panda(example_path("panda.urdf"))
+        joints = [f"panda_joint{number}" for number in range(1, 8)]
+        return load_robot(example_path("panda.urdf"), joints=joints)
     return leg() if request.param == "leg" else arm()
 
 

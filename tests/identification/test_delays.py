@@ -1,7 +1,5 @@
 """Delays put into simulated logs: found again, and none found where there is none."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

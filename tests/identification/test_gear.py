@@ -1,7 +1,5 @@
 """The gear between the encoders: its compliance in series with the spring."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

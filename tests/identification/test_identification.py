@@ -1,7 +1,5 @@
 """identify: its choices, its result, and logs that have no answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Known bodies: their parameters are not identified, and what they weigh is on the known side."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Standard deviations of what was given as known, in the errors of the estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache

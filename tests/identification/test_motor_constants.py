@@ -1,7 +1,5 @@
 """Unknown motor constants: by the mass that a spring moves, or behind a locked output."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every term of a drive is found where it is, and found to be nothing where it is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -354,37 +352,26 @@ def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str
     check_intervals(found, truth, "two")
 
 
-@pytest.mark.parametrize(
-    ("drives", "option", "words"),
-    [
-        (
-            {"two": with_terms(ELASTIC, *SPRINGS["cubic"])},
-            {"method": "simultaneous"},
-            r'the spring of two has cubic.*method="two-step"',
-        ),
-        (
-            {"two": replace(ELASTIC, known=("stiffness",))},
-            {"method": "simultaneous"},
-            r"the spring of two has a known stiffness",
-        ),
-        (
-            {"two": with_terms(ELASTIC, *SPRINGS["cubic"])},
-            {"estimator": "iv"},
-            r'spring of two has cubic.*estimator="wls"',
-        ),
-        (
-            {"two": TWO},
-            {},
-            r"'two' has no torque in the log: motor current.*set motor_input = 'torque'",
-        ),
-    ],
-)
-def test_what_a_method_or_a_log_lacks_is_said(
-    drives: dict[str, Drive], option: dict[str, Any], words: str
-) -> None:
+CUBIC = with_terms(ELASTIC, *SPRINGS["cubic"])
+LACKING: dict[str, tuple[Drive, dict[str, Any]]] = {
+    'the spring of two has cubic.*method="two-step"': (CUBIC, {"method": "simultaneous"}),
+    'spring of two has cubic.*estimator="wls"': (CUBIC, {"estimator": "iv"}),
+    "the spring of two has a known stiffness": (
+        replace(ELASTIC, known=("stiffness",)),
+        {"method": "simultaneous"},
+    ),
+    "'two' has no torque in the log: motor current.*set motor_input = 'torque'": (TWO, {}),
+}
+"""{words of the error: the drive of the joint, and options}."""
+
+
+@pytest.mark.parametrize("words", LACKING)
+def test_what_a_method_or_a_log_lacks_is_said(words: str) -> None:
     """The error names the joint, and what would take it."""
+    drive, option = LACKING[words]
+    known = robot(two=drive).without_nominal()
     with pytest.raises((IdentificationError, LogError), match=words):
-        identify(robot(**drives).without_nominal(), noisy("plain"), cutoff_hz=10.0, **option)
+        identify(known, noisy("plain"), cutoff_hz=10.0, **option)
 
 
 def test_refine_says_what_it_does_not_simulate() -> None:

@@ -1,7 +1,5 @@
 """Logs that no robot makes: an error of ours that names the place, or numbers, never another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """refine: the maximum-likelihood estimate by output error, on known truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache

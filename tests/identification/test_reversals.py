@@ -1,7 +1,5 @@
 """Dry friction at reversals, by another simulator: a motor sticks there until its torque turns."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Estimators and cutoffs that contradict each other, and equations without a torque."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

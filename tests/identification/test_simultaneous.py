@@ -1,7 +1,5 @@
 """Both sides at once: rows that the truth solves, and what is found with and without noise."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace

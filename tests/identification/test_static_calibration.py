@@ -1,7 +1,5 @@
 """Calibration from statics: laws recovered, intervals that hold, ramps, poses, tables, mistakes."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Friction by temperature of the motor and over time: recovered, selected, refused, exported."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

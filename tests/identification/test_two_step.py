@@ -1,7 +1,5 @@
 """What was put into a simulation comes out of the identification."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Springs and loads from motor angle and motor torque alone, on plants integrated by others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -156,19 +154,19 @@ def test_the_result_is_that_of_a_refinement_and_says_so(found: Identification) -
     assert np.all(np.abs(error) <= 0.1 * found.drives["arm"].standard_errors + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("change", "options", "words"),
-    [
-        ({"joint_friction": ("viscous",)}, {}, "parallel spring or joint friction"),
-        # they once gave the result of two steps and of "wls" without a word
-        ({}, {"method": "simultaneous"}, 'remove method="simultaneous"'),
-        ({}, {"estimator": "iv"}, 'remove estimator="iv"'),
-    ],
-)
-def test_what_such_a_refinement_does_not_use_is_refused(
-    robot: Robot, change: dict[str, Any], options: dict[str, Any], words: str
-) -> None:
+UNUSED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "parallel spring or joint friction": ({"joint_friction": ("viscous",)}, {}),
+    # they once gave the result of two steps and of "wls" without a word
+    'remove method="simultaneous"': ({}, {"method": "simultaneous"}),
+    'remove estimator="iv"': ({}, {"estimator": "iv"}),
+}
+"""{words of the error: changes of the drive, and options}."""
+
+
+@pytest.mark.parametrize("words", UNUSED)
+def test_what_such_a_refinement_does_not_use_is_refused(robot: Robot, words: str) -> None:
     """Before the log is looked at for long."""
+    change, options = UNUSED[words]
     drive = replace(robot.drives["arm"], **change)
     time = np.arange(0.0, 4.0, 1e-3)
     swing = np.sin(9.0 * time)[:, None]

@@ -1,7 +1,5 @@
 """Mistakes in the base and the contacts of a legged robot's log, and its mass as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache

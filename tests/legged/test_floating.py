@@ -1,7 +1,5 @@
 """The rows of a floating base: Newton-Euler with contact forces, and what stances determine."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import re

@@ -1,7 +1,5 @@
 """A whole quadruped on the ground: bodies from joint torques, an IMU and contact flags."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -231,11 +229,6 @@ def test_offsets_of_sensors_are_identified_with_the_bodies(name: str) -> None:
     assert "base-bias" not in {x.code for x in found_standing().warnings}
 
 
-def with_forces(change: Callable[[dict[str, Array]], dict[str, Array]]) -> seaid.Log:
-    """Return the log without torques whose force sensors are changed."""
-    return with_base(felt(), wrenches=change(dict(base_of(felt()).wrenches)))
-
-
 def test_zeros_are_estimated_only_where_they_are_determined_and_significant() -> None:
     """Those of sensors that are always loaded would be told from the mass by small accelerations.
 
@@ -263,21 +256,26 @@ def test_zeros_are_estimated_only_where_they_are_determined_and_significant() ->
     assert _significant(smaller, value, covariance, 50.0) == []
 
 
+def with_forces(change: Callable[[Array], Array], order: int = 1) -> seaid.Log:
+    """Return the log without torques whose force sensors are changed, or in another order."""
+    links, forces = zip(*base_of(felt()).wrenches.items(), strict=True)
+    changed = zip(links, map(change, forces[::order]), strict=True)
+    return with_base(felt(), wrenches=dict(changed))
+
+
 FOUND: dict[str, tuple[Callable[[], seaid.Log], str, str]] = {
     "the mass of the whole robot is negative, -16.1 kg": (
-        lambda: with_forces(lambda forces: {foot: -x for foot, x in forces.items()}),
+        lambda: with_forces(np.negative),
         "total-mass",
         "wrong",
     ),
     "is 1.64 kg, 0.1 of that of the robot file, 16.1 kg": (
-        lambda: with_forces(lambda forces: {foot: x / 9.81 for foot, x in forces.items()}),
+        lambda: with_forces(lambda force: force / 9.81),
         "total-mass",
         "doubtful",
     ),
     "the model explains nothing of the base force x": (
-        lambda: with_forces(
-            lambda forces: dict(zip(forces, [*forces.values()][::-1], strict=True))
-        ),
+        lambda: with_forces(np.positive, -1),
         "no-fit",
         "wrong",
     ),

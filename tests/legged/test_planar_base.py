@@ -1,7 +1,5 @@
 """A robot whose base a boom guides in a plane: two legs that sway, in MuJoCo."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Motions in stance: feet that stay, limits and contact forces that hold, a better criterion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
