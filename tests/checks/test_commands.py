@@ -35,6 +35,15 @@ from tests.mistakes import described
 from tests.representatives import quick_first
 
 
+def law(kp: float, kd: float = 0.0, torque_limit_Nm: float = np.inf) -> seaid.Controller:
+    """Return a controller with a position and a velocity gain."""
+    return seaid.Controller(
+        position_gain_Nm_per_rad=kp,
+        velocity_gain_Nms_per_rad=kd,
+        torque_limit_Nm=torque_limit_Nm,
+    )
+
+
 def with_command(log: seaid.Log, command: Array) -> seaid.Log:
     """Return the log with another command (T, 1)."""
     return replace(log, position_command=command)
@@ -87,10 +96,8 @@ def test_right_commands_may_be_held_or_in_ticks(urdf: Path) -> None:
 
 def test_a_torque_at_its_limit_is_a_note_if_the_limit_is_stated(urdf: Path, tmp_path: Path) -> None:
     log, robot = mujoco_log(SOFT, 0.0, 0.0, 0), robot_of(urdf, SOFT)
-    law = seaid.Controller(
-        position_gain_Nm_per_rad=40.0, velocity_gain_Nms_per_rad=1.0, torque_limit_Nm=6.0
-    )
-    limited = robot.with_drives({"j": replace(robot.drives["j"], controller=law)})
+    of_6_Nm = law(*SOFT, torque_limit_Nm=6.0)
+    limited = robot.with_drives({"j": replace(robot.drives["j"], controller=of_6_Nm)})
     (stated,) = (x for x in seaid.check(limited, log).warnings if x.code == "saturation")
     assert stated.severity == "note"
     error = CHIRP[:, None] - log.joint_position
@@ -175,9 +182,7 @@ def test_delays_that_no_bus_has_are_identified_and_said(urdf: Path, delay_s: flo
 def go2(position_gain: float, velocity_gain: float) -> tuple[seaid.Robot, seaid.Log]:
     """Return a Go2 with these gains, and a measured log of its commands."""
     bare = seaid.load_robot("go2")
-    gains = seaid.Controller(
-        position_gain_Nm_per_rad=position_gain, velocity_gain_Nms_per_rad=velocity_gain
-    )
+    gains = law(position_gain, velocity_gain)
     drive = seaid.StiffDrive(motor_input="position_command", controller=gains)
     drives = dict.fromkeys(bare.joint_names, drive)
     robot = seaid.load_robot("go2", drives, known_bodies=bare.body_names)
@@ -202,9 +207,7 @@ def test_the_sums_that_one_gain_set_determines_are_said_before_a_fit(urdf: Path)
 def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf: Path) -> None:
     robot = robot_of(urdf, SOFT)
     drive = robot.drives["j"].with_values({**TRUTH, "friction_offset": 0.0, "command_delay": 0.004})
-    law = drive.controller
-    assert law is not None
-    limited = replace(drive, controller=replace(law, torque_limit_Nm=4.0))
+    limited = replace(drive, controller=law(*SOFT, torque_limit_Nm=4.0))
     plan = log_of(np.full(len(TIME), CHIRP[0])).between(0.0, 8.0)
     noise = np.random.default_rng(5).normal(size=(len(plan.time), 1)) * 1e-4
 
@@ -217,7 +220,7 @@ def test_a_torque_limit_that_is_not_stated_is_found_and_its_lines_repair_it(urdf
     assert (found.code, found.joint, found.severity) == ("saturation", "j", "wrong")
     assert found.evidence["torque limit"] == pytest.approx(4.0, rel=0.06)
     assert "torque_limit_Nm = " in found.remedy
-    stated = replace(law, torque_limit_Nm=found.evidence["torque limit"])
+    stated = law(*SOFT, torque_limit_Nm=found.evidence["torque limit"])
     repaired = robot.with_drives({"j": replace(robot.drives["j"], controller=stated)})
     assert wrong_of(repaired, log) == []
     assert wrong_of(robot, logged(drive)) == []
@@ -238,8 +241,8 @@ def with_lines(robot: seaid.Robot, finding: seaid.Finding) -> tuple[seaid.Robot,
     table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["j"]["controller"]
     drive = robot.drives["j"]
     assert drive.controller is not None
-    law = replace(drive.controller, **table)
-    return robot.with_drives({"j": replace(drive, controller=law)}), table
+    changed = replace(drive.controller, **table)
+    return robot.with_drives({"j": replace(drive, controller=changed)}), table
 
 
 @pytest.mark.parametrize("factor", quick_first([0.7, 1.5]))  # 0.5 s each
@@ -262,9 +265,7 @@ def test_gains_in_another_unit_are_named_by_a_limit(urdf: Path, tmp_path: Path) 
     """With limits of the drive or, of bodies without masses, of the robot file."""
     log, (kp, kd) = mujoco_log(SOFT, 0.006, 2e-4, 0), SOFT
     robot = robot_of(urdf, (256 * kp, 256 * kd))
-    drive = robot.drives["j"]
-    assert drive.controller is not None
-    limited = replace(drive, controller=replace(drive.controller, torque_limit_Nm=50.0))
+    limited = replace(robot.drives["j"], controller=law(256 * kp, 256 * kd, torque_limit_Nm=50.0))
     empty = tmp_path / "empty.urdf"
     start, _, end = URDF.partition("<inertial>")
     empty.write_text(start + end.partition("</inertial>")[2])
@@ -294,10 +295,9 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.
     time = np.arange(0, 12, 0.01)
     slow, fast = np.sin(1.7 * time), np.sin(2.3 * time + 1)
     commands = np.column_stack([0.6 * slow + 0.2 * np.sin(5 * time), 0.5 * fast])
-    gains = seaid.Controller(position_gain_Nm_per_rad=60.0, velocity_gain_Nms_per_rad=2.0)
     drive = seaid.StiffDrive(
         motor_input="position_command",
-        controller=gains,
+        controller=law(60.0, 2.0),
         command_delay_s=0.0,
         known=("command_delay",),
     )
@@ -342,12 +342,8 @@ def test_gains_that_hold_at_another_joint_are_not_in_another_unit(
     robot, log = chain
     bodies = robot.parameters.copy()
     bodies[10:] *= heavier
-    drives = {}
-    for joint, drive in robot.drives.items():
-        law = seaid.Controller(
-            position_gain_Nm_per_rad=factor * 60.0, velocity_gain_Nms_per_rad=factor * 2.0
-        )
-        drives[joint] = replace(drive, controller=law)
+    gains = law(60.0 * factor, 2.0 * factor)
+    drives = {joint: replace(drive, controller=gains) for joint, drive in robot.drives.items()}
     wrong = robot.with_values(bodies, drives)
     found = [x for x in seaid.identify(wrong, log).warnings if x.code == "gain-scale"]
     assert found
@@ -361,9 +357,8 @@ def _servo_log(torque: Array, command: Array | None = None) -> tuple[seaid.Robot
     """Return the pendulum and a log of it with a torque (T,), and perhaps a command (T,)."""
     robot = seaid.load_robot("models/xl330_pendulum.urdf")
     time, position, _ = _tracked()
-    nothing, sent = np.full((len(torque), 1), np.nan), None
-    if command is not None:
-        sent = command[:, None]
+    nothing = np.full((len(torque), 1), np.nan)
+    sent = None if command is None else command[:, None]
     log = seaid.Log(
         time, ("pendulum",), nothing, position[:, None], torque[:, None], position_command=sent
     )
@@ -396,7 +391,7 @@ def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
     head, _, table = computed.remedy.partition("\n")
     assert head == "in the drives file:"
     (drive,) = drives_from_mapping(tomllib.loads(table)).values()
-    assert drive.controller == seaid.Controller(position_gain_Nm_per_rad=20.0)
+    assert drive.controller == law(20.0)
     # a signed torque with noise, one of gravity that never changes sign, one with a free sign
     assert named(torque) == named(torque, position + error) == []
     assert named(5 + 20 * error + noise) == []

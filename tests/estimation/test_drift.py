@@ -1,6 +1,7 @@
 """Slow drift of a torque: found where it is, its share and corner, and right standard errors."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from seaid.estimation.drift import agreement, block_factors, drifts_of
 from seaid.estimation.fitting import ESTIMATORS, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor import Regression
+from seaid.regressor.regression import stacked
 from tests.estimation.rows import TRUTH, experiment
 from tests.plants import regression
 from tests.representatives import quick_first
 
 STEP_S, CUTOFF_HZ = 0.05, 5.0
 NOISE = 0.1
+WAVES_HZ = np.array([[0.1, 0.23, 0.41], [0.5, 0.9, 1.7]])[:, :, None]
 
 
 def slow(rng: np.random.Generator, instants: int) -> Array:
@@ -31,30 +34,17 @@ def slow(rng: np.random.Generator, instants: int) -> Array:
 
 def data(seed: int, drift: tuple[float, ...] = (0.0,), logs: int = 1) -> Regression:
     """Return rows of equations with a gravity-like column, a fast one, and a constant."""
-    rng, instants = np.random.default_rng(seed), 200
-    rows = []
-    for log in range(logs):
-        time = STEP_S * np.arange(instants)
-        for joint, size in enumerate(drift):
-            # three slow waves: a motion, the same in all draws
-            phases = np.random.default_rng(10 * log + joint).uniform(0, 2 * np.pi, (2, 3))
-            waves = [
-                sum(np.sin(2 * np.pi * f * time + p) for f, p in zip(hz, own, strict=True))
-                for hz, own in zip([(0.1, 0.23, 0.41), (0.5, 0.9, 1.7)], phases, strict=True)
-            ]
-            H = np.column_stack([*waves, np.ones(instants)])
-            y = H @ TRUTH + NOISE * rng.normal(size=instants) + size * slow(rng, instants)
-            rows.append((H, y, np.full(instants, joint), time, np.full(instants, log)))
-    parts = [np.concatenate(part).astype(float) for part in zip(*rows, strict=True)]
-    H, y, joints, times, runs = parts
-    return regression(
-        *(H, y),
-        names=("gravity", "inertia", "offset"),
-        joint=joints,
-        time=times,
-        run=runs,
-        joint_names=("hip", "knee"),
-    )
+    rng, parts = np.random.default_rng(seed), []
+    for log, (joint, size) in product(range(logs), enumerate(drift)):
+        time = STEP_S * np.arange(200)
+        # three slow waves each: a motion, the same in all draws
+        phases = np.random.default_rng(10 * log + joint).uniform(0, 2 * np.pi, (2, 3, 1))
+        waves = np.sum(np.sin(2 * np.pi * WAVES_HZ * time + phases), axis=1)
+        H = np.column_stack([*waves, np.ones(200)])
+        y = H @ TRUTH + NOISE * rng.normal(size=200) + size * slow(rng, 200)
+        rows = regression(H, y, time=time, joint=np.full(200, joint), run=np.full(200, log))
+        parts.append(replace(rows, names=("gravity", "inertia", "offset")))
+    return replace(stacked(parts), joint_names=("hip", "knee"))
 
 
 def fitted(rows: Regression, cutoff_hz: float | None = CUTOFF_HZ) -> Estimate:
