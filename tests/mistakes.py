@@ -46,6 +46,11 @@ def with_channels(recorded: Recorded, joint: str, **changes: Callable[[Array], A
     return replace(recorded, **columns)
 
 
+def with_torque(joint: str, more: Array | float) -> Log:
+    """Return the log of the leg with a motor that needs more torque for the same motion."""
+    return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)
+
+
 def worst(robot: Robot, *logs: Log) -> Finding:
     warnings = seaid.check(robot, list(logs)).warnings
     assert warnings

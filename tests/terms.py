@@ -6,7 +6,7 @@ its Fourier series; torques come from the equations by themselves, not from any 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -79,14 +79,25 @@ def spring(*terms: str, **values: float) -> Case:
     return {"spring": ("linear", *terms)}, values
 
 
-def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed: int = 1) -> Motion:
+def exact_motion(
+    robot: Robot,
+    stretch: Mapping[str, Array] | None = None,
+    seed: int = 1,
+    *,
+    reach: Sequence[float] = (0.8, 1.1),
+    periods: int = 1,
+    is_sensed: bool = False,
+    **further: float,
+) -> Motion:
     """Return the motion of the true robot, its cutoff infinite: nothing is filtered.
 
     Springs are as stretched as the load asks for, which a plain one can say; `stretch` {joint:
-    deflection (T,)} says it for the others, whose load side is then wrong.
+    deflection (T,)} says it for the others, whose load side is then wrong. Sensors behind them are
+    there if `is_sensed`. `further` are the values of extra terms.
     """
     rng = np.random.default_rng(seed)
-    q = np.column_stack([_waves(rng, 0.8), _waves(rng, 1.1)])
+    q = np.tile(np.column_stack([_waves(rng, size) for size in reach]), (periods, 1))
+    time = np.arange(len(q)) / RATE_HZ
     v, a = slope(q), slope(slope(q))
     load = joint_torques(robot, q, v, a)
     motor, torque, current, voltage = (np.zeros_like(q) for _ in range(4))
@@ -103,19 +114,21 @@ def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed:
                 d = stretch[joint]
             turned = drive.ratio / drive.motor_radius * (d + drive.load_radius * q[:, index])
         motor[:, index] = turned
-        by_name = states | _states("theta_M", turned)
-        by_name |= nothing | {"tau_L": load[:, index], "tau_G": load[:, index], "t_log": TIME}
+        by_name: dict[str, Array | float] = {**further, **states, **_states("theta_M", turned)}
+        by_name |= nothing | {"tau_L": load[:, index], "tau_G": load[:, index], "t_log": time}
         needed = value_of(motor_equation(drive), drive, by_name)
         torque[:, index] = needed
         current[:, index] = needed / drive.values.get("torque_constant", 1.0)
         voltage[:, index] = needed / drive.values.get("voltage_constant", 1.0)
     kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
+    sensed = np.array([robot.drives[joint].is_elastic for joint in robot.joint_names]) & is_sensed
     return motion_of(
         robot,
-        TIME,
+        time,
         (q, v, a),
         (motor, slope(motor), slope(slope(motor))),
         np.where(kinds == "torque", torque, np.nan),
+        joint_torque=np.where(sensed, load, np.nan),
         motor_current=np.where(kinds == "current", current, np.nan),
         motor_voltage=np.where(kinds == "voltage", voltage, np.nan),
     )
@@ -127,8 +140,17 @@ def free_stretch(reach: float, seed: int = 5) -> Array:
     return np.asarray(reach * wave / np.max(np.abs(wave)))
 
 
-def noisy_log(motion: Motion, torque_std: float, angle_std: float, seed: int = 3) -> Log:
-    """Return the log of a motion with white noise; current and voltage have that of the torque."""
+def noisy_log(
+    motion: Motion,
+    torque_std: float,
+    angle_std: float,
+    seed: int = 3,
+    motor_std: float | None = None,
+) -> Log:
+    """Return the log of a motion with white noise; current and voltage have that of the torque.
+
+    That of the motor angle may be another one than `angle_std`, that of joints.
+    """
     rng = np.random.default_rng(seed)
 
     def measured(values: Array, std: float) -> Array:
@@ -143,7 +165,7 @@ def noisy_log(motion: Motion, torque_std: float, angle_std: float, seed: int = 3
         time=motion.time,
         joint_names=motion.joint_names,
         joint_position=measured(motion.joint_position, angle_std),
-        motor_position=measured(motion.motor_position, angle_std),
+        motor_position=measured(motion.motor_position, motor_std or angle_std),
         motor_torque=measured(motion.motor_torque, torque_std),
         motor_current=inputs.get("motor_current"),
         motor_voltage=inputs.get("motor_voltage"),

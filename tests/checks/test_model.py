@@ -52,6 +52,7 @@ from tests.mistakes import (
     of_joint,
     repaired,
     with_channels,
+    with_torque,
 )
 from tests.one_joint import one_joint
 from tests.representatives import quick_only
@@ -72,11 +73,6 @@ def open_robot() -> Robot:
     plain = DefaultTerms(NAMED)
     drives = {joint: replace(drive, friction=plain) for joint, drive in leg().drives.items()}
     return leg(TEST_MASS).with_drives(drives).without_nominal()
-
-
-def with_torque(joint: str, more: Array) -> Log:
-    """Return the log of a motor that needs more torque for the same motion."""
-    return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)
 
 
 def findings(found: Identification) -> list[Finding]:

@@ -7,22 +7,15 @@ import numpy as np
 import pytest
 
 from scripts.benchmarks import contact_backlash, hysteresis
-from seaid._arrays import Array
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.identification import compare_terms, identify
-from seaid.log import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import TEST_MASS, leg, leg_log, leg_motion
-from tests.mistakes import with_channels
+from tests.mistakes import with_torque
 from tests.terms import ELASTIC, STIFF, TIME, arm, exact_motion, noisy_log, with_terms
 
 ROBOT = leg(TEST_MASS).without_nominal()
-
-
-def with_torque(joint: str, more: Array | float) -> Log:
-    """Return the log of a motor that needs more torque for the same motion."""
-    return with_channels(leg_log(3), joint, motor_torque=lambda x: x + more)
 
 
 def test_a_term_that_is_there_is_recommended_alone() -> None:

@@ -7,21 +7,19 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_interp_spline
 
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.least_squares import ordinary
-from seaid.excitation import Trajectory
 from seaid.identification import identify
 from seaid.identification.simultaneous import estimation, settled, simultaneous_regression, whitened
 from seaid.legged import load_robot
 from seaid.log import Motion, reconstruct_motion
-from seaid.regressor import Regression, base_parameters, joint_torques, load_regression
+from seaid.regressor import Regression, base_parameters, load_regression
 from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
-from seaid.robot import Payload, Robot
+from seaid.robot import Robot
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.experiments import (
@@ -34,55 +32,16 @@ from tests.experiments import (
     leg_log,
     leg_motion,
     leg_trajectory,
-    motion_of,
     true_value,
-    wiggle,
 )
 from tests.mistakes import with_channels
 from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
+from tests.terms import TIME, exact_motion
 
 LEG, IN_MOTION = leg(TEST_MASS), leg()
 CUBIC = 2e-9
 OLS, WLS = estimation(estimator_named("ols")), estimation(estimator_named("wls"))
-
-
-def flat_motion(robot: Robot, trajectory: Trajectory, rate_hz: float) -> Motion:
-    """Return a planned motion with the motor's side that (3), (7) and (8) ask for, exactly.
-
-    An extra term, if a drive has one, is CUBIC times the motor speed cubed.
-    """
-    time = np.arange(round(trajectory.duration * rate_hz) + 1) / rate_hz
-    q, v, a = trajectory.sample(time)
-    load = joint_torques(robot, q, v, a)
-    motor, torque, measured = np.empty((3, *q.shape)), np.empty_like(q), load.copy()
-    for index, joint in enumerate(robot.joint_names):
-        drive = robot.drives[joint]
-        give, lever = 0.0, 1 / drive.ratio
-        if isinstance(drive, SeriesElasticDrive):
-            assert drive.stiffness is not None
-            give = 1 / (drive.load_radius**2 * drive.stiffness)
-            lever = drive.motor_radius / (drive.ratio * drive.load_radius)
-        else:
-            measured[:, index] = np.nan
-        spline = make_interp_spline(time, (q[:, index] + give * load[:, index]) / lever, k=5)
-        for order in range(3):
-            motor[order, :, index] = spline(time, order)
-        speed = motor[1, :, index]
-        torque[:, index] = (
-            true_value(robot, joint, "motor_inertia") * motor[2, :, index]
-            + true_value(robot, joint, "viscous_friction") * speed
-            + true_value(robot, joint, "coulomb_friction") * np.sign(speed)
-            + len(drive.extra_terms) * CUBIC * speed**3
-            + lever * load[:, index]
-        )
-    states = (motor[0], motor[1], motor[2])
-    return motion_of(robot, time, (q, v, a), states, torque, joint_torque=measured)
-
-
-@cache
-def leg_case(*payloads: Payload, rate_hz: float = 100.0) -> Motion:
-    return flat_motion(leg(*payloads), leg_trajectory(), rate_hz)
 
 
 @cache
@@ -99,13 +58,6 @@ def two_springs() -> Robot:
     return load_robot(
         MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=("hip_pitch", "knee_pitch")
     )
-
-
-@cache
-def swing(robot: Robot, rate_hz: float = 100.0) -> Motion:
-    """Return the motion of six seconds with any robot."""
-    middle, reach = 0.1 * np.ones(robot.n), np.where(robot.is_prismatic, 0.2, 0.8)
-    return flat_motion(robot, wiggle(robot, 6.0, tuple(middle), tuple(reach)), rate_hz)
 
 
 @cache
@@ -136,29 +88,33 @@ def truth_of(robot: Robot, model: LoadModel, names: tuple[str, ...]) -> Array:
     return np.array(values)
 
 
-CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Motion], tuple[str, ...] | None]] = {
-    "mixed drives, test mass": (lambda: LEG, lambda: leg_case(TEST_MASS), None),
-    "free foot": (lambda: IN_MOTION, leg_case, None),
-    "springs alone": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC),
-    "one torque": (lambda: LEG, lambda: leg_case(TEST_MASS), ("knee_pitch",)),
-    "rows in another order": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC[::-1]),
-    "joints in another order": (reordered, lambda: swing(reordered()), None),
-    "rotary spring, elastic telescope": (arm, lambda: swing(arm()), None),
-    "extra term": (with_cubic, lambda: swing(with_cubic()), None),
+@cache
+def exact(robot: Robot) -> Motion:
+    """Return the motion of a robot that (3), (7) and (8) ask for, with sensors behind springs."""
+    reach = np.where(robot.is_prismatic, 0.2, 0.8).tolist()
+    return exact_motion(robot, reach=reach, is_sensed=True, c=CUBIC)
+
+
+CASES: dict[str, tuple[Callable[[], Robot], tuple[str, ...] | None]] = {
+    "mixed drives, test mass": (lambda: LEG, None),
+    "free foot": (lambda: IN_MOTION, None),
+    "springs alone": (lambda: LEG, ELASTIC),
+    "one torque": (lambda: LEG, ("knee_pitch",)),
+    "rows in another order": (lambda: LEG, ELASTIC[::-1]),
+    "joints in another order": (reordered, None),
+    "rotary spring, elastic telescope": (arm, None),
+    "extra term": (with_cubic, None),
 }
+"""{case: the robot, and the joints whose torque is known if not all}."""
 
 
 @pytest.fixture(params=list(CASES))
 def case(request: pytest.FixtureRequest) -> tuple[Robot, LoadModel, Regression, Array]:
-    robot, motion, rows = CASES[request.param]
-    model = model_of(robot(), rows)
-    both = simultaneous_regression(
-        robot().without_nominal(),
-        motion(),
-        model,
-        [j for j in model.torque_joints if j in robot().elastic_joints],
-    )
-    return robot(), model, both, truth_of(robot(), model, both.names)
+    make, rows = CASES[request.param]
+    robot, model = make(), model_of(make(), rows)
+    springs = [j for j in model.torque_joints if j in robot.elastic_joints]
+    both = simultaneous_regression(robot.without_nominal(), exact(robot), model, springs)
+    return robot, model, both, truth_of(robot, model, both.names)
 
 
 Case = tuple[Robot, LoadModel, Regression, Array]
@@ -191,7 +147,7 @@ def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
 
 def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> None:
     model = model_of(LEG)
-    rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
+    rows = simultaneous_regression(LEG, exact(LEG), model, ELASTIC)
     truth = truth_of(LEG, model, rows.names)
     load, motor, again = (
         rows.joint == offset * LEG.n + LEG.index("knee_pitch") for offset in range(3)
@@ -211,14 +167,15 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
     assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
 
 
-@pytest.mark.slow  # 88 estimates from twelve seconds
+@pytest.mark.slow  # 88 estimates
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     robot, model = two_springs().without_nominal(), model_of(two_springs())
-    noise = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
-    path = wiggle(two_springs(), 12.0, (-0.2, 0.7), (0.7, 0.7))
-    exact, scores = flat_motion(two_springs(), path, 500.0), []
+    sensors = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
+    unsensed = replace(exact(two_springs()), joint_torque=np.full((len(TIME), 2), np.nan))
+    scores = []
     for seed in range(88):
-        motion = reconstruct_motion(robot, measure(two_springs(), exact, noise, seed), 8.0)
+        log = measure(two_springs(), unsensed, sensors, seed)
+        motion = reconstruct_motion(robot, log, 8.0)
         rows = simultaneous_regression(robot, motion, model, robot.joint_names)
         truth = truth_of(two_springs(), model, rows.names)
         found, _ = settled(robot, rows, truth, WLS)
@@ -232,7 +189,7 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
 )
 def test_a_spring_whose_torque_is_measured(springs: tuple[str, ...], is_blind: bool) -> None:
     """(4b) stands for (7) without a motor torque, by itself or freed of the spring by (8)."""
-    motion = leg_case(TEST_MASS)
+    motion = exact(LEG)
     if is_blind:
         motion = with_channels(motion, "knee_pitch", motor_torque=lambda x: np.nan * x)
     rows = simultaneous_regression(LEG, motion, model_of(LEG), springs)
@@ -244,7 +201,7 @@ def test_a_spring_whose_torque_is_measured(springs: tuple[str, ...], is_blind: b
 
 
 def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
-    motion, model = swing(arm()), model_of(arm())
+    motion, model = exact(arm()), model_of(arm())
     springs = {
         joint: np.array([true_value(arm(), joint, "stiffness"), 0.0])
         for joint in arm().elastic_joints
@@ -263,7 +220,7 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
 
 
 def test_errors_of_rows_that_cannot_be_made() -> None:
-    blind = replace(leg_case(TEST_MASS), joint_torque=np.full((601, 5), np.nan))
+    blind = replace(exact(LEG), joint_torque=np.full_like(exact(LEG).joint_torque, np.nan))
     with pytest.raises(LogError, match="no torque in the log at knee_pitch; name the others"):
         simultaneous_regression(LEG, blind, model_of(LEG), ("hip_pitch", "ankle_pitch"))
     with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
@@ -278,7 +235,7 @@ def test_errors_of_rows_that_cannot_be_made() -> None:
 @pytest.mark.slow  # 0.5 s
 def test_errors_of_iterations() -> None:
     robot, model = two_springs(), model_of(two_springs())
-    rows = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
+    rows = simultaneous_regression(robot, exact(robot), model, robot.joint_names)
     with pytest.raises(
         IdentificationError, match="stiffness of zero, which predicts no deflection"
     ):

@@ -16,7 +16,6 @@ from seaid.drives.terms import FrictionTerm
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import Identification
 from seaid.log import Log
-from seaid.log.filtering import spline_derivatives
 from seaid.robot import Robot
 from seaid.simulation.forward_dynamics import begin_of
 from seaid.simulation.plant import JOINT_SPEED, SPEED, plant_of, warmed
@@ -24,8 +23,8 @@ from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_trajectory, wiggle
 from tests.mistakes import with_channels
 from tests.one_joint import one_joint
-from tests.plants import log_with
 from tests.representatives import quick_first
+from tests.terms import exact_motion, noisy_log
 
 KNEE = "knee_pitch"
 TERMS: tuple[FrictionTerm, ...] = (
@@ -214,27 +213,10 @@ def without_terms(robot: Robot) -> Robot:
     return robot.with_drives({"arm": drive}).without_nominal()
 
 
-def cold_log(robot: Robot, duration: float = 62.0, seed: int = 1) -> Log:
-    """Return a log of the formulas: the joint has an inertia of 1 kg m^2 and no weight."""
-    drive = robot.drives["arm"]
-    time = np.arange(round(200 * duration)) / 200.0
-    q, _, a = (x[:, 0] for x in wiggle(robot, duration, (0.0,), (1.0,), seed=1).sample(time))
-    stretch = a / drive.values["stiffness"] if drive.is_elastic else 0.0 * a
-    motor = drive.ratio * (q + stretch)
-    w, w_dot = (x[:, 0] for x in spline_derivatives(time, motor[:, None])[1:])
-    values = {**dict.fromkeys(COLD, 0.0), **drive.values}
-    cold = np.exp(-time / values["warm_up_time"]) if values["warm_up_time"] else 0.0
-    viscous = values["viscous_friction"] + values["cold_viscous_friction"] * cold
-    coulomb = values["coulomb_friction"] + values["cold_coulomb_friction"] * cold
-    torque = a / drive.ratio + 1e-4 * w_dot + viscous * w + coulomb * np.sign(w)
-    noise = np.random.default_rng(seed).normal(size=(3, len(time)))
-    return log_with(
-        "arm",
-        time,
-        joint_position=q + 1e-5 * noise[0],
-        motor_position=motor + 1e-4 * noise[1],
-        motor_torque=torque + 0.005 * noise[2],
-    )
+def cold_log(robot: Robot, periods: int = 8, seed: int = 1) -> Log:
+    """Return a log of the formulas, of some periods of 8 s."""
+    motion = exact_motion(robot, reach=(1.0,), periods=periods)
+    return noisy_log(motion, 0.005, 1e-5, seed, motor_std=1e-4)
 
 
 @pytest.mark.slow  # 1.4 s
@@ -263,13 +245,13 @@ def test_without_a_warm_up_none_is_selected_and_short_logs_are_not_searched(tmp_
     selection = seaid.compare_terms(warm, cold_log(plain))
     assert "viscous_warm_up" in {one.term for one in selection.comparisons}
     assert not selection.recommended
-    short = seaid.compare_terms(warm, cold_log(robot, 20.0))
+    short = seaid.compare_terms(warm, cold_log(robot, 2))
     assert not {*WARM_UP[2:]} & {one.term for one in short.comparisons}
 
 
 def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_path: Path) -> None:
     robot = cold_arm(tmp_path)
-    log = cold_log(robot, 8.0)
+    log = cold_log(robot, 1)
     with pytest.raises(IdentificationError, match=r"longer than the log of 8 s, .* no warm motor"):
         seaid.identify(robot.without_nominal(), log)
     drive = replace(robot.drives["arm"], known=("warm_up_time",))
