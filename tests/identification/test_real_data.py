@@ -35,13 +35,6 @@ def test_position_commands_alone_give_the_motor_of_a_servo() -> None:
     assert [row.met for row in rows] == [True, True]
 
 
-def test_robot_of_a_package_that_is_not_installed_is_named() -> None:
-    with pytest.raises(
-        seaid.errors.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"
-    ):
-        real_data.packaged("no-such-robots", "ur10.urdf")
-
-
 def test_shipped_logs_are_small_and_keep_their_licences() -> None:
     files = [path for path in LOGS.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 8e6

@@ -167,13 +167,13 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
     assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
 
 
-@pytest.mark.slow  # 88 estimates
+@pytest.mark.slow  # 200 estimates
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     robot, model = two_springs().without_nominal(), model_of(two_springs())
     sensors = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
     unsensed = replace(exact(two_springs()), joint_torque=np.full((len(TIME), 2), np.nan))
     scores = []
-    for seed in range(88):
+    for seed in range(200):
         log = measure(two_springs(), unsensed, sensors, seed)
         motion = reconstruct_motion(robot, log, 8.0)
         rows = simultaneous_regression(robot, motion, model, robot.joint_names)
