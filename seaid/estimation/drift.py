@@ -245,7 +245,7 @@ def with_drifts(
     for _, influence in drifts:
         change = inverse @ influence
         added += change @ change.T
-    growth = float(np.max(1 + np.diag(added) / np.diag(estimate.covariance)))
+    growth = float(np.max(1 + np.diag(added) / np.diag(estimate.covariance), initial=1.0))
     diagnostics = replace(
         estimate.diagnostics, drifts=tuple(drift for drift, _ in drifts), growth=growth
     )

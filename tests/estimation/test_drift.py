@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from seaid._arrays import Array
 from seaid.checks.values import noise_findings
 from seaid.estimation import Drift, Estimate, fit
-from seaid.estimation.drift import agreement, block_factors, drifts_of
+from seaid.estimation.drift import agreement, block_factors, drifts_of, with_drifts
 from seaid.estimation.fitting import ESTIMATORS, stored_rows
 from seaid.estimation.least_squares import ordinary
 from seaid.regressor import Regression
@@ -143,6 +143,14 @@ def test_a_linear_trend_is_drift_too() -> None:
     assert finding.evidence["corner_hz"] == one.corner_hz
     assert finding.evidence["time constant [s]"] == pytest.approx(1 / (2 * np.pi * one.corner_hz))
     assert "zero the torque or current sensor" in finding.remedy
+
+
+def test_drift_of_rows_without_parameters_makes_no_error_larger() -> None:
+    """The load side of known bodies has none: identifying it failed where its torque drifts."""
+    nothing = Estimate((), np.zeros(0), np.zeros((0, 0)), (), 0.1, 1.0)
+    drift = Drift("hip", 1.0, 0.1, 30.0), np.zeros((0, 5))
+    estimate = with_drifts(nothing, np.zeros((0, 0)), [drift])
+    assert (estimate.diagnostics.growth, len(estimate.diagnostics.drifts)) == (1.0, 1)
 
 
 def test_rows_without_noise_and_short_logs_have_no_drift() -> None:
