@@ -208,9 +208,7 @@ ONLY_IN_FITS |= {*[*BROKEN][-5:]}
 
 
 @pytest.mark.parametrize("part", quick_only(BROKEN, ["mistakes", "columns"]))
-def test_a_fit_stands_whatever_raises_in_a_check(
-    part: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fit_stands_whatever_a_check_raises(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     robot, log = arm(), arm_log()
     if part == "wording":  # of a torque that is late
         log = replace(log, motor_torque=np.roll(log.motor_torque, 8, axis=0))

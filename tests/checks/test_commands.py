@@ -73,9 +73,7 @@ WRONG: dict[str, tuple[Callable[[seaid.Log], seaid.Log], str, dict[str, Any]]] =
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_command_is_named_and_lines_in_the_description_repair_it(
-    urdf: Path, name: str
-) -> None:
+def test_a_wrong_command_is_named_and_its_remedy_repairs_it(urdf: Path, name: str) -> None:
     robot, right = robot_of(urdf, SOFT), mujoco_log(SOFT, 0.0, 0.0, 0)
     change, code, evidence = WRONG[name]
     log = change(right)
@@ -246,9 +244,7 @@ def with_lines(robot: seaid.Robot, finding: seaid.Finding) -> tuple[seaid.Robot,
 
 
 @pytest.mark.parametrize("factor", quick_first([0.7, 1.5]))  # 0.5 s each
-def test_gains_that_known_bodies_contradict_are_no_parallel_spring(
-    urdf: Path, factor: float
-) -> None:
+def test_gains_that_bodies_contradict_are_no_parallel_spring(urdf: Path, factor: float) -> None:
     """Gravity of the bodies is nearly proportional to the angle, as a parallel spring is."""
     log, (kp, kd) = mujoco_log(SOFT, 0.004, 2e-5, 0), SOFT
     robot = robot_of(urdf, (factor * kp, factor * kd), 0.004)
@@ -314,9 +310,7 @@ def chain(tmp_path_factory: pytest.TempPathFactory) -> tuple[seaid.Robot, seaid.
     return robot, replace(plan, joint_position=moved.joint_position)
 
 
-def test_exchanged_commands_are_named_and_their_remedy_repairs_it(
-    chain: tuple[seaid.Robot, seaid.Log],
-) -> None:
+def test_exchanged_commands_are_named_and_repaired(chain: tuple[seaid.Robot, seaid.Log]) -> None:
     robot, log = chain
     assert log.position_command is not None
     exchanged = replace(log, position_command=log.position_command[:, ::-1])

@@ -338,9 +338,7 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
         [("shoulder", 0.02)],
     ),
 )
-def test_a_zero_that_is_off_is_named_with_its_angle_and_lines_that_repair_it(
-    joint: str, offset: float
-) -> None:
+def test_a_zero_that_is_off_is_named_with_its_angle_and_repaired(joint: str, offset: float) -> None:
     """Next to any bodies: a joint about the vertical, or at the end, does not show its zero.
 
     The motor moves by the lever of its gear and pulleys.
@@ -401,9 +399,7 @@ def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: floa
 
 
 @pytest.mark.parametrize(("torque", "rotor"), quick_only([(2, 1), (0.5, 1), (1, 2)], [(2, 1)]))
-def test_a_known_rotor_is_the_scale_of_the_torque_next_to_a_spring(
-    torque: float, rotor: float
-) -> None:
+def test_a_known_rotor_is_the_scale_of_the_torque_at_a_spring(torque: float, rotor: float) -> None:
     """Which of the two is wrong no log decides: both are named, and no line is printed."""
     joint = "knee_pitch"
     inertia = rotor * leg().drives[joint].values["motor_inertia"]
@@ -445,9 +441,7 @@ def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
 
 
 @pytest.mark.slow  # 0.7 s
-def test_screening_excludes_no_term_that_a_comparison_supports(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_screening_excludes_no_term_that_is_supported(monkeypatch: pytest.MonkeyPatch) -> None:
     logs = (leg_log(3), stribeck(), hardening(3)[1])
     screened = [identify(open_robot(), log) for log in logs]
     monkeypatch.setattr(Equation, "is_promising", lambda *_: True)

@@ -64,9 +64,7 @@ def test_a_rough_robot_file_is_no_mistake(case: str, seed: int, common: float) -
 
 @pytest.mark.parametrize("side", quick_first(["motor", "joint"]))
 @pytest.mark.parametrize("what", ["gear-ratio", "unit", "torque-scale"])
-def test_a_ratio_an_encoder_and_a_torque_off_by_a_factor_are_told_apart(
-    what: str, side: str
-) -> None:
+def test_a_ratio_an_encoder_and_a_torque_that_are_off_are_told_apart(what: str, side: str) -> None:
     """Next to a rough robot file: each changes positions, torques and rotors in its own way."""
     truth, log, factor = true_geared_arm(), geared_arm_log(), 1.3
     elbow, name = 2, "elbow_joint"
@@ -122,9 +120,7 @@ def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
 
 
 @pytest.mark.parametrize("known", [("torque_constant",), ()])
-def test_currents_are_compared_as_torques_are_if_their_constants_are_known(
-    known: tuple[str, ...],
-) -> None:
+def test_currents_of_known_constants_are_compared_as_torques(known: tuple[str, ...]) -> None:
     robot, log, constant = arm(), arm_log(), 0.05
     drives = {
         joint: replace(x, motor_input="current", nominal={"torque_constant": constant}, known=known)
@@ -199,9 +195,7 @@ def test_what_the_log_does_not_decide_is_named_together_with_the_measurement_tha
 
 
 @pytest.mark.parametrize(("case", "kg"), quick_first([("arm", 1.5), ("leg", 2.6), ("leg", 4.0)]))
-def test_a_named_payload_was_weighed_and_is_contradicted_before_the_bodies_are(
-    case: str, kg: float
-) -> None:
+def test_a_named_payload_is_contradicted_before_the_bodies_are(case: str, kg: float) -> None:
     """The leg carries 2 kg at its foot, the arm nothing."""
     place = (0.15, 0.0, 0.0) if case == "leg" else (0.1, 0.05, -0.1)
     payload = Payload("foot" if case == "leg" else "tool", kg, place)

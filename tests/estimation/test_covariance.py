@@ -84,9 +84,7 @@ def test_corrected_intervals_of_a_mean_hold_the_truth_in_95_of_100(bandwidth: fl
 
 
 @pytest.mark.parametrize("p", quick_first([5, 1]))
-def test_the_fit_removes_as_much_of_the_variance_as_is_said(
-    p: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_fit_removes_its_part_of_the_variance(p: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """White noise behind slow columns: Bartlett sums of its residuals."""
     # of 125 instants the bandwidth has 15 lags, and of fewer ones 14
     H = np.hstack([autoregressive(0.9, 125, seed) for seed in range(p)])

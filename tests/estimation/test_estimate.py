@@ -59,9 +59,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "words"), REFUSED)
-def test_levels_names_and_shapes_that_make_no_sense_are_refused(
-    call: Callable[[], object], words: str
-) -> None:
+def test_levels_names_and_shapes_are_checked(call: Callable[[], object], words: str) -> None:
     """Arrays of an estimate cannot be changed either."""
     with pytest.raises(SeaidError, match=words):
         call()

@@ -224,9 +224,7 @@ def test_the_line_lies_between_both_regressions(seed: int, slope: float, ratio: 
 @pytest.mark.parametrize(
     ("torque_std", "deflection_std"), quick_first([(0.3, 0.02), (1.0, 0.005), (0.05, 0.03)])
 )
-def test_noise_in_both_leaves_the_stiffness_unbiased(
-    torque_std: float, deflection_std: float
-) -> None:
+def test_noise_in_both_biases_no_stiffness(torque_std: float, deflection_std: float) -> None:
     ratio = (torque_std / deflection_std) ** 2
     found = [
         spring_estimate(spring_rows(torque_std, deflection_std, seed), ratio) for seed in range(400)

@@ -288,8 +288,6 @@ def test_equation_without_a_torque_does_not_get_all_weight(noise: float) -> None
         (np.where(np.arange(300)[:, None] == 5, [1, np.nan, 1], 0.0), "not finite: b"),
     ],
 )
-def test_every_estimator_names_what_rows_do_not_tell(
-    name: LinearEstimator, H: Array, words: str
-) -> None:
+def test_every_estimator_names_what_rows_lack(name: LinearEstimator, H: Array, words: str) -> None:
     with pytest.raises((IdentificationError, ExcitationError), match=words):
         ESTIMATORS[name].solve(regression(H, np.linspace(1.0, 2.0, len(H))), None)

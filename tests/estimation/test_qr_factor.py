@@ -125,9 +125,7 @@ def test_rows_that_cannot_be_added_or_factored_are_refused() -> None:
 # The scaled singular value decomposition
 
 
-def test_a_decomposition_that_does_not_converge_is_repeated(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_decomposition_without_convergence_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Divide and conquer did not converge for the columns of a Go2, QR iterations did."""
     columns = np.random.default_rng(3).normal(size=(30, 4)) * [1.0, 1e3, 1e-3, 0.0]
     y, tried = columns @ [1.0, 2.0, 3.0, 0.0], []

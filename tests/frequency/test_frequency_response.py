@@ -48,9 +48,7 @@ def values(found: FrequencyResponse, *names: str) -> Array:
 
 @pytest.mark.slow  # 0.6 s
 @pytest.mark.parametrize("known", quick_first(["all", "no values", "no bodies"]))
-def test_the_springs_of_a_linear_plant_are_found_without_a_joint_encoder(
-    tmp_path: Path, known: str
-) -> None:
+def test_springs_of_a_linear_plant_need_no_joint_encoder(tmp_path: Path, known: str) -> None:
     """Also where spring, friction and body have no value, or the file has no body at all."""
     robot = PLANT.robot(tmp_path, nominal=known == "all")
     if known == "no values":
@@ -85,9 +83,7 @@ def test_a_rotor_inertia_that_is_not_stated_is_estimated(tmp_path: Path) -> None
 
 @pytest.mark.slow  # 2.2 s
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.3])
-def test_a_wrong_rotor_inertia_is_named_with_the_one_that_the_response_shows(
-    tmp_path: Path, factor: float
-) -> None:
+def test_a_wrong_rotor_inertia_is_named_with_the_right_one(tmp_path: Path, factor: float) -> None:
     robot = PLANT.robot(tmp_path)
     drive = robot.drives["arm"].with_values({"motor_inertia": factor * PLANT.motor_inertia})
     log = with_noise(clean_log(), 1)
@@ -102,9 +98,7 @@ def test_a_wrong_rotor_inertia_is_named_with_the_one_that_the_response_shows(
 
 
 @pytest.mark.slow  # 1.1 s
-def test_the_response_is_that_of_the_plant_and_lies_within_its_standard_deviations(
-    tmp_path: Path,
-) -> None:
+def test_the_response_is_that_of_the_plant_within_its_standard_deviations(tmp_path: Path) -> None:
     """Near the antiresonance an error of the period that has not quite settled is seen."""
     robot = PLANT.robot(tmp_path)
     found = frequency_response(robot, clean_log(), period_s=4.0)
@@ -210,9 +204,7 @@ PLAN = seaid.Trajectory(("arm",), seaid.excitation.make_basis("bspline", 4.0, 8)
         ({"period_s": None, "plan": PLAN}, "must be a multisine"),
     ],
 )
-def test_logs_and_arguments_without_a_response_are_refused(
-    tmp_path: Path, change: dict[str, Any], says: str
-) -> None:
+def test_what_has_no_response_is_refused(tmp_path: Path, change: dict[str, Any], says: str) -> None:
     """Logs without a channel, of two rates or at rest, and bands and periods of nothing."""
     made = {name: value() if callable(value) else value for name, value in change.items()}
     given: dict[str, Any] = {"logs": clean_log(), "period_s": 4.0} | made
@@ -348,9 +340,7 @@ class Coupled:
 
 @pytest.mark.slow  # 0.9 s
 @pytest.mark.parametrize("rotors", quick_first([True, False]))
-def test_springs_of_coupled_joints_are_found_without_nominal_values(
-    tmp_path: Path, rotors: bool
-) -> None:
+def test_springs_of_coupled_joints_need_no_nominal_values(tmp_path: Path, rotors: bool) -> None:
     """From starts with one antiresonance for both joints, k was wrong by 6 to 25 % here."""
     plant = Coupled(
         *((255, 198), (0.483, 0.104), (1.10, 0.465, 0.225), (19.4, 7.08, 7.08)),

@@ -116,9 +116,7 @@ def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(se
 
 
 @pytest.mark.parametrize(("joint", "seed"), quick_first([("knee_pitch", 11), ("hip_roll", 12)]))
-def test_a_torque_constant_is_estimated_from_the_bodies_of_all_joints(
-    joint: str, seed: int
-) -> None:
+def test_a_torque_constant_is_estimated_by_the_bodies_of_all_joints(joint: str, seed: int) -> None:
     wrong = of_joint(leg_log(seed), leg().index(joint), motor_torque=1.25)
     finding = worst(with_masses_of_cad(leg(TEST_MASS), seed), wrong)
     assert (finding.code, finding.joint) == ("torque-scale", joint)

@@ -85,9 +85,7 @@ def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -
 @pytest.mark.rounding
 @pytest.mark.parametrize("robot", quick_only(ROBOTS, ["arm"]), indirect=True)
 @pytest.mark.parametrize("weight", quick_first([None, 0.0]))
-def test_without_noise_the_base_parameters_are_the_truth(
-    robot: Robot, weight: float | None
-) -> None:
+def test_without_noise_the_base_parameters_are_true(robot: Robot, weight: float | None) -> None:
     estimate = estimated(robot, 1e-9)
     result = found(robot.without_nominal(), estimate, weight=weight)
     truth = true_values(robot, model_of(robot))

@@ -108,9 +108,7 @@ def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None
 @pytest.mark.parametrize(
     ("suffix", "is_stated"), [(".csv", False), (".npz", False), (".npz", True)]
 )
-def test_a_file_is_identified_as_the_log_in_memory(
-    tmp_path: Path, suffix: str, is_stated: bool
-) -> None:
+def test_a_file_is_identified_as_a_log_is(tmp_path: Path, suffix: str, is_stated: bool) -> None:
     """In the same pass band, and with the errors of what was given as known."""
     path, right = tmp_path / f"log{suffix}", found(is_stated)
     write_log(leg_log(), path)
@@ -181,9 +179,7 @@ REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
 
 
 @pytest.mark.parametrize(("option", "kind", "words"), REFUSED)
-def test_options_that_cannot_be_are_refused(
-    option: dict[str, Any], kind: type[Exception], words: str
-) -> None:
+def test_options_are_checked(option: dict[str, Any], kind: type[Exception], words: str) -> None:
     """Before anything is computed, with the values that are allowed."""
     with pytest.raises(kind, match=words):
         identify(KNOWN, leg_log(), **option)

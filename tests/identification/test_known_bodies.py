@@ -26,9 +26,7 @@ def leg(*known: str) -> Robot:
     ("known", "count"),
     [((), 29), (("foot",), 22), (("thigh", "shank"), 17), (("hip_yaw_link",), 29)],
 )
-def test_numeric_and_exact_base_parameters_leave_known_bodies_out(
-    known: tuple[str, ...], count: int
-) -> None:
+def test_both_base_parameters_leave_known_bodies_out(known: tuple[str, ...], count: int) -> None:
     robot = leg(*known)
     exact = exact_base_parameters(robot)
     assert cross_check(base_parameters(robot), exact).agree

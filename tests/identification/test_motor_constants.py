@@ -113,9 +113,7 @@ def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Pa
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.002])
-def test_the_ratio_of_a_spring_comes_from_a_current_of_unknown_scale(
-    urdf: Path, ratio: float
-) -> None:
+def test_the_ratio_of_a_spring_comes_from_an_unscaled_current(urdf: Path, ratio: float) -> None:
     one = seaid.check(robot_of(urdf, ratio), log_of(1, 1.0)).joints["x_axis"]
     assert abs(one.gear_ratio - 1) < 3 * one.gear_ratio_error < 1e-3
 
@@ -236,9 +234,7 @@ def test_a_current_alone_gives_no_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "key"), [("revolute", "gear_ratio"), ("prismatic", "motor_pulley_radius_m")]
 )
-def test_a_first_project_asks_for_what_a_locked_output_does_not_show(
-    tmp_path: Path, kind: str, key: str
-) -> None:
+def test_a_first_project_asks_for_what_is_not_shown(tmp_path: Path, kind: str, key: str) -> None:
     """The drive of a sliding one can be read all the same."""
     urdf = bench_urdf(tmp_path, kind)
     robot = load_robot(urdf)

@@ -181,9 +181,7 @@ def test_a_term_of_any_drive_is_found_exactly(place: str, term: str) -> None:
 
 
 @pytest.mark.parametrize("zero", [-0.2, 0.2])
-def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found_outside_of_its_motion(
-    zero: float,
-) -> None:
+def test_the_zero_of_a_spring_that_is_loaded_to_one_side_is_found(zero: float) -> None:
     """The deflection reaches from -0.05 to 0.05, four times as far from the zero as is wide."""
     values = {"cubic_stiffness": 4000.0, "fifth_stiffness": 4e4, "deflection_zero": zero}
     drive = with_terms(ELASTIC, {"spring": ("linear", "cubic", "fifth")}, values)
@@ -398,9 +396,7 @@ COMES = ("with", ALWAYS["payloads"]), ("without", ())
         2,
     ),
 )
-def test_conditions_determine_together_what_one_does_not(
-    drive: Drive, name: str, rel: float
-) -> None:
+def test_conditions_determine_what_one_does_not(drive: Drive, name: str, rel: float) -> None:
     """A payload that comes and goes gives the scale of currents, and laws are searched for once."""
     conditions = {}
     for condition, payloads in COMES:

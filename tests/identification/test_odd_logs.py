@@ -88,9 +88,7 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 
 
 @pytest.mark.parametrize("estimator", ["wls", "tukey"])
-def test_a_motor_fed_with_current_that_hardly_moves(
-    pendulum: Robot, estimator: EstimatorName
-) -> None:
+def test_a_motor_with_current_that_hardly_moves(pendulum: Robot, estimator: EstimatorName) -> None:
     robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
     with pytest.raises(ExcitationError, match="hinge: the drive stands still in all logs"):
@@ -126,9 +124,7 @@ TIMES: dict[str, Callable[[Array], Array]] = {
         product(ODD, TIMES), [(x, y) for x, y in product(ODD, TIMES) if y == "even" or x == "noise"]
     ),
 )
-def test_odd_channels_give_an_error_of_ours_or_numbers(
-    pendulum: Robot, way: str, time: str
-) -> None:
+def test_odd_channels_give_errors_of_ours_or_numbers(pendulum: Robot, way: str, time: str) -> None:
     right = torque(pendulum)
     for odd in ("angle", "torque", "both"):
         angle = ANGLE if odd == "torque" else ODD[way](ANGLE)
@@ -251,9 +247,7 @@ def test_a_joint_at_its_stop_is_named_with_the_torques_to_use(tmp_path: Path) ->
     assert repaired.unusable_joints == {"other": "its torque was not used"}
 
 
-def test_a_joint_that_follows_beyond_the_limits_of_the_file_is_not_at_a_stop(
-    tmp_path: Path,
-) -> None:
+def test_a_joint_that_follows_beyond_the_limits_of_its_file_is_at_no_stop(tmp_path: Path) -> None:
     robot, log = at_a_stop(tmp_path)
     assert log.position_command is not None
     follows = replace(log, joint_position=log.position_command - 0.01)

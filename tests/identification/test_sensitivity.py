@@ -151,9 +151,7 @@ EQUAL, WEIGHTED = np.ones(2), np.array([5.0, 1.0])
 @pytest.mark.parametrize(
     "ways", [((1, WEIGHTED), (1, EQUAL)), ((1, EQUAL), (2, EQUAL))], ids=["weights", "rows"]
 )
-def test_difference_is_as_large_as_its_standard_errors_say(
-    ways: tuple[tuple[int, Array], ...],
-) -> None:
+def test_a_difference_is_as_large_as_its_errors_say(ways: tuple[tuple[int, Array], ...]) -> None:
     """Of weighted and ordinary rows, and of all rows and every other one."""
     scores = []
     for seed in range(150):

@@ -106,9 +106,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 
 
 @pytest.mark.parametrize("experiment", quick_first([1, 0]), indirect=True)
-def test_findings_change_no_estimate(
-    experiment: Experiment, request: pytest.FixtureRequest
-) -> None:
+def test_findings_alter_no_estimate(experiment: Experiment, request: pytest.FixtureRequest) -> None:
     truth, motion, noise = experiment
     log = measure(truth, motion, noise, seed=0)
     whole = identify(truth.without_nominal(), log)

@@ -90,9 +90,7 @@ def test_an_unknown_rotor_inertia_is_within_its_interval(joint: Joint, robot: Ro
 
 
 @pytest.mark.slow  # two motor sides
-def test_an_uncertain_rotor_inertia_is_in_the_errors_of_all_parameters(
-    robot: Robot, found: Identification
-) -> None:
+def test_an_uncertain_rotor_inertia_is_in_all_errors(robot: Robot, found: Identification) -> None:
     """The refinement had lost the standard deviation of what was given as known."""
     drive, std, part = robot.drives["arm"], 0.01, 1e-3
     assert isinstance(drive, SeriesElasticDrive)

@@ -217,9 +217,7 @@ def test_places_of_contacts_are_those_of_forward_kinematics() -> None:
         (("RR", "RL", "FL", "FR"), True),
     ],
 )
-def test_exchanged_legs_are_named_with_their_columns(
-    order: tuple[str, ...], flags_too: bool
-) -> None:
+def test_exchanged_legs_are_named_by_their_columns(order: tuple[str, ...], flags_too: bool) -> None:
     """The motors of many quadrupeds are numbered in another order than the joints of the URDF."""
     log, robot = walked(), go2()
     of = dict(zip(LEGS, order, strict=True))
@@ -278,9 +276,7 @@ def test_joints_in_groups_and_exchanged_flags_are_put_in_order() -> None:
 @pytest.mark.slow  # 16 s of MuJoCo with contacts, and checks of a floating base
 @pytest.mark.parametrize(("late_s", "word"), [(0.08, "late"), (-0.06, "early"), (0.0, "")])
 @pytest.mark.parametrize("places", [range(4), [2]])
-def test_flags_that_are_late_are_named_with_their_delay(
-    late_s: float, word: str, places: Sequence[int]
-) -> None:
+def test_late_flags_have_their_delay(late_s: float, word: str, places: Sequence[int]) -> None:
     """Feet that trot: they stand for 60 % of each period, and move with 0.5 m/s else."""
     robot = go2()
     motion = seaid.reconstruct_motion(robot, walked(), cutoff_hz=10.0)

@@ -216,9 +216,7 @@ def columns(folder: Path) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("wraps", [False, True])
-def test_an_angle_with_lost_samples_is_that_of_a_smooth_motion(
-    folder: Path, tmp_path: Path, wraps: bool
-) -> None:
+def test_an_angle_with_lost_samples_is_smooth(folder: Path, tmp_path: Path, wraps: bool) -> None:
     """A spline bridges what was lost, also where the angle goes from pi to -pi."""
     robot, time = loaded(folder), np.arange(0.0, 8.0, 0.01)
     table = {"time_s": time, "base.angle_rad": 4.0 * np.sin(3.0 * time)}
