@@ -1,4 +1,4 @@
-"""A hundred and fifty Euler-Lagrange systems as data: equations, what is known, how many bases.
+"""Ninety Euler-Lagrange systems as data: equations, what is known, how many bases.
 
 The count of each is that of its source or of its formula, None for arms without one;
 `test_systems.py` checks it, and the whole base form, at random states with 50 digits.
@@ -7,13 +7,13 @@ The count of each is that of its source or of its formula, None for arms without
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import sympy as sp
 from mpmath import mp, mpf
-from sympy import Abs, cos, exp, pi, sign, sin, sqrt, tan, tanh
+from sympy import cos, exp, sign, sin, sqrt
 
 from seaid.symbolic import equations_of_motion
 from seaid.symbolic.expression_text import expression_of
@@ -27,22 +27,20 @@ Offset = tuple[sp.Expr | float, ...]
 class System:
     """Equations that are zero, with the number of their base parameters.
 
-    `given` are the equations, or what derives them when they are first used. `near`
-    {signal: (centre, width)} says where the functions of a signal are alive, default around
-    0 +- 2; `base` are the base parameters where they are published.
+    `derive` makes them when they are first used; `base` are the base parameters where they are
+    published.
     """
 
     name: str
-    given: list[sp.Expr] | Callable[[], list[sp.Expr]]
+    derive: Callable[[], list[sp.Expr]]
     motion: list[sp.Expr]
     unknowns: list[sp.Symbol]
     count: int | None
-    near: Mapping[sp.Expr, tuple[float, float]] = field(default_factory=dict)
     base: tuple[sp.Expr, ...] = ()
 
     @cached_property
     def equations(self) -> list[sp.Expr]:
-        return self.given() if callable(self.given) else self.given
+        return self.derive()
 
 
 def coordinates(number: int) -> list[sp.Expr]:
@@ -150,19 +148,7 @@ def chain(masses: int, kind: str) -> System:
     return lagrangian_system(name, lagrangian, place, unknowns, 3 * masses, loss=loss)
 
 
-def pendulum_chain(links: int, lengths: list[float]) -> System:
-    """Point masses on rods of decimal lengths, angles from the vertical: every mass shows."""
-    angles, ms = coordinates(links), sp.symbols(f"m1:{links + 1}")
-    place, lagrangian = sp.zeros(2, 1), sp.Integer(0)
-    for mass, angle, length in zip(ms, angles, lengths, strict=True):
-        place += length * sp.Matrix([sin(angle), -cos(angle)])
-        speed = place.diff(t)
-        lagrangian += mass * speed.dot(speed) / 2 - mass * g * place[1]
-    return lagrangian_system(f"{links} point masses, {lengths} m", lagrangian, angles, [*ms], links)
-
-
-FUNCTIONS = {"abs": Abs, "atan": sp.atan, "cosh": sp.cosh, "sinh": sp.sinh, "sqrt": sqrt}
-FUNCTIONS |= {"sin": sin, "cos": cos, "exp": exp, "sign": sign, "tanh": tanh}
+FUNCTIONS = {"sin": sin, "cos": cos, "exp": exp, "sign": sign, "sqrt": sqrt}
 NAMED = {"x": x, "y": y, "q": q, "p": p, "w": w, "th": th, "ph": ph, "ps": ps}
 NAMED |= {f"d{name}": coordinate.diff(t) for name, coordinate in NAMED.items()}
 
@@ -314,115 +300,11 @@ def of_textbook(record: str) -> System:
     )
 
 
-TANH = "F_v*w + F_C*sign(w) + c*tanh({n}*w)"
-STRIBECK = "(F_C + F_s*exp(-(w/{v})^2))*sign(w) + F_v*w"
-SMOOTH_STRIBECK = "F_v*w + F_C*sign(w) + F_s*sign(w)*exp(-abs(w)/{v})"
-FRICTIONS = {
-    "F_v*w": ("F_v", 2, 2.0),
-    "F_v*w + F_C*sign(w)": ("F_v F_C", 3, 2.0),
-    "F_v*w + F_C*sign(w) + c*abs(w)*w": ("F_v F_C c", 4, 2.0),
-    "F_v*w + F_C*sign(w) + c*w^3": ("F_v F_C c", 4, 2.0),
-    "c*abs(w)*w + d*w^2*sign(w)": ("c d", 2, 2.0),
-    "F_v*w + F_C*sign(w) + c*sqrt(abs(w))*sign(w)": ("F_v F_C c", 4, 2.0),
-    **{STRIBECK.format(v=v): ("F_v F_C F_s", 4, 2 * v) for v in (1, 0.1, 0.02, 0.005, 1e-6, 50)},
-    **{SMOOTH_STRIBECK.format(v=v): ("F_v F_C F_s", 4, 2 * v) for v in (0.25, 0.02)},
-    **{TANH.format(n=n): ("F_v F_C c", 4, 2 / n) for n in (1, 30, 1000, 10**6)},
-    "c*atan(1000*w) + d*tanh(1000*w)": ("c d", 3, 2e-3),
-    "c*tanh(300*w) + d*tanh(700*w)": ("c d", 3, 4e-3),
-    "c*tanh(w) + d*(exp(2*w) - 1)/(exp(2*w) + 1)": ("c d", 2, 2.0),
-    "c*sinh(w) + d*cosh(w) + b*exp(w)": ("c d b", 3, 2.0),
-}
-"""Laws of a motor's friction: unknowns, base parameters with the rotor's, width in speed."""
-
-HIT = sp.Max(q - 30, 0)
-GAP = sp.Max(q - p - 0.001, 0) + sp.Min(q - p + 0.001, 0)
-SPRINGS: list[tuple[sp.Expr, dict[sp.Expr, tuple[float, float]]]] = [
-    (k * q + c * HIT, {q: (30, 3)}),
-    (k * q + c * HIT**2, {q: (30, 3)}),
-    (k * q + c * sp.Piecewise((0, q < 30), (q - 30, True)), {q: (30, 3)}),
-    (k * q + c * exp(1000 * q), {q: (0, 2e-3)}),
-    (c * GAP + k * (q - p), {q: (0, 4e-3), p: (0, 4e-3)}),
-    (k1 * q + k3 * q**3, {}),
-    (k1 * q + k2 * q * Abs(q), {}),
-    (k1 * q + k2 * sp.sinh(q), {}),
-    (c * sin(84 * q) + d * cos(84 * q), {}),  # cogging
-    (c * sin(6 * q + alpha), {}),  # and with an unknown phase
-    (m * g * r * sin(q + alpha), {}),  # a pendulum with an unknown zero
-]
-"""Laws of a motor's spring or load, with where they are alive: two base parameters each."""
-
-
-def laws() -> list[System]:
-    """A motor with friction by its speed, or with a spring or a load by its angle."""
-    friction = [
-        System(law, [J * w.diff(t) + read(law) - u], [w, u], [J, *sp.symbols(unknowns + ",")],
-               count, near={w: (0, width)})
-        for law, (unknowns, count, width) in FRICTIONS.items()
-    ]  # fmt: skip
-    springs = [
-        System(str(law), [J * q.diff(t, 2) + law - u], [q, p, u],
-               [J, *sorted(law.free_symbols - {g, t}, key=str)], 3, near=near)
-        for law, near in SPRINGS
-    ]  # fmt: skip
-    return friction + springs
-
-
-EQUAL_NUMBERS: list[tuple[sp.Expr | float, sp.Expr | float]] = [
-    (0.3, 0.3),
-    (0.28, 0.7 * 0.4),
-    (1e6, 1e-6 * 1e12),
-    (sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
-    (cos(pi / 7) - cos(2 * pi / 7) + cos(3 * pi / 7), half),
-    (8 * cos(pi / 9) ** 3, 1 + 6 * cos(pi / 9)),
-    (8 * sin(pi / 9) * sin(2 * pi / 9) * sin(4 * pi / 9), sqrt(3)),
-    (1 / (1 + cos(pi / 9)), 1 / (2 * cos(pi / 18) ** 2)),
-    (sin(pi / 8) * cos(pi / 8), sqrt(2) / 4),
-    (tan(pi / 7) * tan(2 * pi / 7) * tan(3 * pi / 7), sqrt(7)),
-    (sqrt(3 + 2 * sqrt(2)), 1 + sqrt(2)),
-    (sp.cbrt(2) * sqrt(2), 2 ** sp.Rational(5, 6)),
-    (cos(173 * pi / 1800) ** 2, 1 - sin(173 * pi / 1800) ** 2),
-    (cos(alpha + beta) + cos(alpha - beta), 2 * cos(alpha) * cos(beta)),
-    ((l1**2 - l2**2) / (l1 - l2), l1 + l2),
-]
-
-
-def numbers() -> list[System]:
-    """Equations with a combination that only the arithmetic of their numbers makes dependent."""
-    equal = [
-        System(f"equal numbers: {right}", [c * left * x + d * right * x - u, (c + d) * y - z],
-               [x, y, z, u], [c, d], 1)
-        for left, right in EQUAL_NUMBERS
-    ]  # fmt: skip
-    lever = [
-        System(f"lever of {length} m", [
-            sp.expand(length * (length * m1 + m2) * q.diff(t, 2)) - u,
-            sp.expand((length * m1 + m2) * p.diff(t, 2)) - w,
-        ], [q, p, u, w], [m1, m2], 1)
-        for length in (0.3, 0.28, 0.7, 1.1)
-    ]  # fmt: skip
-    free = [
-        System("free oscillation", [J * q.diff(t, 2) + c * q.diff(t) + k * q], [q], [J, c, k], 3),
-        System("free pendulum", [J * q.diff(t, 2) + m * g * r * sin(q)], [q], [J, m, r], 2),
-        System(
-            "torque as a symbol",
-            [m * rod**2 * q.diff(t, 2) + m * g * rod * sin(q) - sp.Symbol("u0") / rod],
-            [q],
-            [m],
-            1,
-        ),
-    ]
-    return equal + lever + free
-
-
 SYSTEMS = [
     *TWO_BODIES,
     *(chain(n, kind) for n in range(1, 7) for kind in ("linear", "cubic")),
-    *(pendulum_chain(n, lengths) for n, lengths in
-      ((2, [0.3, 0.28]), (3, [0.3, 0.28, 0.2]), (2, [1.7, 0.1]), (4, [0.11, 0.13, 0.17, 0.19]))),
     *map(of_textbook, re.split(r"\n(?=\S)", TEXTBOOK.strip())),
-    *laws(),
-    *numbers(),
-]  # fmt: skip
+]
 
 DIGITS, ZERO = 50, mpf(10) ** -25
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
 from tests.representatives import quick_first
-from tests.symbolic.systems import EQUAL_NUMBERS
 
 x, y, z, a = sp.symbols("x y z a")
 r, d, g, alpha = sp.symbols("r d g alpha")
@@ -127,6 +126,23 @@ def test_the_three_types_of_columns() -> None:
 
 
 pi, cos = sp.pi, sp.cos
+EQUAL_NUMBERS: list[tuple[sp.Expr | float, sp.Expr | float]] = [
+    (0.3, 0.3),
+    (0.28, 0.7 * 0.4),
+    (1e6, 1e-6 * 1e12),
+    (sp.sin(pi / 7) ** 2, (1 - cos(2 * pi / 7)) / 2),
+    (cos(pi / 7) - cos(2 * pi / 7) + cos(3 * pi / 7), sp.Rational(1, 2)),
+    (8 * cos(pi / 9) ** 3, 1 + 6 * cos(pi / 9)),
+    (8 * sp.sin(pi / 9) * sp.sin(2 * pi / 9) * sp.sin(4 * pi / 9), sp.sqrt(3)),
+    (1 / (1 + cos(pi / 9)), 1 / (2 * cos(pi / 18) ** 2)),
+    (sp.sin(pi / 8) * cos(pi / 8), sp.sqrt(2) / 4),
+    (sp.tan(pi / 7) * sp.tan(2 * pi / 7) * sp.tan(3 * pi / 7), sp.sqrt(7)),
+    (sp.sqrt(3 + 2 * sp.sqrt(2)), 1 + sp.sqrt(2)),
+    (sp.cbrt(2) * sp.sqrt(2), 2 ** sp.Rational(5, 6)),
+    (cos(173 * pi / 1800) ** 2, 1 - sp.sin(173 * pi / 1800) ** 2),
+    (cos(alpha + d) + cos(alpha - d), 2 * cos(alpha) * cos(d)),
+    ((r**2 - d**2) / (r - d), r + d),
+]
 
 
 @pytest.mark.parametrize(("left", "right"), EQUAL_NUMBERS)
