@@ -8,16 +8,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import SeaidError
-from seaid.legged import load_robot
-from seaid.regressor import base_parameters, joint_torques, rigid_body_regressor
+from seaid.regressor import base_parameters, rigid_body_regressor
 from seaid.regressor.base import random_states
-from seaid.robot import Payload, Robot
-from seaid.robot.inertia import parameter_names
+from seaid.robot import Robot
 
 STATES = 6
 
@@ -58,34 +54,6 @@ def test_regressor_times_parameters_is_rnea_on_every_robot(
     assert_same(base.reduce(Y) @ base.grouping, Y, 1e-9)
 
 
-@given(seed=st.integers(0, 10**6))
-def test_joints_in_the_users_order(tulip_urdf: Path, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    usual = _leg(tulip_urdf, None)
-    shuffled = rng.permutation(usual.n)
-    robot = _leg(tulip_urdf, [usual.joint_names[index] for index in shuffled])
-    q, v, a = few_states(usual, seed)
-    expected = rnea(usual, q, v, a)[:, shuffled]
-    picked = q[:, shuffled], v[:, shuffled], a[:, shuffled]
-    assert_same(rigid_body_regressor(robot, *picked) @ robot.parameters, expected, 1e-12)
-    assert_same(joint_torques(robot, *picked), expected, 1e-12)
-    assert robot.parameter_names == parameter_names(robot.body_names)
-    assert robot.body_names == tuple(usual.body_names[index] for index in shuffled)
-
-
-def test_payload_is_added_on_the_known_side(tulip_urdf: Path) -> None:
-    inertia = ((0.01, 0.001, 0.0), (0.001, 0.02, 0.0), (0.0, 0.0, 0.03))
-    payload = Payload("foot", 2.0, (0.15, 0.02, -0.01), inertia)
-    bare, loaded = _leg(tulip_urdf, None), _leg(tulip_urdf, None, payload)
-    assert np.array_equal(bare.parameters, loaded.parameters)
-    states = few_states(loaded, seed=6)
-    Y = rigid_body_regressor(loaded, *states)
-    torques = rnea(loaded, *states)
-    assert_same(Y @ (loaded.parameters + loaded.payload_parameters), torques, 1e-12)
-    assert np.max(np.abs(torques - rnea(bare, *states))) > 1.0
-    assert_same(joint_torques(loaded, *states), torques, 1e-12)
-
-
 def test_regressor_has_neither_values_of_bodies_nor_rotors_in_it(tulip_leg: Robot) -> None:
     """And states of another shape are refused."""
     q, v, a = few_states(tulip_leg, seed=7)
@@ -99,7 +67,3 @@ def test_regressor_has_neither_values_of_bodies_nor_rotors_in_it(tulip_leg: Robo
         rigid_body_regressor(tulip_leg, q, v[:, :4], a)
     with pytest.raises(SeaidError, match="as many rows, found 6, 5, 6"):
         rigid_body_regressor(tulip_leg, q, v[:5], a)
-
-
-def _leg(urdf: Path, joints: list[str] | None, *payloads: Payload) -> Robot:
-    return load_robot(urdf, joints=joints, payloads=payloads)

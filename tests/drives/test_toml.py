@@ -103,32 +103,11 @@ def test_drives_of_robots_are_the_same_after_writing_and_reading(tmp_path: Path)
         assert all(read[joint].values == drive.values for joint, drive in written.items())
 
 
-def test_toml_of_the_tulip_leg_is_read_number_by_number(tulip_urdf: Path) -> None:
-    """A mapping takes drives and tables alike."""
-    drives = read_drives(tulip_urdf.with_suffix(".toml"))
-    assert list(drives) == ["hip_yaw", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch"]
-    assert drives["hip_yaw"] == StiffDrive(
-        gear_ratio=86.0,
-        motor_inertia_kg_m2=3.4e-6,
-        viscous_friction_Nms_per_rad=8e-5,
-        coulomb_friction_Nm=0.004,
-    )
-    assert drives["ankle_pitch"] == SeriesElasticDrive(
-        gear_ratio=86.0,
-        motor_inertia_kg_m2=3.4e-6,
-        motor_pulley_radius_m=0.020,
-        load_pulley_radius_m=0.030,
-        stiffness_N_per_m=51394.0,
-        viscous_friction_Nms_per_rad=4e-5,
-        coulomb_friction_Nm=0.01178,
-    )
-    plain = StiffDrive(gear_ratio=50)
-    tables = {"a": plain, "b": {"type": "stiff", "gear_ratio": 50}}
-    assert drives_from_mapping(tables) == {"a": plain, "b": plain}
-
-
 def test_values_are_read_under_keys_with_units() -> None:
-    """Each parameter has a key of its own, and one of older files is read under its new name."""
+    """Each parameter has a key of its own, and one of older files is read under its new name.
+
+    A mapping takes drives and tables alike.
+    """
     table = {
         "type": "series_elastic",
         "gear_ratio": 50,
@@ -139,6 +118,7 @@ def test_values_are_read_under_keys_with_units() -> None:
         "cubic_stiffness_Nm_per_rad3": -2.0,
     }
     drive = drives_from_mapping({"knee": table})["knee"]
+    assert drives_from_mapping({"knee": drive}) == {"knee": drive}
     assert drive.values == {"stribeck_speed": 0.4, "cubic_stiffness": -2.0}
     assert drive.without_nominal().values == {"stribeck_speed": 0.4}
     assert len({key_of(name, unit_of(drive, name)) for name in PARAMETERS}) == len(PARAMETERS)

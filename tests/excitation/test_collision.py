@@ -333,23 +333,6 @@ def test_a_mesh_has_three_scales(write_urdf: Write, tmp_path: Path) -> None:
     assert found[0, 0] < 0.8
 
 
-@pytest.mark.slow  # 0.8 s
-def test_ur10_has_the_pairs_one_expects_and_exact_gradients(
-    example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    path = example_path("ur10_robot.urdf")
-    if not list(path.parents[1].glob("meshes/ur10/collision/*.stl")):
-        pytest.skip("the meshes of the UR10 are not installed")
-    scene = load_scene(path, load_quietly(path))
-    assert ("base_link", "forearm_link") in scene.pairs
-    assert ("upper_arm_link", "wrist_1_link") in scene.pairs
-    assert ("upper_arm_link", "forearm_link") not in scene.pairs
-    assert scene.ignored == ()
-    assert np.all(distances(scene, np.array([[0.0, -1.0, 0.5, 0.3, 0.2, 0.1]])) > 0)
-    folded = distances(scene, np.array([[0.0, -1.6, 3.1, 0.0, 0.0, 0.0]]))
-    assert folded.min() < 0
-
-
 # Processes
 
 

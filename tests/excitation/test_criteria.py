@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import seaid
 from seaid._arrays import Array
-from seaid.errors import ExcitationError, RobotError
+from seaid.errors import ExcitationError
 from seaid.excitation import criteria, excitation_measures
 from seaid.excitation.criteria import (
     CRITERIA,
@@ -184,8 +184,3 @@ def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.Mon
     expected = pivoted_base(robot).columns
     monkeypatch.setattr(criteria, "_random_rows", rounded_otherwise)
     assert pivoted_base(robot).columns == expected
-
-
-def test_unknown_row_offers_the_nearest() -> None:
-    with pytest.raises(RobotError, match="did you mean 'ankle_pitch'"):
-        pivoted_base(robots()["leg"], ["ankle_pich"])

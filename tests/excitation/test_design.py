@@ -46,13 +46,6 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.trajectory.prismatic_joints == ("rail",)
 
 
-@pytest.mark.slow  # a search for a motion of the leg
-def test_a_search_that_still_falls_says_so(leg: Robot) -> None:
-    with pytest.warns(SeaidWarning, match=r"iteration limit \(30\) while the criterion was still"):
-        found = design_excitation(leg, 10.0, starts=1, iterations=30)
-    kept(leg, found, None)
-
-
 def interrupting(after: int) -> Any:
     calls = 0
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid.errors import ExcitationError, SeaidError
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, cross_check
 from seaid.regressor.base import grouped_text, left_to_right, negligible
@@ -112,11 +112,6 @@ def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> 
     assert alone.names == ("mx_one_link", "mz_one_link", "Iyy_one_link")
     assert len(base_parameters(robot, motion).columns) == 6
     assert len(base_parameters(robot, torque_joints=("one",)).columns) == 6
-
-
-def test_unknown_row_names_the_nearest(tulip_leg: Robot) -> None:
-    with pytest.raises(RobotError, match="did you mean 'knee_pitch'"):
-        base_parameters(tulip_leg, torque_joints=("knee_pich",))
 
 
 def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:

@@ -139,7 +139,6 @@ def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -
 # Torques by independent routes
 
 
-QUICK = ("panda", "ur5_gripper", "xarm7")
 MIMICS = [path for path in example_urdfs() if b"<mimic" in path.read_bytes()]
 
 
@@ -336,21 +335,6 @@ def check_same_base(robot: Robot) -> None:
     exact, numeric = seaid.symbolic.base_parameters(robot), seaid.base_parameters(robot)
     assert exact.columns == numeric.columns
     np.testing.assert_allclose(exact.grouping, numeric.grouping, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(  # up to seconds each
-            path, id=path.stem, marks=() if path.stem in QUICK else pytest.mark.slow
-        )
-        for path in MIMICS
-    ],
-)
-def test_exact_base_parameters_are_the_numeric_ones(path: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SeaidWarning)
-        check_same_base(seaid.load_robot(path))
 
 
 @pytest.mark.parametrize("multiplier", [-1, 2, 0.5, -1.5, 0.37, 1.13446, -12])

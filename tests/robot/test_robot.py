@@ -16,6 +16,7 @@ from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot import Payload, Robot
+from seaid.robot.inertia import parameter_names
 from tests.plants import write_robot
 from tests.regressor.trees import Joint, joints, joints_of
 
@@ -108,6 +109,7 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     robot = load_robot(path, payloads=[payload], **options)
     assert robot.joint_names == tuple(order)
     assert robot.body_names == tuple(f"l{name[1:]}" for name in order)
+    assert robot.parameter_names == parameter_names(robot.body_names)
     assert robot.is_prismatic == tuple(tree[int(x[1:]) - 1][0] == "prismatic" for x in order)
     theirs, state = own_reader(path), states(len(order))
     theirs.gravity.linear = np.array(gravity)

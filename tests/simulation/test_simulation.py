@@ -93,16 +93,6 @@ def test_halving_the_step_shows_the_fourth_order(write_chain: Chain) -> None:
     assert steps[0] / steps[1] == pytest.approx(16, rel=0.1)
 
 
-def test_halving_the_step_converges_through_stick_and_slip(write_chain: Chain) -> None:
-    plant = plant_of(pendulum(write_chain, SPRING))
-    state = at_rest()
-    state[JOINT_POSITION] = 1.0
-    ends = [run_of_one(plant, state, lambda _: 0.0, 0.5, h)[-1] for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
-    errors = [np.linalg.norm(one - ends[-1]) for one in ends[:-1]]
-    assert errors[2] < 0.5 * errors[0]
-    assert errors[2] < 1e-3 * np.linalg.norm(ends[-1])
-
-
 @cache
 def leg_motion() -> Motion:
     """Return two and a half seconds with the leg and its test mass."""
