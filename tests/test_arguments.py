@@ -37,27 +37,13 @@ def given() -> dict[str, Any]:
 
 
 PAYLOAD = seaid.Payload("foot", 2.0)
+CONDITIONS = {"cold": "log", "warm": "log"}
 CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
-    (
-        "identify",
-        ["a/leg.urdf", "log"],
-        {},
-        r"robot= must be a Robot, found the text 'a/leg\.urdf'",
-    ),
-    (
-        "identify",
-        ["log", "robot"],
-        {},
-        r"robot and logs are swapped; write identify\(robot, logs\)",
-    ),
+    ("identify", ["a/leg.urdf", "log"], {}, r"must be a Robot, found the text 'a/leg\.urdf'"),
+    ("identify", ["log", "robot"], {}, r"are swapped; write identify\(robot, logs\)"),
     ("identify", ["robot", None], {}, r"found None; make one with seaid\.read_log\(path, robot\)"),
     ("compare_terms", ["robot", ["log", 3]], {}, "or a list of these, found a list with 3"),
-    (
-        "identify",
-        ["robot", "log"],
-        {"torque_joints": 3},
-        "torque_joints= must be a name or a list of names, found 3",
-    ),
+    ("identify", ["robot", "log"], {"torque_joints": 3}, "s= must be .* a list of names, found 3"),
     (
         "identify",
         ["robot", "no.csv"],
@@ -65,36 +51,16 @@ CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
         r"method=: no method is named 'twostep'; did you mean 'two-step'\? allowed: auto, two-step",
     ),
     ("identify", ["robot", "log"], {"method": 2}, "must be 'auto', 'two-step' or 'simultaneous'"),
-    (
-        "identify",
-        ["robot", "log"],
-        {"estimater": "ols"},
-        "identify: no argument is named 'estimater'",
-    ),
+    ("identify", ["robot", "log"], {"estimater": "ols"}, "no argument is named 'estimater'"),
     ("identify", ["robot", "log", ["a"]], {}, "takes at most 2 arguments without a name, found 3"),
     ("cross_validate", ["robot", "log"], {"cutoff": 8.0}, "did you mean 'cutoff_hz'"),
     ("identify", ["robot", "log"], {"cutoff_hz": "8"}, "must be a number, found the text '8'"),
     ("load_robot", ["leg.urdf"], {"payloads": PAYLOAD}, r"put it into a list: payloads=\["),
     ("write_drives", ["robot", "drives.toml"], {}, "drives= must be a mapping, found a Robot"),
     ("read_log", ["run.csv"], {}, r"robot is missing: write read_log\(path, robot\); make it with"),
-    (
-        "identifiability",
-        ["robot", "deflection"],
-        {},
-        "sensors= must be a list of names or a mapping",
-    ),
-    (
-        "identify_conditions",
-        [{"cold": "log", "warm": "log"}],
-        {},
-        r"condition 'cold' must be \(robot, logs\), found 'log'",
-    ),
-    (
-        "write_report",
-        ["robot", "a.html", "result"],
-        {},
-        "identification= must be an Identification",
-    ),
+    ("identifiability", ["robot", "deflection"], {}, "must be a list of names or a mapping"),
+    ("identify_conditions", [CONDITIONS], {}, r"'cold' must be \(robot, logs\), found 'log'"),
+    ("write_report", ["robot", "a.html", "result"], {}, "must be an Identification"),
 ]
 """[(function, its arguments, in which names stand for what is at hand, words of the error)]."""
 

@@ -37,21 +37,12 @@ def signals(seed: int = 0, count: int = 20) -> dict[str, Array]:
 
 FRICTION = ("viscous_friction", "coulomb_friction")
 SPRING = ("stiffness", "spring_offset")
+OFFSET, ROTOR = "friction_offset", "motor_inertia"
 NO_ROTOR = replace(ROTARY, friction=("coulomb",), motor_inertia_kg_m2=None)
 COLUMNS: list[tuple[Any, Drive, tuple[str, ...], str]] = [
     (motor_equation, LINEAR, (*FRICTION, *SPRING), "N m s/rad, N m, N/m, N"),
-    (
-        motor_equation,
-        NO_ROTOR,
-        ("coulomb_friction", *SPRING, "motor_inertia"),
-        "N m, N m/rad, N m, kg m^2",
-    ),
-    (
-        motor_equation,
-        STIFF,
-        (*FRICTION, "friction_offset", "motor_inertia"),
-        "N m s/rad, N m, N m, kg m^2",
-    ),
+    (motor_equation, NO_ROTOR, ("coulomb_friction", *SPRING, ROTOR), "N m, N m/rad, N m, kg m^2"),
+    (motor_equation, STIFF, (*FRICTION, OFFSET, ROTOR), "N m s/rad, N m, N m, kg m^2"),
     (spring_equation, LINEAR, SPRING, "N/m, N"),
 ]
 

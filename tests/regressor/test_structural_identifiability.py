@@ -72,7 +72,9 @@ def assert_is_exact(found: Identifiability, robot: Robot, conditions: Sequence[R
 
 # One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
 
+BY_CURRENT: tuple[Sensor, ...] = (*BOTH, "motor_current")
 CURRENT = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
+VOLTAGE = {"voltage_constant of a", "back_emf_damping of a"}
 NO_ROTOR: dict[str, Any] = {"motor_inertia_kg_m2": None}
 KNOWN_STIFFNESS = {**NO_ROTOR, "known": ["stiffness"]}
 KNOWN_CONSTANT = {
@@ -100,26 +102,11 @@ KNOWN_CONSTANT = {
         (("joint_position", "motor_torque"), {}, set(), set()),
         (("motor_torque", "joint_torque"), {}, set(), set()),
         ((), {}, set(), set()),
-        ((*BOTH, "motor_current"), {}, EVERYTHING | {"torque_constant of a"}, set()),
-        ((*BOTH, "motor_current"), {"drive": NO_ROTOR}, set(), CURRENT),
-        (
-            (*BOTH, "motor_current"),
-            {"drive": KNOWN_STIFFNESS},
-            CURRENT - {"stiffness of a"},
-            set(),
-        ),
-        (
-            (*BOTH, "motor_current"),
-            {"drive": KNOWN_CONSTANT},
-            CURRENT - {"torque_constant of a"},
-            set(),
-        ),
-        (
-            (*BOTH, "motor_voltage", "motor_torque"),
-            {},
-            EVERYTHING | {"voltage_constant of a", "back_emf_damping of a"},
-            set(),
-        ),
+        (BY_CURRENT, {}, EVERYTHING | {"torque_constant of a"}, set()),
+        (BY_CURRENT, {"drive": NO_ROTOR}, set(), CURRENT),
+        (BY_CURRENT, {"drive": KNOWN_STIFFNESS}, CURRENT - {"stiffness of a"}, set()),
+        (BY_CURRENT, {"drive": KNOWN_CONSTANT}, CURRENT - {"torque_constant of a"}, set()),
+        ((*BOTH, "motor_voltage", "motor_torque"), {}, EVERYTHING | VOLTAGE, set()),
     ],
 )
 def test_pendulum_by_hand(

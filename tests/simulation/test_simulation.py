@@ -197,14 +197,8 @@ def test_rate_of_the_log(rate_hz: float, duration: float, write_chain: Chain) ->
             "'coulomb_width_rad_per_s' is not given; a simulation needs a nominal",
         ),
         (replace(STIFF, friction=("coulomb", "load")), "'load_friction' is not given"),
-        (
-            replace(SPRING, spring=("linear", "cubic")),
-            "'cubic_stiffness_Nm_per_rad3' is not given",
-        ),
-        (
-            replace(SPRING, joint_friction=("viscous",)),
-            "'joint_viscous_friction_Nms_per_rad' is not given",
-        ),
+        (replace(SPRING, spring=("linear", "cubic")), "'cubic_stiffness_Nm_per_rad3' is not giv"),
+        (replace(SPRING, joint_friction=("viscous",)), "'joint_viscous_friction_Nms_per_rad' is"),
         (replace(STIFF, motor_input="current"), "'torque_constant_Nm_per_A' is not given, or zer"),
     ],
 )

@@ -98,11 +98,7 @@ def test_directions_that_coincide_through_sliding_joints_are_named(
     [
         (None, ("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
         (None, ("ankle_pitch", "hip_yaw"), None),
-        (
-            ("ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"),
-            ("knee_pitch", "hip_pitch"),
-            None,
-        ),
+        (("ankle_pitch", "hip_pitch", "knee_pitch"), ("knee_pitch", "hip_pitch"), None),
     ],
 )
 def test_known_torques_only(
@@ -171,20 +167,15 @@ def test_floating_base_is_that_of_pinocchios_free_flyer(
     check_floating(exact, load_quietly(example_path(name), base="floating"))
 
 
+ENERGY: dict[str, Any] = {"through": "energy"}
+
+
 @pytest.mark.parametrize(
     ("options", "error", "words"),
     [
-        (
-            {"through": "energy", "torque_joints": ("knee_pitch",)},
-            SymbolicError,
-            r'through="energy", but only through="torque"',
-        ),
+        (ENERGY | {"torque_joints": ("knee_pitch",)}, SymbolicError, 'only through="torque"'),
         ({"through": "torques"}, SymbolicError, "did you mean 'torque'"),
-        (
-            {"through": "energy", "floating_base": True},
-            SymbolicError,
-            "floating_base=True needs",
-        ),
+        (ENERGY | {"floating_base": True}, SymbolicError, "floating_base=True needs"),
         ({"torque_joints": ("knee_pich",)}, RobotError, "did you mean 'knee_pitch'"),
         ({"torque_joints": ()}, SymbolicError, "at least one joint name"),
         ({"torque_joints": "knee_pitch"}, SymbolicError, "found 'knee_pitch'"),
