@@ -12,8 +12,16 @@ from seaid._arrays import Array
 from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.robot import Robot
+from tests.plants import write_robot
 
 RATE_HZ = 1000.0
+
+
+def state_space(mass: Array, stiffness: Array, damping: Array) -> tuple[Array, Array]:
+    """Return A and B of positions and their speeds, driven at the first mass."""
+    inverse, nothing = np.linalg.inv(mass), np.zeros_like(mass)
+    A = np.block([[nothing, np.eye(len(mass))], [-inverse @ stiffness, -inverse @ damping]])
+    return A, np.vstack([nothing[:, :1], inverse[:, :1]])
 
 
 @dataclass(frozen=True)
@@ -36,9 +44,7 @@ class TwoMass:
         pull = np.array([[1 / N**2, -1 / N], [-1 / N, 1.0]])
         stiffness = k * pull + np.diag([0.0, self.gravity])
         damping = c * pull + np.diag([self.friction, 0.0])
-        inverse = np.linalg.inv(mass)
-        A = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
-        return A, np.vstack([np.zeros((2, 1)), inverse[:, :1]])
+        return state_space(mass, stiffness, damping)
 
     def response(self, hz: Array) -> Array:
         """The exact response from motor torque to motor angle [rad/(N m)]."""
@@ -100,16 +106,13 @@ class TwoMass:
         mass = max(1.0, 2 * weight**2 / self.load)
         length = weight / mass
         inertia = self.load - mass * length**2
-        path = folder / "pendulum.urdf"
-        path.write_text(
-            '<robot name="pendulum"><link name="base"/><link name="body"><inertial>'
-            f'<origin xyz="0 0 {-length}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" '
-            f'izz="{inertia}"/></inertial></link>'
-            '<joint name="arm" type="revolute"><parent link="base"/><child link="body"/>'
-            '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="9"/>'
-            "</joint></robot>"
+        body = (
+            f'<inertial><origin xyz="0 0 {-length}"/><mass value="{mass}"/><inertia '
+            f'ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{inertia}"/></inertial>'
         )
+        limit = '<limit lower="-3" upper="3" effort="50" velocity="9"/>'
+        joint = f'revolute base body <axis xyz="0 1 0"/>{limit}'
+        path = write_robot(folder / "pendulum.urdf", {"arm": joint}, body)
         drive = {
             "type": "series_elastic",
             "gear_ratio": self.gear_ratio,
@@ -148,9 +151,7 @@ class ThreeMass(TwoMass):
         weight = np.diag([0.0, self.gravity * (1 - self.outer), self.gravity * self.outer])
         stiffness = k * pull + self.outer_stiffness * second + weight
         damping = c * pull + self.outer_damping * second + np.diag([self.friction, 0.0, 0.0])
-        inverse = np.linalg.inv(mass)
-        A = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ damping]])
-        return A, np.vstack([np.zeros((3, 1)), inverse[:, :1]])
+        return state_space(mass, stiffness, damping)
 
     @property
     def modes(self) -> Array:

@@ -19,6 +19,7 @@ from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_force
 from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equation, known_values
 from seaid.drives.regressor import flat_names
+from seaid.drives.terms import FrictionTerm
 from seaid.estimation import estimator_named
 from seaid.identification import Identification
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
@@ -63,6 +64,59 @@ def arm(folder: Path, one: Drive, two: Drive, **options: Any) -> Robot:
 def with_terms(drive: Any, terms: Mapping[str, Any], values: Mapping[str, float]) -> Any:
     """Return a drive with other terms and the true values of what they bring."""
     return replace(drive, **terms).with_values(values)
+
+
+def stiff(values: Mapping[str, float], **terms: Any) -> StiffDrive:
+    """Return the stiff drive with other terms, and values of what they bring."""
+    return with_terms(STIFF, terms, values)  # type: ignore[no-any-return]
+
+
+def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
+    """Return the elastic drive with other terms, and values of what they bring."""
+    return with_terms(ELASTIC, terms, values)  # type: ignore[no-any-return]
+
+
+# Drives with all terms of a kind
+
+DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
+TERMS = (*DRY, "asymmetric", "quadratic", "load", "stribeck")
+FRICTION: Mapping[str, float] = {
+    "asymmetric_friction": 1e-4,
+    "quadratic_friction": 1e-6,
+    "load_friction": 0.2,
+    "stribeck_friction": 0.01,
+    "stribeck_speed": 6.0,
+}
+PARALLEL = {"parallel_stiffness": 3.0, "parallel_preload": 1.0}
+AT_JOINT = {"joint_viscous_friction": 0.1, "joint_coulomb_friction": 0.2}
+CUBIC = elastic(
+    {"cubic_stiffness": 2e4, "deflection_zero": 0.01, "spring_offset": 1.0, **FRICTION},
+    spring=("linear", "cubic", "preload"),
+    friction=TERMS,
+)
+FULL: SeriesElasticDrive = with_terms(
+    CUBIC,
+    {"parallel_spring": ("linear", "preload"), "joint_friction": DRY},
+    {**PARALLEL, **AT_JOINT},
+)
+HEAVY = stiff(
+    {**FRICTION, "friction_offset": 0.01, **PARALLEL},
+    friction=(*TERMS, "offset"),
+    parallel_spring=("linear", "preload"),
+)
+SMOOTH = stiff(
+    {"coulomb_width": 2.0, "coulomb_shift": 0.5, "load_friction": 0.2},
+    friction=("viscous", "shifted_coulomb", "load"),
+)
+COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
+
+
+def arm_of(folder: Path, one: Drive, two: Drive, is_coupled: bool = False) -> Robot:
+    """Return the arm with two drives, each of which may move both joints."""
+    if is_coupled:
+        one = replace(one, transmission=COUPLED["one"])
+        two = replace(two, transmission=COUPLED["two"])
+    return arm(folder, one, two)
 
 
 Case = tuple[dict[str, Any], dict[str, float]]

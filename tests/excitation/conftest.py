@@ -35,17 +35,9 @@ def slider_arm(tmp_path_factory: pytest.TempPathFactory, slider_arm_text: str) -
     return load_robot(path)
 
 
-MODELS = Path(__file__).parents[2] / "models"
-
-
 @pytest.fixture(scope="session")
-def leg() -> Robot:
-    return load_robot(MODELS / "tulip_leg.urdf").without_nominal()
-
-
-@pytest.fixture(scope="session")
-def elastic_leg() -> Robot:
-    return load_robot(MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml")
+def leg(tulip_urdf: Path) -> Robot:
+    return load_robot(tulip_urdf).without_nominal()
 
 
 @pytest.fixture(scope="session")

@@ -140,9 +140,9 @@ def log_of(robot: Robot, found: Excitation) -> Log:
 
 @pytest.mark.slow  # a search for each criterion
 @pytest.mark.parametrize("drives", [False, True])
-def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> None:
+def test_each_criterion_is_best_at_its_own(tulip_leg: Robot, drives: bool) -> None:
     plans = {
-        name: longer(elastic_leg, criterion=name, drive_parameters=drives, iterations=60)
+        name: longer(tulip_leg, criterion=name, drive_parameters=drives, iterations=60)
         for name in CRITERIA
     }
     kappa = {
@@ -152,7 +152,7 @@ def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> 
     }
     assert plans["condition_number"].value == pytest.approx(kappa["condition_number"], rel=1e-9)
     assert kappa["condition_number"] < kappa["d_optimality"]
-    worst = {name: relative_errors(elastic_leg, found).max() for name, found in plans.items()}
+    worst = {name: relative_errors(tulip_leg, found).max() for name, found in plans.items()}
     assert worst["relative_error"] < 0.8 * min(worst["d_optimality"], worst["condition_number"])
     assert plans["d_optimality"].value < np.exp(
         -np.mean(np.log(plans["condition_number"].singular_values))
@@ -174,11 +174,11 @@ def relative_errors(robot: Robot, found: Excitation) -> Any:
 
 @pytest.mark.slow  # many estimates of the leg
 @pytest.mark.rounding
-def test_expected_standard_errors_are_those_of_white_noise(elastic_leg: Robot) -> None:
-    found = longer(elastic_leg, torque_std=0.5)
+def test_expected_standard_errors_are_those_of_white_noise(tulip_leg: Robot) -> None:
+    found = longer(tulip_leg, torque_std=0.5)
     time = np.linspace(0, 6, 6001)
-    base = pivoted_base(elastic_leg)
-    target = load_target(elastic_leg, None, base)
+    base = pivoted_base(tulip_leg)
+    target = load_target(tulip_leg, None, base)
     H = stacked_regressor(target, time, found.trajectory.sample(time))
     expected = 0.5 * np.sqrt(np.diag(np.linalg.inv(H.T @ H)))
     np.testing.assert_allclose(found.standard_errors, expected, rtol=0.02)

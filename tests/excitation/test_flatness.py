@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,65 +22,32 @@ from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loa
 from seaid.excitation.observation_matrix import drive_target, stacked_regressor
 from seaid.regressor import base_parameters, joint_torques, motor_regressor
 from seaid.regressor.load import load_model
-from seaid.robot import Robot
 from tests import terms
 from tests.excitation.robots import assert_gradient, smooth_motion
 from tests.representatives import quick_first
-from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
+from tests.terms import (
+    CUBIC,
+    DRY,
+    ELASTIC,
+    FRICTION,
+    FULL,
+    HEAVY,
+    SMOOTH,
+    STIFF,
+    TERMS,
+    arm,
+    arm_of,
+    elastic,
+    exact_motion,
+    slope,
+    value_of,
+    with_terms,
+)
 
-DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 SHARP = np.full(2, 1e-7)
 LIMITED = Limits(joint_torque=50.0, motor_torque=0.5, motor_speed=400.0, deflection=0.1)
-COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
-BESIDE = {
-    "parallel_stiffness": 3.0,
-    "parallel_preload": 1.0,
-    "joint_viscous_friction": 0.1,
-    "joint_coulomb_friction": 0.2,
-}
-FRICTION: Mapping[str, float] = {
-    "asymmetric_friction": 1e-4,
-    "quadratic_friction": 1e-6,
-    "load_friction": 0.2,
-    "stribeck_friction": 0.01,
-    "stribeck_speed": 6.0,
-}
-TERMS = (*DRY, "asymmetric", "quadratic", "load", "stribeck")
-BOTH = ("linear", "preload")
-
-
-def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
-    return with_terms(ELASTIC, terms, values)  # type: ignore[no-any-return]
-
-
-CUBIC = elastic(
-    {"cubic_stiffness": 2e4, "deflection_zero": 0.01, "spring_offset": 1.0, **FRICTION},
-    spring=("linear", "cubic", "preload"),
-    friction=TERMS,
-)
-FULL = with_terms(
-    CUBIC, {"parallel_spring": BOTH, "joint_friction": ("viscous", "coulomb")}, BESIDE
-)
 FLUID = FULL.with_values({"joint_coulomb_friction": 0.0})
 """Dry friction at the joint lets a spring's torque jump, and its motor."""
-
-HEAVY = with_terms(
-    STIFF,
-    {"friction": (*TERMS, "offset"), "parallel_spring": BOTH},
-    {**FRICTION, "friction_offset": 0.01, "parallel_stiffness": 3.0, "parallel_preload": 1.0},
-)
-SMOOTH = with_terms(
-    STIFF,
-    {"friction": ("viscous", "shifted_coulomb", "load")},
-    {"coulomb_width": 2.0, "coulomb_shift": 0.5, "load_friction": 0.2},
-)
-
-
-def robot_of(folder: Path, one: Drive, two: Drive, is_coupled: bool = False) -> Robot:
-    if is_coupled:
-        one = replace(one, transmission=COUPLED["one"])
-        two = replace(two, transmission=COUPLED["two"])
-    return arm(folder, one, two)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +58,9 @@ def robot_of(folder: Path, one: Drive, two: Drive, is_coupled: bool = False) -> 
             {"fifth_stiffness": 1e7, "cubic_stiffness": -1e3, "spring_offset": 2.0},
             spring=("linear", "cubic", "fifth", "preload"),
         ),
-        elastic({"spring_offset": 2.0, "spring_damping": 1.0}, spring=(*BOTH, "damping")),
+        elastic(
+            {"spring_offset": 2.0, "spring_damping": 1.0}, spring=("linear", "preload", "damping")
+        ),
     ],
 )
 def test_stretch_of_a_spring_gives_back_its_force(drive: SeriesElasticDrive) -> None:
@@ -136,7 +104,7 @@ def test_loads_obey_the_equations(
     time, rate_hz = terms.TIME[::2], terms.RATE_HZ / 2
     monkeypatch.setattr(terms, "TIME", time)
     monkeypatch.setattr(terms, "RATE_HZ", rate_hz)
-    robot = robot_of(tmp_path, one, two, is_coupled)
+    robot = arm_of(tmp_path, one, two, is_coupled)
     C, states = robot.transmission, exact_motion(arm(tmp_path, STIFF, ELASTIC)).joint_states
     limits = drive_limits(robot, LIMITED, SHARP)
     assert limits is not None
@@ -171,7 +139,7 @@ def test_gradient_of_loads_equals_differences(
     one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
 ) -> None:
     """Along a periodic motion, after the limits went to another process."""
-    found = drive_limits(robot_of(tmp_path, one, two, is_coupled), LIMITED, np.full(2, 2.0))
+    found = drive_limits(arm_of(tmp_path, one, two, is_coupled), LIMITED, np.full(2, 2.0))
     assert found is not None
     bounds = pickle.loads(pickle.dumps(found))
     basis, time = FourierBasis(3, 4.0), np.linspace(0.0, 3.9, 50)
@@ -212,7 +180,7 @@ DRIVEN = elastic({"torque_constant": 0.05, **FRICTION}, motor_input="current", f
 def test_gradient_of_the_columns_of_all_terms(
     one: Drive, two: Drive, is_coupled: bool, tmp_path: Path
 ) -> None:
-    robot = robot_of(tmp_path, one, two, is_coupled)
+    robot = arm_of(tmp_path, one, two, is_coupled)
     target = drive_target(robot, None, base_parameters(robot), np.full(2, 2.0))
     nonlinear = {"cubic_stiffness", "coulomb_shift", "dead_zone", "torque_constant"}
     assert nonlinear & {name.split(" of ")[0] for name in target.names}
@@ -225,7 +193,7 @@ def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_pat
     parallel = {"parallel_stiffness": 3.0}
     one = with_terms(STIFF, {"parallel_spring": ("linear",)}, parallel)
     two = elastic({"joint_viscous_friction": 0.1}, joint_friction=("viscous",))
-    robot = robot_of(tmp_path, one, two, is_coupled)
+    robot = arm_of(tmp_path, one, two, is_coupled)
     base, model = base_parameters(robot), load_model(robot, base_parameters(robot), ("one", "two"))
     target = drive_target(robot, None, base, SHARP)
     time, states = smooth_motion(robot, 99, 0.2)

@@ -131,7 +131,7 @@ QUICK: dict[str, Any] = {"duration": 6.0, "starts": 1, "iterations": 25, "coeffi
 
 
 @pytest.mark.slow  # 1.5 s
-def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> None:
+def test_limits_on_drives_hold_between_the_samples_too(tulip_leg: Robot) -> None:
     limits = Limits(
         velocity=2.5,
         joint_torque={"hip_pitch": 6.0},
@@ -139,9 +139,9 @@ def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> No
         motor_speed=300.0,
         deflection={"knee_pitch": 0.0022},
     )
-    free = plan(elastic_leg, **QUICK, limits=Limits(velocity=2.5))
-    found = plan(elastic_leg, **QUICK, limits=limits)
-    bounds = drive_limits(elastic_leg, limits, np.full(5, 2.5))
+    free = plan(tulip_leg, **QUICK, limits=Limits(velocity=2.5))
+    found = plan(tulip_leg, **QUICK, limits=limits)
+    bounds = drive_limits(tulip_leg, limits, np.full(5, 2.5))
     assert bounds is not None
     time = np.linspace(0, 6, 2401)
     loads = np.abs(drive_loads(bounds, time, found.trajectory.sample(time))).max(axis=1)
@@ -155,31 +155,31 @@ def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> No
     assert np.isfinite(found.condition_number)
 
 
-def test_effort_of_the_file_is_the_default_and_can_be_lifted(elastic_leg: Robot) -> None:
-    found = drive_limits(elastic_leg, Limits(), np.ones(5))
+def test_effort_of_the_file_is_the_default_and_can_be_lifted(tulip_leg: Robot) -> None:
+    found = drive_limits(tulip_leg, Limits(), np.ones(5))
     assert found is not None
-    np.testing.assert_array_equal(found.largest[0], elastic_leg.effort_limits)
+    np.testing.assert_array_equal(found.largest[0], tulip_leg.effort_limits)
     assert not np.any(np.isfinite(found.largest[1:]))
-    assert drive_limits(elastic_leg, Limits(joint_torque=np.inf), np.ones(5)) is None
-    assert drive_limits(elastic_leg.without_nominal(), Limits(), np.ones(5)) is None
-    stiff = drive_limits(elastic_leg, Limits(deflection=0.1, joint_torque=np.inf), np.ones(5))
+    assert drive_limits(tulip_leg, Limits(joint_torque=np.inf), np.ones(5)) is None
+    assert drive_limits(tulip_leg.without_nominal(), Limits(), np.ones(5)) is None
+    stiff = drive_limits(tulip_leg, Limits(deflection=0.1, joint_torque=np.inf), np.ones(5))
     assert stiff is not None
     np.testing.assert_array_equal(np.isfinite(stiff.largest[3]), [False, False, True, True, True])
 
 
-def test_a_limit_that_the_middle_breaks_is_kept_by_going_elsewhere(elastic_leg: Robot) -> None:
+def test_a_limit_that_the_middle_breaks_is_kept_by_going_elsewhere(tulip_leg: Robot) -> None:
     """With the thigh level in the middle of its range, gravity alone breaks the limit there."""
     level = Limits(
         lower={"hip_pitch": -2.2, "knee_pitch": 0.05},
         upper={"hip_pitch": -0.1, "knee_pitch": 0.9},
         joint_torque={"hip_pitch": 6.5},
     )
-    found = plan(elastic_leg, **QUICK, limits=level)
+    found = plan(tulip_leg, **QUICK, limits=level)
     assert found.margins.joint_torque is not None
     assert np.min(found.margins.joint_torque) >= 0
     still = np.zeros((1, 5))
     middle = 0.5 * (found.limits.lower + found.limits.upper)[None]
-    assert abs(joint_torques(elastic_leg, middle, still, still)[0, 2]) > 6.5
+    assert abs(joint_torques(tulip_leg, middle, still, still)[0, 2]) > 6.5
 
 
 @pytest.mark.slow  # 2.2 s
@@ -194,8 +194,6 @@ def test_a_limit_that_the_middle_breaks_is_kept_by_going_elsewhere(elastic_leg: 
         (Limits(deflection=1e-7), r"within its deflection limit, 1e-07 rad \(or m\)"),
     ],
 )
-def test_limits_that_cannot_be_kept_are_named(
-    elastic_leg: Robot, limits: Limits, words: str
-) -> None:
+def test_limits_that_cannot_be_kept_are_named(tulip_leg: Robot, limits: Limits, words: str) -> None:
     with pytest.raises(ExcitationError, match=words):
-        plan(elastic_leg, **QUICK, limits=limits)
+        plan(tulip_leg, **QUICK, limits=limits)
