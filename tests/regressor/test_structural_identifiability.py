@@ -1,12 +1,11 @@
-"""Which sensors tell what: by hand, by laws, against base parameters, and by solving."""
+"""Which sensors tell what: by hand, by laws, and against base parameters."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,13 @@ from seaid._arrays import Array
 from seaid.drives.equations import N, r_L, r_M
 from seaid.errors import RobotError
 from seaid.legged import load_robot
-from seaid.regressor import Identifiability, base_parameters, identifiability, joint_torques
+from seaid.regressor import base_parameters, identifiability, joint_torques
 from seaid.regressor.motor_only import _instant, _rows
 from seaid.regressor.random_instants import _instants, dependencies, random_truth, rows_of_sums
 from seaid.regressor.sensor_equations import STRETCH, STRETCH_DOT, plain, system_of
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
 from seaid.robot import Payload, Robot
 from tests.plants import tree
-from tests.regressor.exact_decision import exact_decision
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 from tests.representatives import quick_first
 
@@ -54,20 +52,6 @@ def pendulum(write_chain: Chain, axis: str = "0 1 0", **options: Any) -> Robot:
     return load_robot(
         write_chain({"a": f'continuous <axis xyz="{axis}"/>'}), {"a": drive}, **options
     )
-
-
-def assert_is_exact(found: Identifiability, robot: Robot, conditions: Sequence[Robot] = ()) -> None:
-    """Compare an answer with that of the same equations modulo a prime, without rounding."""
-    sensors = {joint: frozenset(names) for joint, names in found.sensors.items()}
-    exact = exact_decision(robot, sensors, conditions)
-    assert found.base.columns == exact.columns
-    # Directions that coincide up to the digits of a file's angle are apart as rationals only.
-    assert not np.any((found.base.grouping != 0) & ~exact.pattern)
-    assert found.rank == exact.rank
-    of_groups = zip(found.base.names, found.base.expressions, strict=True)
-    scaled = set(chain(*found.ratios))
-    assert {name for name, text in of_groups if text in scaled} == exact.coupled
-    assert found.agree
 
 
 # One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
@@ -119,7 +103,8 @@ def test_pendulum_by_hand(
     """What is determined alone, up to a common factor, and not at all."""
     robot = pendulum(write_chain, **options)
     found = identifiability(robot, sensors)
-    assert_is_exact(found, robot)
+    assert found.agree
+    assert found.base.grouping.shape == (len(found.base.columns), len(found.names))
     assert set(found.identifiable) == alone
     assert {name for group in found.ratios for name in group} == up_to_a_factor
     assert len(found.ratios) == bool(up_to_a_factor)
@@ -135,7 +120,7 @@ def test_known_payload_scales_only_beside_a_log_without_it(write_chain: Chain) -
     loaded = pendulum(write_chain, payloads=[Payload("a_link", 1.0, (0.1, 0.0, 0.2))])
     assert set(identifiability(loaded, BOTH).ratios[0]) == SPRING_OF_A | BODY
     both = identifiability(loaded, BOTH, conditions=[bare])
-    assert_is_exact(both, loaded, [bare])
+    assert both.agree
     assert set(both.identifiable) == SPRING_OF_A | BODY
     assert both.ratios == ()
 
@@ -251,8 +236,8 @@ def test_all_terms_come_along() -> None:
         assert {f"{name} of {joint}" for name in names} <= alone
     assert found.body_count == len(base_parameters(robot).columns)
     unscaled = identifiability(robot, (*BOTH, "motor_current"))
-    assert [len(group) for group in unscaled.ratios] != []
-    assert_is_exact(unscaled, robot)
+    assert (unscaled.rank, [len(group) for group in unscaled.ratios]) == (53, [48])
+    assert unscaled.agree
     sensors: tuple[Sensor, ...] = (*BOTH, "motor_voltage", "motor_torque")
     assert [identifiability(robot, sensors, seed=seed).rank for seed in range(3)] == [58] * 3
 
@@ -277,26 +262,36 @@ def with_springs(path: Path, **options: Any) -> Robot:
     return load_robot(path, {x: y for x, y in drives.items() if y is not None}, **options)
 
 
+ROBOTS: list[tuple[str, bool, list[tuple[int, int]]]] = [
+    ("finger_edu.urdf", True, [(25, 0), (16, 17), (28, 0), (31, 0), (18, 0), (2, 0)]),
+    ("panda.urdf", False, [(65, 0), (46, 47), (73, 0), (81, 0), (56, 0), (4, 0)]),
+    ("ur5_robot.urdf", True, [(51, 0), (34, 35), (57, 0), (63, 0), (42, 0), (4, 0)]),
+    ("xarm7.urdf", True, [(60, 0), (41, 42), (67, 0), (74, 0), (51, 0), (4, 0)]),
+    ("a1.urdf", True, [(93, 0), (39, 42), (104, 24), (117, 0), (77, 0), (6, 0)]),
+    ("ur5_gripper.urdf", False, [(51, 0), (34, 35), (57, 0), (63, 0), (42, 0), (4, 0)]),
+]
+"""Whether mimic joints move by themselves, the rank and what is up to a factor for each of SETS.
+
+These counts are those of the same equations modulo a prime, which has no rounding.
+"""
+
+
 @pytest.mark.rounding
 @pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")
-@pytest.mark.parametrize(
-    ("name", "mimics"),
-    quick_first(
-        [
-            *(("finger_edu.urdf", True), ("panda.urdf", False), ("ur5_robot.urdf", True)),
-            *(("xarm7.urdf", True), ("a1.urdf", True), ("ur5_gripper.urdf", False)),
-        ]
-    ),
-)
-def test_answers_are_those_without_rounding(
-    name: str, mimics: bool, example_path: Callable[[str], Path]
+@pytest.mark.parametrize(("name", "mimics", "counts"), quick_first(ROBOTS))
+def test_counts_are_those_without_rounding(
+    name: str,
+    mimics: bool,
+    counts: list[tuple[int, int]],
+    example_path: Callable[[str], Path],
 ) -> None:
     """Robots of several kinds with drives of several kinds, by several sets of sensors."""
     robot = with_springs(example_path(name), independent_mimics=mimics)
-    for sensors in SETS:
-        assert_is_exact(identifiability(robot, sensors), robot)
-    found, exact = identifiability(robot, SETS[0]), seaid.symbolic.base_parameters(robot)
-    assert found.base.columns[: found.body_count] == exact.columns
+    answers = [identifiability(robot, sensors) for sensors in SETS]
+    assert [(found.rank, sum(map(len, found.ratios))) for found in answers] == counts
+    assert all(found.agree for found in answers)
+    exact = seaid.symbolic.base_parameters(robot)
+    assert answers[0].base.columns[: answers[0].body_count] == exact.columns
 
 
 def test_coupled_drives(write_chain: Chain) -> None:
@@ -314,8 +309,7 @@ def test_coupled_drives(write_chain: Chain) -> None:
         identifiability(robot, sensors)
         for sensors in (None, some | {"c": ("motor_position", "deflection")})
     )
-    for answer in (found, less):
-        assert_is_exact(answer, robot)
+    assert [(answer.rank, answer.agree) for answer in (found, less)] == [(21, True), (18, True)]
     assert found.body_count == len(base_parameters(robot).columns)
     assert "stiffness of c" in found.identifiable
     assert less.ratios == ()
@@ -375,8 +369,9 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
     robot = robot_of(tmp_path_factory.mktemp("tree"), [joint for joint, *_ in tree], drives)
     less, greater = identifiability(robot, few), identifiability(robot, more)
     full = identifiability(robot)
-    for found in (less, greater, full):
-        assert_is_exact(found, robot)
+    assert less.agree
+    assert greater.agree
+    assert full.agree
     assert less.rank <= greater.rank
     assert set(less.identifiable) <= set(greater.identifiable)
     assert full.body_count == len(base_parameters(robot).columns)
