@@ -10,7 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -18,6 +17,7 @@ from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
 from seaid.legged import load_robot
 from seaid.robot import Robot
+from tests.plants import body
 
 if TYPE_CHECKING:
     from seaid.checks.columns import Side
@@ -222,19 +222,8 @@ def write_chain(write_urdf: Callable[[str], Path]) -> Callable[..., Path]:
             link = f"{name}_link"
             text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
             text += f'<child link="{link}"/>{elements}</joint>\n'
-            text += f'<link name="{link}">{"" if link in empty else _body(number)}</link>\n'
+            text += f'<link name="{link}">{"" if link in empty else body(number)}</link>\n'
             parent = link
         return write_urdf(text)
 
     return write
-
-
-def _body(number: int) -> str:
-    rng = np.random.default_rng(number)
-    com, rpy = rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3)
-    ixx, iyy, izz = 0.02 + 0.01 * rng.random(3)
-    return (
-        f'<inertial><origin xyz="{com[0]} {com[1]} {com[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/>'
-        f'<mass value="{1 + rng.random()}"/><inertia ixx="{ixx}" ixy="0.001" ixz="-0.002" '
-        f'iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
-    )

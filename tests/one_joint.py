@@ -8,6 +8,7 @@ from xml.sax.saxutils import quoteattr
 
 from seaid.legged import load_robot
 from seaid.robot import Robot
+from tests.plants import write_robot
 
 BODY = (
     '<inertial><mass value="1"/>'
@@ -17,11 +18,7 @@ BODY = (
 
 def one_joint(folder: Path, kind: str = "revolute", drive: dict[str, Any] | None = None) -> Robot:
     """Write the robot's URDF into a folder and load it."""
-    path = folder / "arm.urdf"
-    path.write_text(
-        f'<robot name="arm"><link name="base"/><link name="body">{BODY}</link><joint name="arm" '
-        f'type="{kind}"><parent link="base"/><child link="body"/></joint></robot>'
-    )
+    path = write_robot(folder / "arm.urdf", {"arm": f"{kind} base body"}, BODY)
     return load_robot(path, {"arm": drive} if drive else None)
 
 

@@ -108,6 +108,18 @@ def regression(H: Array, y: Array, *, unit: str = "kg", **more: Any) -> Regressi
     return Regression(H=H, y=y, **(plain | more | {"joint": joint}))
 
 
+def body(number: int) -> str:
+    """Return the inertia of a link, different for every number."""
+    rng = np.random.default_rng(number)
+    com, rpy = rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3)
+    ixx, iyy, izz = 0.02 + 0.01 * rng.random(3)
+    return (
+        f'<inertial><origin xyz="{com[0]} {com[1]} {com[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/>'
+        f'<mass value="{1 + rng.random()}"/><inertia ixx="{ixx}" ixy="0.001" ixz="-0.002" '
+        f'iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
+    )
+
+
 Bodies = Mapping[str, str] | str
 
 

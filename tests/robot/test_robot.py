@@ -17,7 +17,7 @@ from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot import Payload, Robot
 from seaid.robot.inertia import parameter_names
-from tests.plants import write_robot
+from tests.plants import body, write_robot
 from tests.regressor.trees import Joint, joints, joints_of
 
 Load = Callable[..., Robot]
@@ -59,17 +59,6 @@ def test_joints_and_torques_are_those_of_pinocchios_own_reader(
     assert robot.model.nq == robot.model.nv == robot.n == theirs.nv
     state = states(robot.n)
     assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
-
-
-def body(number: int) -> str:
-    """Return the inertia of a link, different for every number."""
-    rng = np.random.default_rng(number)
-    com, rpy = (" ".join(map(str, rng.uniform(-0.3, 0.3, 3))) for _ in range(2))
-    ixx, iyy, izz = 0.02 + 0.01 * rng.random(3)
-    return (
-        f'<inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{number}"/><inertia ixx="{ixx}" '
-        f'ixy="0.001" ixz="-0.002" iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
-    )
 
 
 @given(

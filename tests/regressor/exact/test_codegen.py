@@ -23,33 +23,12 @@ from seaid.regressor.base import random_states
 from seaid.robot import Robot
 from seaid.symbolic import complete_model, export_c, export_numpy, reduce, rigid_body, separate
 
-ROBOTS = [
-    "ur5_robot.urdf",
-    "xarm7.urdf",
-    "panda.urdf",
-    "tiago_no_hand.urdf",
-    "a1.urdf",
-    "romeo_laas_small.urdf",
-]
 Y_AXIS = '<axis xyz="0 1 0"/>'
 
 
 def assert_close(found: Array, expected: Array) -> None:
     assert found.shape == expected.shape
     assert np.max(np.abs(found - expected)) < 1e-9 * max(1.0, np.max(np.abs(expected)))
-
-
-@pytest.mark.rounding
-@pytest.mark.parametrize("name", ROBOTS)
-def test_regressor_is_that_of_pinocchio(
-    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    robot = load_quietly(example_path(name))
-    states = random_states(robot, seed=3)
-    expected = rigid_body_regressor(robot, *states)
-    form = rigid_body(robot)
-    assert_close(form.regressor(*states), expected)
-    assert_close(form.base_regressor(*states), form.base.reduce(expected))
 
 
 def test_sympy_regressor_of_a_pendulum(write_chain: Callable[..., Path]) -> None:

@@ -66,10 +66,10 @@ def test_any_tree_has_one_answer(
     assert check.agree, (check, tree)
     states = random_states(robot, 0)
     expected = rigid_body_regressor(robot, *states)
-    found = rigid_body(robot).regressor(*states)
-    np.testing.assert_allclose(
-        found, expected, rtol=0, atol=1e-9 * max(1.0, np.max(np.abs(expected)))
-    )
+    form, atol = rigid_body(robot), 1e-9 * max(1.0, np.max(np.abs(expected)))
+    np.testing.assert_allclose(form.regressor(*states), expected, rtol=0, atol=atol)
+    base = form.base.reduce(expected)
+    np.testing.assert_allclose(form.base_regressor(*states), base, rtol=0, atol=atol)
 
 
 def test_directions_that_coincide_through_sliding_joints_are_named(
