@@ -17,7 +17,8 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.log import Log
-from seaid.regressor import Regression
+from seaid.regressor import Regression, joint_torques
+from seaid.robot import Robot
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / ".pytest_cache" / "simulations"
@@ -118,6 +119,20 @@ def body(number: int) -> str:
         f'<mass value="{1 + rng.random()}"/><inertia ixx="{ixx}" ixy="0.001" ixz="-0.002" '
         f'iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
     )
+
+
+def torque_slopes_by_steps(robot: Robot, states: Sequence[Array], step: float) -> Array:
+    """Return the derivatives (3, T, n, n) of torques by q, v and a, by central differences."""
+    slopes = np.empty((3, *states[0].shape, robot.n))
+    for order in range(3):
+        for joint in range(robot.n):
+            ends = []
+            for sign in (1, -1):
+                moved = [state.copy() for state in states]
+                moved[order][:, joint] += sign * step
+                ends.append(joint_torques(robot, *moved))
+            slopes[order, :, :, joint] = (ends[0] - ends[1]) / (2 * step)
+    return slopes
 
 
 Bodies = Mapping[str, str] | str

@@ -27,7 +27,7 @@ from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
 from seaid.view.picture import link_places, placements
 from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
-from tests.plants import tree, write_columns, write_robot
+from tests.plants import torque_slopes_by_steps, tree, write_columns, write_robot
 from tests.regressor.stances import check_floating
 
 Write = Callable[[str], Path]
@@ -169,16 +169,8 @@ def test_regressor_and_slopes_are_those_of_the_torques(gripper: Robot) -> None:
     torque = joint_torques(gripper, q, v, a)
     Y = rigid_body_regressor(gripper, q, v, a)
     np.testing.assert_allclose(Y @ gripper.parameters, torque, atol=1e-11)
-    slopes = torque_slopes(gripper, q, v, a)
-    for kind in range(3):
-        for joint in range(3):
-            step = np.zeros((3, len(q), 3))
-            step[kind, :, joint] = 1e-6
-            plus, minus = (
-                [x + sign * one for x, one in zip((q, v, a), step, strict=True)] for sign in (1, -1)
-            )
-            by_steps = (joint_torques(gripper, *plus) - joint_torques(gripper, *minus)) / 2e-6
-            np.testing.assert_allclose(slopes[kind, :, :, joint], by_steps, atol=2e-6)
+    by_steps = torque_slopes_by_steps(gripper, (q, v, a), 1e-6)
+    np.testing.assert_allclose(torque_slopes(gripper, q, v, a), by_steps, atol=2e-6)
 
 
 # MuJoCo

@@ -65,6 +65,7 @@ from tests.experiments import (
     motion_of,
     with_named_friction,
 )
+from tests.plants import torque_slopes_by_steps
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -437,21 +438,13 @@ def test_drives_that_the_robot_cannot_have_are_refused(
 
 def test_torques_behind_linkages_and_their_slopes_are_those_of_the_bodies() -> None:
     """By the chain rule at the joints, tau_phi = tau_q / rho, and by finite differences."""
-    case, robot, step = case_of("linkages"), case_of("linkages").robot, 1e-6
+    case, robot = case_of("linkages"), case_of("linkages").robot
     q, v, a = np.random.default_rng(0).normal(size=(3, 10, 3))
     expected = case.torques_at_drives(q, rnea(robot, (q, v, a)))
     behind = linkages(q, v, a)
     np.testing.assert_allclose(joint_torques(robot, *behind), expected, rtol=0, atol=1e-11)
-    slopes = torque_slopes(robot, *behind)
-    for order in range(3):
-        for column in range(3):
-            ends = []
-            for sign in (1, -1):
-                moved = [state.copy() for state in behind]
-                moved[order][:, column] += sign * step
-                ends.append(joint_torques(robot, *moved))
-            slope = (ends[0] - ends[1]) / (2 * step)
-            np.testing.assert_allclose(slopes[order, :, :, column], slope, rtol=0, atol=1e-6)
+    by_steps = torque_slopes_by_steps(robot, behind, 1e-6)
+    np.testing.assert_allclose(torque_slopes(robot, *behind), by_steps, rtol=0, atol=1e-6)
 
 
 # Encoders.

@@ -210,14 +210,6 @@ def test_powers_with_a_known_exponent_are_independent_and_cheap() -> None:
     assert time.process_time() - started < 5.0
 
 
-@pytest.mark.slow  # sixty functions at 128 points with 200 digits
-def test_sixty_tanh_are_independent_within_seconds() -> None:
-    unknowns, started = sp.symbols("p1:61"), time.process_time()
-    law = sum(p * sp.tanh(i * x) for i, p in enumerate(unknowns, 1)) - a
-    assert len(reduce(separate(law, [x, a], unknowns)).pivots) == 60
-    assert time.process_time() - started < 10.0
-
-
 def test_exponentials_need_no_check() -> None:
     equation = P[0] * sp.exp(2 * x) + P[1] * (sp.exp(x) + P[2]) * sp.exp(x) - a
     base = reduce(separate(equation, [x, a], P[:3]))
