@@ -12,14 +12,7 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.drives import PARAMETERS_OF
-from seaid.drives.terms import (
-    FrictionTerm,
-    JointFrictionTerm,
-    MotorInput,
-    ParallelSpringTerm,
-    SpringTerm,
-)
+from seaid.drives import PARAMETERS_OF, terms
 from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked, hints_of
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation import BasisName
@@ -134,11 +127,11 @@ def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
         (LinearEstimator, ESTIMATORS),
         (BasisName, [*_LEAST, "multisine"]),  # whose size is that of its frequencies
         (CriterionName, CRITERIA),
-        (MotorInput, PARAMETERS_OF["motor_input"]),
-        (FrictionTerm, PARAMETERS_OF["friction"]),
-        (SpringTerm, PARAMETERS_OF["spring"]),
-        (ParallelSpringTerm, PARAMETERS_OF["parallel_spring"]),
-        (JointFrictionTerm, PARAMETERS_OF["joint_friction"]),
+        (terms.MotorInput, PARAMETERS_OF["motor_input"]),
+        (terms.FrictionTerm, PARAMETERS_OF["friction"]),
+        (terms.SpringTerm, PARAMETERS_OF["spring"]),
+        (terms.ParallelSpringTerm, PARAMETERS_OF["parallel_spring"]),
+        (terms.JointFrictionTerm, PARAMETERS_OF["joint_friction"]),
     ],
 )
 def test_every_name_of_a_choice_has_its_entry(names: Any, table: Any) -> None:

@@ -8,30 +8,22 @@ from pathlib import Path
 import pytest
 
 import seaid
-from seaid.errors import (
-    ExcitationError,
-    IdentificationError,
-    LogError,
-    RobotError,
-    SeaidError,
-    SeaidWarning,
-    SymbolicError,
-    listed,
-    reason_of,
-    shortened,
-    shown,
-    unknown_name,
-    visible,
-)
+from seaid import errors
 from tests.sources import tree_of
 
 
 def test_every_error_is_a_seaid_error_and_keeps_its_arguments() -> None:
     """It is no kind of Python's own, which code might swallow, and comes from other processes."""
-    assert SeaidError.__bases__ == (Exception,)
-    assert SeaidWarning.__bases__ == (UserWarning,)
-    for kind in (RobotError, LogError, ExcitationError, SymbolicError, IdentificationError):
-        assert issubclass(kind, SeaidError)
+    assert errors.SeaidError.__bases__ == (Exception,)
+    assert errors.SeaidWarning.__bases__ == (UserWarning,)
+    for kind in (
+        errors.RobotError,
+        errors.LogError,
+        errors.ExcitationError,
+        errors.SymbolicError,
+        errors.IdentificationError,
+    ):
+        assert issubclass(kind, errors.SeaidError)
         first = kind("no joint moves", "joints=", advice="move some with joints=")
         error = pickle.loads(pickle.dumps(first)).at("leg")
         assert isinstance(error, kind)
@@ -47,41 +39,41 @@ LONG, MANY = "x" * 100_000, [f"column_{k}" for k in range(100_000)]
     ("text", "expected"),
     [
         (
-            unknown_name("joint", "kne_pitch", NAMES),
+            errors.unknown_name("joint", "kne_pitch", NAMES),
             "no joint is named 'kne_pitch'; did you mean 'knee_pitch'? allowed: hip_pitch, "
             "knee_pitch",
         ),
-        (unknown_name("key", "xyz", ["mass"]), "no key is named 'xyz'; allowed: mass"),
-        (unknown_name("joint", "a", iter(())), "no joint is named 'a'; allowed: none"),
-        (unknown_name("column", LONG, MANY)[-15:], "and 99,940 more"),
-        (listed(["a", "b"]), "a, b"),
-        (listed(range(100_000), 3), "0, 1, 2 and 99,997 more"),
-        (shortened(LONG, 10), "xxxxxxxx …"),
-        (shortened("a\x1b[31m\nb"), r"a\x1b[31m\nb"),
-        (shown("a\n" * 1_000, 10), "'a\\na\\na …"),
-        (shown([1, "a"]), "[1, 'a']"),
-        (shown(10**5_000), "a int too long to show"),
-        (visible("é\t肩"), "é\\t肩"),
-        (reason_of(ValueError("first\nsecond")), "first"),
-        (reason_of(ValueError()), "ValueError"),
-        (reason_of(FileNotFoundError(2, "No such file", "/x")), "No such file"),
-        (reason_of(MemoryError()), "it requests more memory than is available"),
+        (errors.unknown_name("key", "xyz", ["mass"]), "no key is named 'xyz'; allowed: mass"),
+        (errors.unknown_name("joint", "a", iter(())), "no joint is named 'a'; allowed: none"),
+        (errors.unknown_name("column", LONG, MANY)[-15:], "and 99,940 more"),
+        (errors.listed(["a", "b"]), "a, b"),
+        (errors.listed(range(100_000), 3), "0, 1, 2 and 99,997 more"),
+        (errors.shortened(LONG, 10), "xxxxxxxx …"),
+        (errors.shortened("a\x1b[31m\nb"), r"a\x1b[31m\nb"),
+        (errors.shown("a\n" * 1_000, 10), "'a\\na\\na …"),
+        (errors.shown([1, "a"]), "[1, 'a']"),
+        (errors.shown(10**5_000), "a int too long to show"),
+        (errors.visible("é\t肩"), "é\\t肩"),
+        (errors.reason_of(ValueError("first\nsecond")), "first"),
+        (errors.reason_of(ValueError()), "ValueError"),
+        (errors.reason_of(FileNotFoundError(2, "No such file", "/x")), "No such file"),
+        (errors.reason_of(MemoryError()), "it requests more memory than is available"),
     ],
 )
 def test_what_a_message_shows_is_short_and_printable(text: str, expected: str) -> None:
     """Names of users, lists, values and the words of libraries."""
     assert text == expected
-    assert len(unknown_name("column", LONG, MANY)) < 1_600
-    assert unknown_name("joint", "kn\u202ee", NAMES).isprintable()
-    assert len(reason_of(ValueError(LONG))) <= 300
+    assert len(errors.unknown_name("column", LONG, MANY)) < 1_600
+    assert errors.unknown_name("joint", "kn\u202ee", NAMES).isprintable()
+    assert len(errors.reason_of(ValueError(LONG))) <= 300
 
 
 def test_messages_are_bounded_and_without_control_characters() -> None:
-    text = str(LogError(f"'a\x1b[31m\x00': {'x' * 10**6} and the end"))
+    text = str(errors.LogError(f"'a\x1b[31m\x00': {'x' * 10**6} and the end"))
     assert len(text) < 2_100
     assert text.startswith("'a\\x1b[31m\\x00': xxx")
     assert text.endswith("and the end")
-    assert str(LogError("two\nlines")) == "two\nlines"
+    assert str(errors.LogError("two\nlines")) == "two\nlines"
 
 
 NAMED = re.compile(

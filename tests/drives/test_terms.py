@@ -15,18 +15,12 @@ from seaid.drives import (
     ParameterName,
     SeriesElasticDrive,
     StiffDrive,
+    equations,
     friction_curve,
     is_dry,
     motor_equation,
     readable,
     spring_equation,
-)
-from seaid.drives.equations import (
-    PARAMETER_NAMES,
-    DriveEquation,
-    dry_friction,
-    joint_equation,
-    states,
 )
 from seaid.drives.regressor import drive_regressor, non_linear
 from seaid.drives.terms import FrictionTerm, SpringTerm, parameter_of
@@ -118,7 +112,7 @@ def test_what_is_linear_stays_linear(
 ) -> None:
     drive = replace(ELASTIC, friction=friction, spring=spring)
     nonlinear = non_linear(motor_equation(drive))
-    assert tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear) == expected
+    assert tuple(equations.PARAMETER_NAMES[symbol] for symbol in nonlinear) == expected
     if "stribeck" in friction:
         with pytest.raises(RobotError, match=r"stribeck_.* needs an initial value"):
             drive_regressor(motor_equation(drive), drive).evaluate(signals())
@@ -177,7 +171,7 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
 @pytest.mark.parametrize("term", get_args(FrictionTerm))
 def test_dry_terms_are_those_that_act_against_the_motion(term: FrictionTerm) -> None:
     drive = replace(STIFF, friction=(term,))
-    assert is_dry(drive) == (dry_friction(drive) != 0)
+    assert is_dry(drive) == (equations.dry_friction(drive) != 0)
 
 
 # Every term against its formula in the documents, written out again
@@ -207,7 +201,7 @@ def friction_by_hand(drive: Drive, s: dict[str, Array], behind_gear: Array) -> A
     assert {*smooth, *levels} == {*get_args(FrictionTerm)}
     direction = next((DIRECTIONS[x] for x in drive.friction if x in DIRECTIONS), np.sign)(w)
     if "dahl" in drive.friction:
-        direction = states(s["theta_M"], v["presliding_angle"])[0]
+        direction = equations.states(s["theta_M"], v["presliding_angle"])[0]
     total = sum(smooth.get(x, 0.0) + levels.get(x, 0.0) * direction for x in drive.friction)
     return np.asarray(total + 0.0 * w)
 
@@ -237,7 +231,7 @@ def force_by_hand(drive: SeriesElasticDrive, s: dict[str, Array]) -> Array:
         "fifth": v["fifth_stiffness"] * d**5,
         "damping": v["spring_damping"] * rate,
         "preload": v["spring_offset"] if drive.is_nonlinear_spring else 0.0,
-        "dahl": v["hysteresis_force"] * states(stretch, v["hysteresis_deflection"])[0],
+        "dahl": v["hysteresis_force"] * equations.states(stretch, v["hysteresis_deflection"])[0],
         **dict.fromkeys(("dead_zone", "smooth_dead_zone"), 0.0),
     }
     assert {*terms} == {*get_args(SpringTerm)}
@@ -282,7 +276,7 @@ def test_equations_are_those_of_the_formulas(name: str) -> None:
     drive, s = with_own_values(WITH_TERMS[name]), signals()
     load, scale = s["tau_L"] / drive.ratio, {"torque": 1.0, "current": 0.05, "voltage": 0.4}
     behind_gear = s["tau_G"] / drive.ratio
-    expected: dict[Callable[[Any], DriveEquation], Array] = {}
+    expected: dict[Callable[[Any], equations.DriveEquation], Array] = {}
     if isinstance(drive, SeriesElasticDrive):
         force = force_by_hand(drive, s)
         behind_gear = load = drive.motor_radius / drive.ratio * force
@@ -292,7 +286,7 @@ def test_equations_are_those_of_the_formulas(name: str) -> None:
     expected[motor_equation] = torque - friction_by_hand(drive, s, behind_gear) - load
     if drive.parallel_spring:
         beside = 3.0 * s["theta_L"] - 0.7 + 0.2 * s["theta_L_dot"]
-        expected[joint_equation] = s["tau_L"] - beside - 0.11 * np.sign(s["theta_L_dot"])
+        expected[equations.joint_equation] = s["tau_L"] - beside - 0.11 * np.sign(s["theta_L_dot"])
     for equation_of, residual in expected.items():
         regressor = drive_regressor(equation_of(drive), drive)
         zeta, R = regressor.evaluate(s)

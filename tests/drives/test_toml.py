@@ -18,26 +18,19 @@ from seaid.drives import (
     SeriesElasticDrive,
     StiffDrive,
     read_drives,
+    terms,
     unit_of,
     write_drives,
-)
-from seaid.drives.terms import (
-    FrictionTerm,
-    JointFrictionTerm,
-    MotorInput,
-    ParallelSpringTerm,
-    SpringTerm,
-    key_of,
 )
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import RobotError
 from tests.experiments import arm, leg
 
 FIELDS = {
-    "friction": get_args(FrictionTerm),
-    "parallel_spring": get_args(ParallelSpringTerm),
-    "spring": get_args(SpringTerm),
-    "joint_friction": get_args(JointFrictionTerm),
+    "friction": get_args(terms.FrictionTerm),
+    "parallel_spring": get_args(terms.ParallelSpringTerm),
+    "spring": get_args(terms.SpringTerm),
+    "joint_friction": get_args(terms.JointFrictionTerm),
 }
 HARMONICS = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
 OPTIONAL: dict[str, list[Any]] = {
@@ -56,12 +49,12 @@ def drives(draw: st.DrawFn) -> Drive:
     """Return a drive with some terms of each kind, and values of some of their parameters."""
     is_elastic = draw(st.booleans())
     options: dict[str, Any] = {
-        field: tuple(draw(st.lists(st.sampled_from(terms), unique=True, max_size=4)))
-        for field, terms in FIELDS.items()
+        field: tuple(draw(st.lists(st.sampled_from(names), unique=True, max_size=4)))
+        for field, names in FIELDS.items()
         if is_elastic or field in ("friction", "parallel_spring")
     }
     options["gear_ratio"] = draw(st.floats(1.0, 300.0))
-    options["motor_input"] = draw(st.sampled_from(get_args(MotorInput)))
+    options["motor_input"] = draw(st.sampled_from(get_args(terms.MotorInput)))
     field = draw(st.sampled_from(["", *OPTIONAL, "transmission_error"]))
     if field == "transmission_error":
         options |= {field: {**HARMONICS, "mesh": [2]}, "spring": ("linear",)}
@@ -121,7 +114,7 @@ def test_values_are_read_under_keys_with_units() -> None:
     assert drives_from_mapping({"knee": drive}) == {"knee": drive}
     assert drive.values == {"stribeck_speed": 0.4, "cubic_stiffness": -2.0}
     assert drive.without_nominal().values == {"stribeck_speed": 0.4}
-    assert len({key_of(name, unit_of(drive, name)) for name in PARAMETERS}) == len(PARAMETERS)
+    assert len({terms.key_of(name, unit_of(drive, name)) for name in PARAMETERS}) == len(PARAMETERS)
     plain = {"type": "series_elastic", "gear_ratio": 50, "stiffness_Nm_per_rad": 70.0}
     old, new = {"deflection_offset_Nm": 2.0}, {"spring_offset_Nm": 2.0}
     first, second = (drives_from_mapping({"knee": plain | key}) for key in (old, new))

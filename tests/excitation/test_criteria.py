@@ -14,15 +14,6 @@ import seaid
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import criteria, excitation_measures
-from seaid.excitation.criteria import (
-    CRITERIA,
-    CriterionName,
-    has_full_rank,
-    pivoted_base,
-    scaled_condition_and_d_value,
-    singular_values,
-    triangular_factor,
-)
 from seaid.excitation.observation_matrix import load_target, stacked_regressor
 from seaid.regressor import base_parameters, rigid_body_regressor
 from seaid.regressor.base import random_states
@@ -34,24 +25,25 @@ from tests.experiments import arm, leg, leg_motion, leg_trajectory
 @pytest.mark.rounding
 @settings(derandomize=True, max_examples=25, deadline=None)
 @given(
-    name=st.sampled_from(sorted(CRITERIA)),
+    name=st.sampled_from(sorted(criteria.CRITERIA)),
     columns=st.integers(1, 12),
     previous_logs=st.integers(0, 4),
     seed=st.integers(0, 10**6),
 )
 def test_slope_equals_central_differences(
-    name: CriterionName, columns: int, previous_logs: int, seed: int
+    name: criteria.CriterionName, columns: int, previous_logs: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     sizes = 10 ** rng.uniform(-2, 0, columns)
     H = rng.normal(size=(40, columns)) * sizes
     known = rng.normal(size=(previous_logs, columns)) * sizes
-    smooth = CRITERIA[name].smooth
-    value, slope = smooth(triangular_factor(H, known))
+    smooth = criteria.CRITERIA[name].smooth
+    value, slope = smooth(criteria.triangular_factor(H, known))
     direction = rng.normal(size=H.shape) * sizes
     step = 1e-5
     plus, minus = (
-        smooth(triangular_factor(H + sign * step * direction, known))[0] for sign in (1, -1)
+        smooth(criteria.triangular_factor(H + sign * step * direction, known))[0]
+        for sign in (1, -1)
     )
     by_slope = float(np.sum((H @ slope) * direction))
     scale = float(np.linalg.norm(H @ slope / sizes) * np.linalg.norm(direction / sizes))
@@ -63,19 +55,19 @@ def test_what_the_criteria_are() -> None:
     """By the regressor itself; and the measures of columns of unit norm, and of dependent ones."""
     rng = np.random.default_rng(3)
     H = rng.normal(size=(50, 6)) * np.logspace(0, 1, 6)
-    R = triangular_factor(H, np.empty((0, 6)))
+    R = criteria.triangular_factor(H, np.empty((0, 6)))
     covariance = np.linalg.inv(H.T @ H)
-    found = {name: np.exp(criterion.log_value(R)) for name, criterion in CRITERIA.items()}
+    found = {name: np.exp(criterion.log_value(R)) for name, criterion in criteria.CRITERIA.items()}
     assert found["condition_number"] == pytest.approx(np.linalg.cond(H), rel=1e-10)
     assert found["d_optimality"] == pytest.approx(np.linalg.det(covariance) ** (1 / 12), rel=1e-9)
     worst = np.sqrt(np.diag(covariance).max())
     assert found["relative_error"] == pytest.approx(worst, rel=1e-10)
-    np.testing.assert_allclose(singular_values(R), np.linalg.svd(H, compute_uv=False))
-    scaled, d_value = scaled_condition_and_d_value(H)
+    np.testing.assert_allclose(criteria.singular_values(R), np.linalg.svd(H, compute_uv=False))
+    scaled, d_value = criteria.scaled_condition_and_d_value(H)
     assert scaled == pytest.approx(np.linalg.cond(H / np.linalg.norm(H, axis=0)))
     assert d_value == pytest.approx(np.linalg.det(H.T @ H) ** (1 / 12))
     for dependent in (np.column_stack([H, H[:, 0]]), np.column_stack([H, 0 * H[:, 0]])):
-        assert scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
+        assert criteria.scaled_condition_and_d_value(dependent) == (np.inf, 0.0)
 
 
 @pytest.mark.rounding
@@ -83,14 +75,14 @@ def test_smooth_criteria_are_little_above_the_plain_ones_and_recorded_rows_count
     """Rows that were recorded stand above the planned ones, and a lost column is seen."""
     rng = np.random.default_rng(4)
     H, before = rng.normal(size=(50, 8)), rng.normal(size=(30, 8))
-    R = triangular_factor(H, np.asarray(np.linalg.qr(before, mode="r")))
+    R = criteria.triangular_factor(H, np.asarray(np.linalg.qr(before, mode="r")))
     np.testing.assert_allclose(R.T @ R, H.T @ H + before.T @ before, atol=1e-12)
-    for criterion in CRITERIA.values():
+    for criterion in criteria.CRITERIA.values():
         plain, smooth = criterion.log_value(R), criterion.smooth(R)[0]
         assert plain <= smooth + 1e-12 <= plain + 2 * np.log(8) / 32
     H[:, 3] = H[:, 0] - 2 * H[:, 1]
-    assert not has_full_rank(triangular_factor(H, np.empty((0, 8))))
-    assert not has_full_rank(triangular_factor(H[:3], np.empty((0, 8))))
+    assert not criteria.has_full_rank(criteria.triangular_factor(H, np.empty((0, 8))))
+    assert not criteria.has_full_rank(criteria.triangular_factor(H[:3], np.empty((0, 8))))
 
 
 # Planning measures that compare: invariant under the choice of base columns, and under units
@@ -101,14 +93,14 @@ ONE, OTHER = leg_trajectory(0), leg_trajectory(3)
 
 def test_the_efficiency_does_not_depend_on_base_columns_and_units() -> None:
     """The raw condition number does: two routes to base parameters, and other units of columns."""
-    bases = pivoted_base(leg()), base_parameters(leg())
+    bases = criteria.pivoted_base(leg()), base_parameters(leg())
     assert bases[0].columns != bases[1].columns
     units = 10.0 ** np.random.default_rng(2).uniform(-3, 3, 29)
     efficiencies, raw = [], []
     for base, scale in ((bases[0], 1.0), (bases[1], 1.0), (bases[1], units)):
         target = load_target(leg(), None, base)
         H = [stacked_regressor(target, TIME, one.sample(TIME)) * scale for one in (ONE, OTHER)]
-        values = [scaled_condition_and_d_value(one)[1] for one in H]
+        values = [criteria.scaled_condition_and_d_value(one)[1] for one in H]
         efficiencies.append(values[0] / values[1])
         raw.append(np.linalg.cond(H[0]))
     np.testing.assert_allclose(efficiencies, efficiencies[0], rtol=1e-7)
@@ -161,7 +153,7 @@ def test_a_plan_states_its_measures() -> None:
 @pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
 def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
     robot = robots()[name]
-    base = pivoted_base(robot)
+    base = criteria.pivoted_base(robot)
     assert len(base.columns) == rank
     Y = rigid_body_regressor(robot, *random_states(robot, 5))
     theta = np.random.default_rng(2).normal(size=10 * robot.n)
@@ -181,6 +173,6 @@ def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.Mon
         H, rng = rows(robot, known, seed, stances), np.random.default_rng(seed)
         return H * (1.0 + 1e-14 * rng.uniform(-1.0, 1.0, H.shape))
 
-    expected = pivoted_base(robot).columns
+    expected = criteria.pivoted_base(robot).columns
     monkeypatch.setattr(criteria, "_random_rows", rounded_otherwise)
-    assert pivoted_base(robot).columns == expected
+    assert criteria.pivoted_base(robot).columns == expected

@@ -7,16 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.robot import PARAMETERS, inconsistency, is_physical
-from seaid.robot.inertia import (
-    UNITS,
-    from_center_of_mass,
-    from_pseudo_inertia,
-    in_parent_frame,
-    parameter_names,
-    pseudo_inertia,
-    to_pinocchio,
-)
+from seaid.robot import PARAMETERS, inconsistency, inertia, is_physical
 
 numbers = st.floats(-10, 10, allow_subnormal=False)
 ten = st.lists(numbers, min_size=10, max_size=10).map(np.array)
@@ -40,8 +31,8 @@ def random_placement(seed: int) -> pin.SE3:
 
 
 def test_names_and_units_stand_in_pinocchios_order() -> None:
-    names = parameter_names(["thigh", "foot"])
-    assert len(PARAMETERS) == len(UNITS) == 10
+    names = inertia.parameter_names(["thigh", "foot"])
+    assert len(PARAMETERS) == len(inertia.UNITS) == 10
     assert names[:3] == ("m_thigh", "mx_thigh", "my_thigh")
     assert names[16] == "Iyy_foot"
     body = pin.Inertia(2.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 3.0]))
@@ -57,10 +48,12 @@ def test_pseudo_inertia_is_that_of_pinocchio_and_leads_back(seed: int, numbers: 
     """The way back holds for numbers that no body has, too."""
     body, parameters = random_body(seed)
     theirs = pin.PseudoInertia.FromInertia(body).toMatrix()
-    np.testing.assert_allclose(pseudo_inertia(parameters), theirs, rtol=1e-12, atol=1e-12)
-    pseudo = pseudo_inertia(numbers)
+    np.testing.assert_allclose(inertia.pseudo_inertia(parameters), theirs, rtol=1e-12, atol=1e-12)
+    pseudo = inertia.pseudo_inertia(numbers)
     assert np.array_equal(pseudo, pseudo.T)
-    np.testing.assert_allclose(from_pseudo_inertia(pseudo), numbers, rtol=0, atol=1e-14 * 40)
+    np.testing.assert_allclose(
+        inertia.from_pseudo_inertia(pseudo), numbers, rtol=0, atol=1e-14 * 40
+    )
 
 
 @given(seeds, ten)
@@ -69,9 +62,9 @@ def test_change_of_frame_is_that_of_pinocchio_and_leads_back(seed: int, numbers:
     body, parameters = random_body(seed)
     placement = random_placement(seed)
     theirs = placement.act(body).toDynamicParameters()
-    ours = in_parent_frame(parameters, placement)
+    ours = inertia.in_parent_frame(parameters, placement)
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.max(np.abs(theirs)))
-    back = in_parent_frame(in_parent_frame(numbers, placement), placement.inverse())
+    back = inertia.in_parent_frame(inertia.in_parent_frame(numbers, placement), placement.inverse())
     np.testing.assert_allclose(back, numbers, rtol=0, atol=1e-10)
 
 
@@ -80,28 +73,28 @@ def test_pinocchios_inertia_has_the_ten_parameters(seed: int) -> None:
     """From centre of mass and tensor, into its type, and for a body of nothing."""
     body, parameters = random_body(seed)
     scale = np.max(np.abs(parameters))
-    ours = from_center_of_mass(body.mass, body.lever, body.inertia)
+    ours = inertia.from_center_of_mass(body.mass, body.lever, body.inertia)
     np.testing.assert_allclose(ours, parameters, rtol=0, atol=1e-12 * scale)
-    back = to_pinocchio(parameters).toDynamicParameters()
+    back = inertia.to_pinocchio(parameters).toDynamicParameters()
     np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-12 * scale)
-    assert to_pinocchio(np.zeros(10)).isApprox(pin.Inertia.Zero())
+    assert inertia.to_pinocchio(np.zeros(10)).isApprox(pin.Inertia.Zero())
 
 
 @given(seeds, st.floats(1.001, 3))
 def test_a_body_is_possible_until_a_moment_exceeds_the_other_two(seed: int, excess: float) -> None:
     """In any frame, and no reason is found against a possible body."""
     body, parameters = random_body(seed)
-    assert is_physical(in_parent_frame(parameters, random_placement(seed)))
+    assert is_physical(inertia.in_parent_frame(parameters, random_placement(seed)))
     assert inconsistency(parameters) is None
     moments, axes = np.linalg.eigh(body.inertia)
     moments[2] = excess * (moments[0] + moments[1])
     tensor = axes @ np.diag(moments) @ axes.T
-    assert not is_physical(from_center_of_mass(body.mass, body.lever, tensor))
+    assert not is_physical(inertia.from_center_of_mass(body.mass, body.lever, tensor))
 
 
 def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
     """What is impossible without its tensor is named."""
-    point = from_center_of_mass(2.0, np.array([0.1, -0.4, 0.3]), np.zeros((3, 3)))
+    point = inertia.from_center_of_mass(2.0, np.array([0.1, -0.4, 0.3]), np.zeros((3, 3)))
     assert is_physical(point)
     assert is_physical(np.zeros(10))
     assert not is_physical(-point)
@@ -125,6 +118,6 @@ def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
 def test_an_impossible_tensor_is_named_wherever_the_body_is(
     moments: tuple[float, float, float], reason: str | None, seed: int
 ) -> None:
-    body = from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
-    found = inconsistency(in_parent_frame(body, random_placement(seed)))
+    body = inertia.from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
+    found = inconsistency(inertia.in_parent_frame(body, random_placement(seed)))
     assert found is None if reason is None else found is not None and reason in found
