@@ -201,65 +201,6 @@ def test_a_stuck_motor_yields_like_its_bristles(write_chain: Chain) -> None:
     assert abs(back[-1, POSITION, 0]) < 0.02 * loaded[-1, POSITION, 0]  # z^2 w is left
 
 
-FREE = elastic({"stiffness": 40.0, "viscous_friction": 0.0, "coulomb_friction": 0.0})
-RUBBED = elastic({"viscous_friction": 2e-5, "coulomb_friction": 0.02}, friction=DRY)
-EVERY = elastic(
-    {
-        "viscous_friction": 2e-5,
-        "coulomb_friction": 0.01,
-        "coulomb_width": 5.0,
-        "cubic_stiffness": 4e3,
-        "fifth_stiffness": 1e5,
-        "spring_damping": 0.05,
-        "parallel_stiffness": 2.0,
-        "joint_viscous_friction": 0.02,
-    },
-    friction=("viscous", "smooth_coulomb"),
-    spring=("linear", "cubic", "fifth", "damping"),
-    parallel_spring=("linear",),
-    joint_friction=("viscous",),
-)
-
-
-@pytest.mark.parametrize(
-    ("drive", "duration", "step", "share"),
-    [
-        (FREE, 1.5, 5e-4, 1e-6),
-        (RUBBED, 0.6, 2e-4, 1e-3),
-        pytest.param(EVERY, 0.4, 1e-4, 2e-4, marks=pytest.mark.slow),  # 1.4 s
-    ],
-)
-def test_energy_goes_where_the_terms_say(
-    write_chain: Chain, drive: Drive, duration: float, step: float, share: float
-) -> None:
-    """Kinetic, potential and spring energy lose what friction and damping take."""
-    plant = plant_of(pendulum(write_chain, drive))
-    start = np.array([[0.0], [0.0], [0.15], [0.0]])
-    states = run(plant, start, lambda _: np.zeros(1), duration, step)
-    motor, speed, q, v = states[:, :, 0].T
-    d, rate = motor / 50 - q, speed / 50 - v
-    data, of = plant.model.createData(), drive.values
-    bodies = [
-        pin.computeKineticEnergy(plant.model, data, np.array([x]), np.array([y]))
-        + pin.computePotentialEnergy(plant.model, data, np.array([x]))
-        for x, y in zip(q, v, strict=True)
-    ]
-    bent = of.get("cubic_stiffness", 0.0) * d**4 / 4 + of.get("fifth_stiffness", 0.0) * d**6 / 6
-    springs = of["stiffness"] * d**2 / 2 + bent + of.get("parallel_stiffness", 0.0) * q**2 / 2
-    total = np.array(bodies) + springs + 1e-5 * speed**2 / 2
-    width = of.get("coulomb_width")
-    direction = np.tanh(speed / width) if width else np.sign(speed)
-    force = of.get("viscous_friction", 0.0) * speed + of.get("coulomb_friction", 0.0) * direction
-    power = force * speed + of.get("spring_damping", 0.0) * rate**2
-    power += of.get("joint_viscous_friction", 0.0) * v**2
-    lost = np.append(0.0, step * np.cumsum(0.5 * (power[1:] + power[:-1])))
-    exchanged = np.ptp(springs)
-    assert exchanged > 0.1
-    assert (lost[-1] > 0.5 * exchanged) == (drive is not FREE)
-    size = exchanged if drive is FREE else lost[-1]
-    assert np.max(np.abs(total + lost - total[0])) < share * size
-
-
 def breaking_torque(plant: Plant, state: Array) -> float:
     """Return the motor torque at which a resting motor starts, raised by 0.2 N m/s."""
     states = run(plant, state, lambda t: np.array([0.2 * t]), 0.9, 1e-3)

@@ -77,25 +77,6 @@ def test_a_voltage_acts_through_its_constant() -> None:
     np.testing.assert_allclose(found.motor_torque, torque, atol=1e-12)
 
 
-def test_two_inertias_on_a_spring_swing_at_their_frequency() -> None:
-    drive = seaid.SeriesElasticDrive(
-        gear_ratio=10.0,
-        motor_inertia_kg_m2=2e-5,
-        stiffness_Nm_per_rad=0.4,
-        viscous_friction_Nms_per_rad=0.0,
-        coulomb_friction_Nm=0.0,
-    )
-    robot = seaid.load_robot(MODELS / "hebi_module.urdf", drives={"joint_0": drive})
-    time = np.arange(0.0, 1.0, 0.005)
-    still = np.zeros((len(time), 1))
-    log = seaid.Log(time, robot.joint_names, still + 1.0, still, still)
-    found = replay(robot, log)
-    motor, load = 10.0**2 * 2e-5, 0.00003
-    speed = np.sqrt(0.4 * (1 / motor + 1 / load))
-    deflection = found.motor_position[:, 0] / 10 - found.joint_position[:, 0]
-    np.testing.assert_allclose(deflection, 0.1 * np.cos(speed * time), atol=2e-4)
-
-
 def test_what_is_missing_is_said() -> None:
     robot = pendulum()
     with pytest.raises(seaid.errors.LogError, match="no motor torque of 'pendulum'"):
