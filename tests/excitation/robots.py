@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import warnings
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ from seaid.excitation.limits import JointLimits
 from seaid.excitation.observation_matrix import Target, regressor_pull_back, stacked_regressor
 from seaid.legged import load_robot
 from seaid.robot import Payload, Robot
+from tests.experiments import MODELS, States
 
-MODELS = Path(__file__).parents[2] / "models"
-States = tuple[Array, Array, Array]
 PANDA = [f"panda_joint{i}" for i in range(1, 8)]
 TIAGO = ["torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8))]
 

@@ -25,6 +25,7 @@ from seaid.regressor.random_instants import _instants, dependencies, random_trut
 from seaid.regressor.sensor_equations import STRETCH, STRETCH_DOT, plain, system_of
 from seaid.regressor.structural_identifiability import SENSORS, Sensor
 from seaid.robot import Payload, Robot
+from tests.experiments import DATA
 from tests.plants import tree
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 from tests.representatives import quick_first
@@ -32,7 +33,6 @@ from tests.representatives import quick_first
 Chain = Callable[..., Path]
 MOTOR_SIDE: tuple[Sensor, Sensor] = ("motor_position", "motor_torque")
 BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
-TREE = Path(__file__).parents[1] / "data" / "mixed_arm.urdf"
 SPRING: dict[str, Any] = {
     "type": "series_elastic",
     "gear_ratio": 100.0,
@@ -223,7 +223,7 @@ DRIVES: dict[str, Any] = {
 
 def test_all_terms_come_along() -> None:
     """Springs, friction, motors and extra terms of all kinds, on both sides of dead zones."""
-    robot = load_robot(TREE, DRIVES)
+    robot = load_robot(DATA / "mixed_arm.urdf", DRIVES)
     found = identifiability(robot)
     assert found.agree
     assert found.ratios == ()

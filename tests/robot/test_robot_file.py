@@ -16,8 +16,8 @@ from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
 from seaid.robot import Robot
 from seaid.robot.urdf import search_folders
+from tests.experiments import MODELS
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 LEG = MODELS / "tulip_leg.urdf"
 DRIVES = MODELS / "tulip_leg.toml"
 

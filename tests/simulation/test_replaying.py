@@ -11,10 +11,10 @@ import seaid
 from seaid.checks.predictions import replay_worse
 from seaid.simulation import compare_replays, replay
 from seaid.simulation.replaying import rollout, without_unknown_terms
+from tests.experiments import MODELS
 from tests.one_joint import chain
 from tests.representatives import quick_first
 
-MODELS = Path(__file__).parents[2] / "models"
 PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
 DRIVE = seaid.StiffDrive(
     gear_ratio=10.0,
