@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.functions import SMOOTH_SIGNALS, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import pivoted_base
@@ -17,38 +17,23 @@ from seaid.excitation.observation_matrix import (
     load_target,
     stacked_regressor,
 )
+from seaid.legged import load_robot
 from seaid.regressor import motor_regressor, rigid_body_regressor
 from seaid.robot import Robot
-from tests.excitation.robots import (
-    TIAGO,
-    assert_gradient,
-    example_robot,
-    robots,
-    smooth_motion,
-    states,
-)
+from tests.excitation.robots import assert_gradient, robots, smooth_motion, states
+from tests.experiments import DATA, arm
 
 
-def mixed_tiago() -> Robot:
-    """Return an arm on a sliding torso with a spring there, rotary springs, and own terms."""
-    spring = SeriesElasticDrive(
-        100.0,
-        motor_inertia_kg_m2=1e-5,
-        stiffness_Nm_per_rad=900.0,
-        viscous_friction_Nms_per_rad=1e-4,
-        coulomb_friction_Nm=0.01,
-        extra_terms=("c*theta_M_dot**3", "d*theta_L_dot**3"),
-    )
-    slide = SeriesElasticDrive(
-        50.0, motor_inertia_kg_m2=None, motor_pulley_radius_m=0.02, stiffness_N_per_m=4e4
-    )
-    drives = {
-        "torso_lift_joint": slide,
-        "arm_2_joint": spring,
-        "arm_4_joint": StiffDrive(80.0, friction=("viscous", "coulomb", "offset")),
-        "arm_3_joint": spring,
+def mixed_arm() -> Robot:
+    """Return the mixed arm in another order, with an unknown rotor, an offset and own terms."""
+    drives: dict[str, Any] = dict(arm().drives)
+    changes: dict[str, Any] = {
+        "shoulder": {"extra_terms": ("c*theta_M_dot**3", "d*theta_L_dot**3")},
+        "telescope": {"motor_inertia_kg_m2": None},
+        "wrist": {"friction": ("viscous", "coulomb", "offset")},
     }
-    return example_robot("tiago_no_hand.urdf", drives=drives, joints=TIAGO[::-1])
+    changed = {joint: replace(drives[joint], **change) for joint, change in changes.items()}
+    return load_robot(DATA / "mixed_arm.urdf", drives | changed, joints=arm().joint_names[::-1])
 
 
 SOME = ("ankle_pitch", "hip_pitch", "knee_pitch")
@@ -65,7 +50,7 @@ def test_gradient_of_the_base_regressor(name: str, rows: tuple[str, ...] | None)
 
 
 def test_gradient_with_drives() -> None:
-    robot = mixed_tiago()
+    robot = mixed_arm()
     target = drive_target(robot, None, pivoted_base(robot), np.ones(robot.n))
     scaled = replace(target, row_weights=np.linspace(1, 2, len(target.row_weights)))
     assert_gradient(scaled, *smooth_motion(robot))
@@ -86,7 +71,7 @@ def test_base_regressor_is_the_stacked_one_of_every_reading() -> None:
 
 def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
     """Of a drive with terms of the user."""
-    regressor = motor_regressor(mixed_tiago(), "arm_2_joint")
+    regressor = motor_regressor(mixed_arm(), "shoulder")
     rng = np.random.default_rng(2)
     signals = {name: rng.normal(size=30) for name in SMOOTH_SIGNALS}
     columns, slopes = smooth_columns(regressor).evaluate(signals, 1e-6)
