@@ -288,4 +288,4 @@ def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> 
     assert tulip_leg.selected("knee_pitch") == ("knee_pitch",)
     assert tulip_leg.selected(None) == tulip_leg.joint_names
     with pytest.raises(RobotError, match="tulip_leg: no joint is named 'kneepitch'; did you mean"):
-        tulip_leg.index("kneepitch")
+        tulip_leg.selected("kneepitch")
