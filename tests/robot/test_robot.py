@@ -230,6 +230,9 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
 
 # Drives that do not fit
 
+STIFF = StiffDrive(gear_ratio=1.0)
+BROKEN = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))
+
 
 @pytest.mark.parametrize(
     ("options", "words"),
@@ -243,14 +246,8 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
         ({"gravity": (0.0, 0.0)}, "gravity=? must"),
         ({"gravity": (0.0, 0.0, np.nan)}, "gravity=? must"),
         ({"gravity": "down"}, "gravity=? must"),
-        (
-            {"drives": {"kneepitch": StiffDrive(gear_ratio=1.0)}},
-            r"for 'tulip_leg': no joint is named 'kneepitch'; did you mean 'knee_pitch'\? allowed:",
-        ),
-        (
-            {"drives": {"knee_pitch": StiffDrive(gear_ratio=1.0, extra_terms=("c*",))}},
-            r"joint 'knee_pitch': extra term 'c\*' is not an expression",
-        ),
+        ({"drives": {"kneepitch": STIFF}}, "'tulip_leg': no joint is named 'kneepitch'; did you"),
+        ({"drives": {"knee_pitch": BROKEN}}, r"'knee_pitch': extra term 'c\*' is not an"),
         ({"drives": [1]}, "must be a path or a mapping"),
         ({"drives": {"knee_pitch": None}}, "must be a table of a drive"),
     ],

@@ -63,11 +63,7 @@ def test_urdf_and_drives_in_each_others_place_are_named() -> None:
 @pytest.mark.parametrize(
     ("content", "name", "words"),
     [
-        (
-            gzip.compress(b"<robot/>", mtime=0),
-            "a.urdf.gz",
-            "is compressed: unpack it (gunzip -k a.urdf.gz)",
-        ),
+        (gzip.compress(b"<robot/>", mtime=0), "a.urdf.gz", "unpack it (gunzip -k a.urdf.gz)"),
         (b"PK\x03\x04...", "a.zip", "is compressed: unpack it (unzip a.zip) and name the URDF"),
         (b"<?xml version='1.0'?>\n<sdf version='1.9'/>", "a.sdf", "is SDF, which seaid does not"),
         (b"<sdf version='1.9'/>", "a.urdf", "sdformat_urdf, or sdf2urdf of pysdf"),
