@@ -13,8 +13,16 @@ import scipy
 
 from seaid._arrays import Array
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, only_joint, with_payload, zeros_in_description
-from seaid.checks.experiment import Experiment, Transform, best_value, moved, near, scaled
+from seaid.checks.codes import CODES, moved_zeros, only_joint, with_payload
+from seaid.checks.experiment import (
+    Experiment,
+    Transform,
+    best_factors,
+    best_value,
+    moved,
+    near,
+    scaled,
+)
 from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import RANK_TOLERANCE, posterior, scaled_svd, triangle
 from seaid.regressor.base import regressor_at_drives
@@ -76,20 +84,17 @@ def _best_gravity(experiment: Experiment) -> Array | None:
 def lengths(experiment: Experiment) -> Iterator[Transform]:
     """Yield other distances between joints."""
     for joint in experiment.robot.joint_names[1:]:
-        change = partial(_with_length, joint)
-        log_factor, error = best_value(experiment, change)
-        if abs(log_factor) >= max(tol.SLIGHT, tol.SURE * error):
-            factor = math.exp(log_factor)
+        for factor, error, penalty in best_factors(experiment, partial(_with_length, joint)):
             yield Transform(
                 CODES["geometry"],
                 f"the distance of {joint} from the joint before it is {factor:.3g} +- "
                 f"{factor * error:.2g} times that of the robot file",
-                change(experiment, log_factor),
+                _with_length(joint, experiment, math.log(factor)),
                 joint,
                 f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
                 "wrong" if abs(factor - 1) > tol.POOR else "doubtful",
                 {"factor": factor, "standard error": factor * error},
-                penalty=1.0,
+                penalty,
             )
 
 
@@ -160,9 +165,9 @@ def _off(
         " and ".join(parts),
         _with_zeros([*angles], experiment, [*angles.values()]),
         only_joint([*named]),
-        zeros_in_description(experiment.robot, named, experiment.sources[0], signs),
         evidence={f"offset of {joint} [rad]": angle for joint, angle in named.items()},
         penalty=penalty,
+        sources=moved_zeros(experiment.robot, named, experiment.sources[0], signs),
     )
 
 

@@ -14,7 +14,15 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
+from seaid.checks.codes import (
+    CODES,
+    Channel,
+    Observation,
+    Source,
+    channels_of,
+    in_description,
+    in_drives,
+)
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
@@ -36,23 +44,18 @@ class Logged:
     used: Collection[str]
 
     @property
-    def numbered(self) -> list[tuple[str, Log]]:
-        """Each log with its number as in " of log 2"; "" for a single one."""
+    def named(self) -> list[tuple[str, Log]]:
+        """Each log with its name, "log 2", "the log" for a single one."""
         if len(self.logs) == 1:
-            return [("", self.logs[0])]
-        return [(f" of log {number}", log) for number, log in enumerate(self.logs, 1)]
-
-
-def _named(where: str) -> str:
-    """Return "log 2" for " of log 2", and "the log" for a single one."""
-    return where.removeprefix(" of ") or "the log"
+            return [("the log", self.logs[0])]
+        return [(f"log {number}", log) for number, log in enumerate(self.logs, 1)]
 
 
 def _time_units(logged: Logged) -> Iterator[Finding]:
     """Yield logs whose time is not in seconds; of several units, that of the usual rate."""
     # The geometric mean: rates differ by factors.
     usual_hz = np.sqrt(tol.SLOWEST_HZ * tol.FASTEST_HZ)
-    for _, log in logged.numbered:
+    for log in logged.logs:
         rate = 1 / float(np.median(np.diff(log.time)))  # a gap is not the unit of the clock
         if tol.SLOWEST_HZ <= rate <= tol.FASTEST_HZ:
             continue
@@ -75,9 +78,9 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         )
 
 
-def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, str]]:
-    """Return {joint: {quantity: source as TOML}} of channels with their changes."""
-    sources = dict[str, dict[str, str]]()
+def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Source]]:
+    """Return {joint: {quantity: source}} of channels with their changes."""
+    sources = dict[str, dict[str, Source]]()
     for channel, change in changes.items():
         sources.setdefault(channel.joint, {})[channel.quantity] = channel.changed(**change)
     return sources
@@ -96,7 +99,7 @@ def _torques(log: Log, used: Collection[str]) -> list[Channel]:
 
 def _wraps(logged: Logged) -> Iterator[Finding]:
     """Yield the joints of each log with positions or torques that wrap around."""
-    for where, log in logged.numbered:
+    for name, log in logged.named:
         periods = {each: wrap_period(log.time, each.values) for each in _positions(log)}
         periods |= {each: _period_of_integer(each) for each in _torques(log, logged.used)}
         changes = {
@@ -108,11 +111,11 @@ def _wraps(logged: Logged) -> Iterator[Finding]:
         if lines:
             first = next(iter(changes.values()))["wraps"]
             yield CODES["wraps"].wrong(
-                f"channels of {', '.join(lines)}{where} jump by {first:.4g} at once, from one end "
-                "of their range to the other, and move on as before: an encoder that wraps "
+                f"channels of {', '.join(lines)} in {name} jump by {first:.4g} at once, from one "
+                "end of their range to the other, and move on as before: an encoder that wraps "
                 "around, or a signed integer that was read as one without sign",
                 evidence={"period": first},
-                remedy=in_description(lines, _named(where)),
+                remedy=in_description(lines, name),
                 certainty="certain",
                 joints=tuple(lines),
             )
@@ -152,7 +155,7 @@ def _is_whole(channel: Channel) -> bool:
 
 def _whole_numbers(logged: Logged) -> Iterator[Finding]:
     """Yield the torques of each log in N m that are whole numbers, such as a percentage."""
-    for where, log in logged.numbered:
+    for name, log in logged.named:
         whole = filter(_is_whole, _torques(log, logged.used))
         ratings = {channel: _rating(logged.robot, channel) for channel in whole}
         largest = max((channel.largest for channel in ratings), default=0.0)
@@ -163,11 +166,11 @@ def _whole_numbers(logged: Logged) -> Iterator[Finding]:
         is_far = any(x.largest > tol.MANY_TIMES * rating for x, rating in ratings.items())
         if lines:
             yield CODES["unit"].finding(
-                f"the torques of {', '.join(lines)}{where} are whole numbers up to {largest:g}: "
+                f"the torques of {', '.join(lines)} of {name} are whole numbers up to {largest:g}: "
                 f"{unit} of a rating of each motor, or counts of its driver, and not N m",
                 severity="wrong" if is_far else "doubtful",
                 evidence={"largest value": largest},
-                remedy=f"{in_description(lines, _named(where))}\n# {by}, see the data sheet; if it "
+                remedy=f"{in_description(lines, name)}\n# {by}, see the data sheet; if it "
                 "is the duty cycle of a servo, use its commands",
                 joints=tuple(lines),
             )
@@ -186,16 +189,16 @@ def _lost_samples(logged: Logged) -> Iterator[Finding]:
     differs from the mean of its neighbours by, in the median, is the noise of such a comparison; a
     clock that was resampled is none that counts.
     """
-    for where, log in logged.numbered:
+    for name, log in logged.named:
         positions = [channel.values for channel in _positions(log)]
         if not _has_counter(log) or not positions:
             continue
         lost, many = _lost(positions), tol.SLIGHT * (len(log.time) - 1)
         jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
         if len(lost) >= tol.EVENTS or jumps:
-            text, count = f"most positions jump at once {jumps} times{where}", "bursts of samples"
+            text, count = f"most positions of {name} jump {jumps} times", "bursts of samples"
             if not jumps:
-                text = f"in {len(lost)} single steps{where} all positions move twice as far as "
+                text = f"in {len(lost)} single steps of {name} all positions move twice as far as "
                 text += "before and after, or a larger whole number of times"
                 count = f"{int(np.sum(lost))} samples"
             yield CODES["holes"].finding(
@@ -338,7 +341,7 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
 
     A value that is held over n samples is (n - 1) / 2 samples late on average.
     """
-    for where, log in logged.numbered if not logged.robot.has_controllers else ():
+    for name, log in logged.named if not logged.robot.has_controllers else ():
         held: dict[int, list[Channel]] = {}
         for channel in channels_of(log, logged.used, "motor_torque"):
             j = log.joint_names.index(channel.joint)
@@ -351,11 +354,11 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
             late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))
             lines = {x.joint: {"motor_torque": x.changed(delay_s=late)} for x in channels}
             yield CODES["delay"].note(
-                f"the motor torques of {', '.join(lines)} are held over {count} samples{where}, "
+                f"the motor torques of {', '.join(lines)} are held over {count} samples of {name}, "
                 f"and so {1e3 * late:.3g} ms late on average, which biases friction, unless the "
                 "motors give them so",
                 evidence={HELD: count, "delay [s]": late},
-                remedy=in_description(lines, _named(where)),
+                remedy=in_description(lines, name),
                 certainty="possible",
                 joints=tuple(lines),
             )
@@ -364,15 +367,15 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
 def _saturated(logged: Logged) -> Iterator[Finding]:
     """Yield the channels that stay at their extremes: of each the log that does so longest."""
     longest: dict[tuple[str, str], tuple[float, str, float]] = {}
-    for where, log in logged.numbered:
+    for name, log in logged.named:
         for channel in channels_of(log, logged.used, *INPUT_FIELDS.values()):
-            share, name = _share_at_limit(channel.values), (channel.quantity, channel.joint)
-            if share > longest.get(name, (tol.FEW,))[0]:
-                longest[name] = share, where.replace(" of ", " in "), channel.largest
-    for (quantity, joint), (share, where, limit) in longest.items():
+            share, key = _share_at_limit(channel.values), (channel.quantity, channel.joint)
+            if share > longest.get(key, (tol.FEW,))[0]:
+                longest[key] = share, name, channel.largest
+    for (quantity, joint), (share, name, limit) in longest.items():
         yield CODES["saturation"].finding(
             f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
-            f"{share:.1%} of the time{where}: a command there is not what the motor gave",
+            f"{share:.1%} of the time of {name}: a command there is not what the motor gave",
             joint,
             "doubtful" if quantity == "motor_torque" else "note",
             {"share at the limit": share},
@@ -669,9 +672,9 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
                 "the other samples predict: the torque there is that of a stop",
                 evidence={"share at the limit": share, "push over its error": push},
                 remedy="\n".join(
-                    f"in the description of {_named(where)}:\n"
+                    f"in the description of {name}:\n"
                     f"exclude_s = {_times_beyond(log, robot, joint, far)}"
-                    for where, log in Logged(robot, logs, ()).numbered
+                    for name, log in Logged(robot, logs, ()).named
                 ),
                 certainty="certain",
                 joints=(joint,),

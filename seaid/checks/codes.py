@@ -19,7 +19,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial, partialmethod
-from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -40,10 +39,16 @@ from seaid.errors import (
     reason_of,
 )
 from seaid.log import Log
-from seaid.log.description import changed_source
+from seaid.log.description import as_toml, changed_source
 from seaid.robot import Robot
 
 Given = TypeVar("Given")
+
+Source = str | Mapping[str, Any]
+"""How a quantity was read: its column, or its entry in the description of a log."""
+
+Sources = Mapping[str, Mapping[str, Source]]
+"""{joint: {quantity: its source}}."""
 
 
 @dataclass(frozen=True)
@@ -141,38 +146,53 @@ def guarded(code: Code, findings: list[Finding]) -> Iterator[None]:
         findings.append(code.note(text))
 
 
-def in_drives(tables: Mapping[tuple[str, ...], str], only: str = "") -> str:
-    """Return the remedy that adds lines to tables of the drives file: {keys of a table: lines}."""
-    parts = [f"{toml_table(*keys)}\n{lines}" for keys, lines in tables.items()]
-    return "\n".join([f"in the drives file{only and f', {only}'}:", *parts])
+class Remedy(str):
+    """A remedy as data: `words`, and the lines that follow, {header of a table: its lines}."""
+
+    words: str
+    tables: Mapping[str, Sequence[str]]
+
+    def __new__(cls, words: str, tables: Mapping[str, Sequence[str]] | None = None) -> Remedy:
+        """Return the text of a remedy with its parts."""
+        lines = (line for header, each in (tables or {}).items() for line in (header, *each))
+        remedy = super().__new__(cls, "\n".join([words, *lines]))
+        remedy.words, remedy.tables = words, tables or {}
+        return remedy
+
+    def __getnewargs__(self) -> tuple[str, Mapping[str, Sequence[str]]]:  # type: ignore[override]
+        return self.words, self.tables
 
 
-def in_description(
-    sources: Mapping[str, Mapping[str, str]], log: str = "the log", table: str = "joints"
-) -> str:
-    """Return the remedy that changes channels of a log: {joint: {quantity: its source as TOML}}."""
-    lines = [f"in the description of {log}:"]
-    for name, entries in sources.items():
-        lines.append(toml_table(table, name))
-        lines += [f"{quantity} = {source}" for quantity, source in entries.items()]
-    return "\n".join(lines)
+def in_drives(tables: Mapping[tuple[str, ...], str], before: str = "", only: str = "") -> Remedy:
+    """Return the remedy that adds lines to tables of the drives file: {keys of a table: lines}.
+
+    Its words are `before` those of the file, which it concerns `only` in a case.
+    """
+    lines = {toml_table(*keys): text.splitlines() for keys, text in tables.items()}
+    return Remedy(f"{before}in the drives file{only and f', {only}'}:", lines)
 
 
-def zeros_in_description(
-    robot: Robot,
-    angles: Mapping[str, float],
-    sources: Mapping[str, Mapping[str, Any]],
-    reverses: Collection[str] = (),
-) -> str:
-    """Return the remedy that adds angles to the zeros of joints, and of the motors that turn them.
+def in_description(sources: Sources, log: str = "the log", table: str = "joints") -> Remedy:
+    """Return the remedy that changes channels of a log: {joint: {quantity: its source}}."""
+    lines = {
+        toml_table(table, name): [f"{key} = {as_toml(source)}" for key, source in entries.items()]
+        for name, entries in sources.items()
+    }
+    return Remedy(f"in the description of {log}:", lines)
 
-    Their commands move along. `sources` {joint: {quantity: column or entry of a description}} has
-    what was logged; the positions and commands of joints that are `reverses` change their sign.
+
+def moved_zeros(
+    robot: Robot, angles: Mapping[str, float], sources: Sources, reverses: Collection[str] = ()
+) -> Sources:
+    """Return the `sources` that change if angles are added to the zeros of joints.
+
+    The zeros of the motors that turn these joints, and commands, move along; the positions and
+    commands of joints that are `reverses` change their sign.
     """
     added = [angles.get(joint, 0.0) for joint in robot.joint_names]
     # theta_M = N r_L / r_M phi, phi = C q: the zero of a joint moves all motors that turn it.
     turned = robot.transmission @ added * [total_ratio(drive) for drive in robot.drives.values()]
-    entries: dict[str, dict[str, str]] = {}
+    entries: dict[str, dict[str, Source]] = {}
     for joint, angle, of_motor in zip(robot.joint_names, added, turned.tolist(), strict=True):
         factor = -1.0 if joint in reverses else 1.0
         offsets = dict.fromkeys(("joint_position", "position_command"), angle)
@@ -182,7 +202,7 @@ def zeros_in_description(
             if source and (offset or factor < 0):
                 changed = changed_source(source, factor=factor, offset=round(offset, 5))
                 entries.setdefault(joint, {})[quantity] = changed
-    return in_description(entries)
+    return entries
 
 
 def with_payload(link: str, mass_kg: float, com_m: str) -> str:
@@ -223,15 +243,15 @@ class Channel:
     joint: str
     quantity: str
     values: Array
-    source: str | Mapping[str, Any] | None
+    source: Source | None
 
     @property
     def entry(self) -> Mapping[str, Any]:
         """The entry of the description, empty for a column alone."""
         return self.source if isinstance(self.source, Mapping) else {}
 
-    def changed(self, **changes: float) -> str:
-        """Return the TOML of the source with the changes of `changed_source`."""
+    def changed(self, **changes: float) -> Source:
+        """Return the source with the changes of `changed_source`."""
         return changed_source(self.source or "", **changes)
 
     @property
@@ -279,13 +299,9 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     offset of them would spoil the repaired result.
     """
     wrong = [finding for finding in setup if is_wrong([finding])]
-    joints = joints_of(wrong)
-    is_whole = any(not one.joint or one.certainty == "certain" for one in wrong)
-
-    def is_echo(finding: Finding) -> bool:
-        return is_whole or not finding.joint or finding.joint in joints
-
-    return [as_note(x) if wrong and is_echo(x) else x for x in findings]
+    joints = joints_of(wrong) | {"" for _ in wrong}  # a finding about no joint is of all
+    is_whole = any(not x.joint or x.certainty == "certain" for x in wrong)
+    return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -311,25 +327,20 @@ def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def _as_one(findings: Sequence[Finding]) -> Finding:
     """Return findings of one code and severity, each at a joint, as one."""
     first, joints = findings[0], tuple(dict.fromkeys(finding.joint for finding in findings))
-    remedies: dict[str, dict[str, dict[str, None]]] = {}  # {first line: {table: its lines}}
+    remedies: dict[str, dict[str, dict[str, None]]] = {}  # {words: {header of a table: its lines}}
     for finding in findings:
-        header, *lines = finding.remedy.splitlines() or [""]
-        tables, table = remedies.setdefault(header, {}), ""
-        for line in lines:
-            table = line if line.startswith("[") else table
-            tables.setdefault(table, {})[line] = None
-    lines = [
-        line
-        for header, tables in remedies.items()
-        for line in filter(None, [header, *chain.from_iterable(tables.values())])
-    ]
+        remedy = finding.remedy if isinstance(finding.remedy, Remedy) else Remedy(finding.remedy)
+        tables = remedies.setdefault(remedy.words, {})
+        for header, lines in remedy.tables.items():
+            tables.setdefault(header, {}).update(dict.fromkeys(lines))
+    parts = [Remedy(words, {x: [*y] for x, y in each.items()}) for words, each in remedies.items()]
     return replace(
         first,
         message=f"{first.message}; likewise at {listed(joints[1:])}",
         joint="",
         joints=joints,
         evidence={f"{x.joint}: {key}": x.evidence[key] for x in findings for key in x.evidence},
-        remedy="\n".join(lines),
+        remedy="\n".join(filter(None, parts)),
     )
 
 

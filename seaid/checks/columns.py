@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.checks import engine
-from seaid.checks.codes import CODES, in_drives
+from seaid.checks.codes import CODES, Sources, in_drives
 from seaid.checks.experiment import sources_of
 from seaid.checks.terms import (
     DriveRows,
@@ -96,7 +96,7 @@ class Side:
         return max(float(np.ptp(motion.joint_position[:, index])) for motion in self.motions)
 
     @property
-    def sources(self) -> Mapping[str, Mapping[str, Any]]:
+    def sources(self) -> Sources:
         """Columns, or entries in the description of the first log: {joint: {quantity: source}}."""
         return sources_of(self.motions)
 
@@ -301,11 +301,11 @@ def _lines_of_terms(
 ) -> str:
     """Return the remedy that adds terms to a drive, with the starts of what is searched."""
     drive = side.robot.drives[joint]
-    remedy = f"in the drives file:\n{toml_of(joint, drive, field, terms, values)}"
+    lines = toml_of(drive, field, terms, values)
     if "coulomb_position" in terms and not drive.reference_position_rad:
         middle = reference_position(side.motions, side.robot.index(joint))
-        remedy += f"\nreference_position_rad = {middle:g}"
-    return remedy
+        lines += f"\nreference_position_rad = {middle:g}"
+    return in_drives({(joint,): lines})
 
 
 def _matters(side: Side, joint: str, trials: Sequence[engine.Trial], share: float) -> bool:
@@ -363,8 +363,10 @@ def _gain_is_scaled(
         joint,
         "doubtful",
         {"torque over that of the known bodies": times, **errors},
-        "weigh a link: if the known bodies are right, the scale of the gains is a parameter, "
-        + in_drives({(joint, "controller"): "is_up_to_scale = true"}),
+        in_drives(
+            {(joint, "controller"): "is_up_to_scale = true"},
+            "weigh a link: if the known bodies are right, the scale of the gains is a parameter, ",
+        ),
     )
     return replace(finding, severity="note", remedy="weigh a link") if others else finding
 
@@ -480,5 +482,5 @@ def backlash(joint: str, drive: Drive, law: TermComparison) -> Finding:
         joint,
         "doubtful",
         {**comparison.evidence, **values},
-        f"in the drives file:\n{toml_of(joint, drive, law.field, [law.term], values)}",
+        in_drives({(joint,): toml_of(drive, law.field, [law.term], values)}),
     )

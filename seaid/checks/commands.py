@@ -252,8 +252,9 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
 def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
     """Return the remedy of gains in units of the drive."""
     bodies = "" if robot.known_bodies else " with known bodies (known_bodies=)"
-    line = codes.in_drives({(joint, "controller"): "is_up_to_scale = true" for joint in joints})
-    return f"gains in N m/rad, or their scale as a parameter{bodies}, {line}"
+    lines = dict[tuple[str, ...], str]()
+    lines |= {(joint, "controller"): "is_up_to_scale = true" for joint in joints}
+    return codes.in_drives(lines, f"gains in N m/rad, or their scale as a parameter{bodies}, ")
 
 
 def _ignored(commanded: Commanded) -> Iterator[Finding]:
@@ -270,7 +271,7 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
             f"{commanded.units[0]}/s, and its controller has no gain for them: they are not used",
             joint,
             evidence={"largest velocity command": largest},
-            remedy=codes.in_drives({(joint, "controller"): line}, "if the drive gets them"),
+            remedy=codes.in_drives({(joint, "controller"): line}, only="if the drive gets them"),
             certainty="possible",
         )
 

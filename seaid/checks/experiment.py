@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray, safely
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import Code, in_description, only_joint
+from seaid.checks.codes import Code, Source, Sources, in_description, only_joint
 from seaid.drives import IDEAL_DRIVE
 from seaid.drives.terms import MOTOR_CONSTANTS
 from seaid.errors import Severity
@@ -156,14 +156,13 @@ class Experiment:
     inertia: Array
     sprung: BoolArray
     bodies: Array
-    sources: tuple[Mapping[str, Mapping[str, Any]], ...]
+    sources: tuple[Sources, ...]
     counted: BoolArray
     has_wrenches: bool = False
 
-    def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
-        """Return how a quantity of joint j was read: its column, or its entry in a description."""
-        source: str | Mapping[str, Any] = self.sources[log][self.robot.joint_names[j]][quantity]
-        return source
+    def source(self, j: int, quantity: str, log: int = 0) -> Source:
+        """Return how a quantity of joint j was read."""
+        return self.sources[log][self.robot.joint_names[j]][quantity]
 
     def input(self, j: int) -> str:
         """Return the quantity by which the torque of motor j is logged, such as its current."""
@@ -180,8 +179,8 @@ class Experiment:
         choices = [[name for name in sides[x] if name in sources][:1] for x in channels]
         return list(dict.fromkeys(name for choice in choices for name in choice))
 
-    def entries(self, j: int, channels: str, **changes: float) -> dict[str, str]:
-        """Return the TOML {quantity: source} of `logged`, with the changes of `changed_source`."""
+    def entries(self, j: int, channels: str, **changes: float) -> dict[str, Source]:
+        """Return {quantity: source} of `logged`, with the changes of `changed_source`."""
         names = self.logged(j, channels)
         return {name: changed_source(self.source(j, name), **changes) for name in names}
 
@@ -195,6 +194,14 @@ class Experiment:
         changed = replace(self, **changes)
         vars(changed).update(stays)
         return changed
+
+    def described_as(self, sources: Sources) -> Experiment:
+        """Return the experiment whose descriptions have other sources of some quantities."""
+        described = (
+            {joint: {**entries, **sources.get(joint, {})} for joint, entries in log.items()}
+            for log in self.sources
+        )
+        return self.with_changes(sources=tuple(described))
 
     def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
         """Return the experiment after a change of the arrays (..., n) of channels q, m, t and s."""
@@ -252,14 +259,22 @@ class Experiment:
         """
         inertia = self.inertia.copy()
         for j in map(self.robot.index, self.robot.elastic_joints):
-            turns = np.any(moving(self.motor[1][:, j]))
-            if inertia[j] or not turns or not np.all(np.isfinite(self.torque[:, j])):
-                continue
-            rows, y, others = self._of_spring(j)
-            columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
-            if np.sum(rows) > 3 * columns.shape[1]:
-                inertia[j] = max(qr_factor.scaled_svd(columns[rows]).solve(y[rows])[-1], 0.0)
+            if not inertia[j] and np.any(moving(self.motor[1][:, j])):
+                x, _ = self._by_motor_equation(j)
+                inertia[j] = max(float(x[-1]), 0.0) if x.size else 0.0
         return inertia
+
+    def _by_motor_equation(self, j: int) -> tuple[Array, Array]:
+        """Return what (7) determines of a joint with a spring and a torque, and its covariance.
+
+        That is minus the delay of the torque, the stiffness, any friction, and a rotor inertia that
+        is unknown. Too few rows determine nothing.
+        """
+        rows, y, others = self._of_spring(j)
+        columns = np.column_stack([self.torque_rate[:, j], self.apart[:, j], others])
+        if np.sum(rows) <= 3 * columns.shape[1] or not np.all(np.isfinite(self.torque[:, j])):
+            return np.empty(0), np.empty((0, 0))
+        return fitted(columns[rows], y[rows])
 
     @derived(*_OF_TORQUES)
     def _torque_sizes(self) -> Array:
@@ -556,11 +571,8 @@ class Experiment:
         delays = {}
         driven = [j for j in self.used if np.all(np.isfinite(self.torque[:, j]))]
         for j in (j for j in driven if j in self._elastic):
-            rows, y, others = self._of_spring(j)
-            columns = np.column_stack([self.torque_rate[:, j], others, self.apart[:, j]])
-            if np.sum(rows) > 3 * columns.shape[1]:
-                x, covariance = fitted(columns[rows], y[rows])
-                # A torque that is late by d is tau - d tau': the coefficient of tau' is -d.
+            x, covariance = self._by_motor_equation(j)
+            if x.size:  # A torque that is late by d is tau - d tau': the coefficient of tau' is -d.
                 delays[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
         stiff = [j for j in driven if j not in self._elastic]
         if stiff:
@@ -902,6 +914,17 @@ def best_value(experiment: Experiment, change: Change, start: float = 0.0) -> tu
     return 0.0, math.inf
 
 
+def best_factors(experiment: Experiment, change: Change) -> Iterator[tuple[float, float, float]]:
+    """Yield the factor whose logarithm is the `best_value`, and usual ones near to it, if any is.
+
+    Each has the relative standard error, and its penalty: a usual one is no fitted number.
+    """
+    log_factor, error = best_value(experiment, change)
+    if abs(log_factor) > max(tol.SLIGHT, tol.SURE * error):
+        fitted = math.exp(log_factor)
+        yield from ((factor, error, float(factor == fitted)) for factor in near(fitted))
+
+
 _TINY, _LEAST = 1e-9, 1e-300
 
 _SCALES = 60
@@ -915,7 +938,7 @@ def stands_locked(joint: Array, motor: Array) -> bool:
 
 def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     """Return the experiment at `INSTANTS` instants of the motions of each log."""
-    windows = [*_numbered_windows(logs)]
+    windows = [*_windows(logs)]
     parts = [_sampled(robot, window, max(1, INSTANTS // len(windows))) for _, window in windows]
     signals = {name: np.concatenate([x[name] for x in parts], axis=-2) for name in parts[0]}
     drives, motor = robot.drives.values(), signals["motor"][0]
@@ -940,38 +963,29 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
     )
 
 
-def sources_of(motions: Sequence[Motion]) -> Mapping[str, Mapping[str, Any]]:
+def sources_of(motions: Sequence[Motion]) -> Sources:
     """Return the sources of the channels of a log {joint: {quantity: source}}."""
     processing = motions[0].processing
     return {} if processing is None else processing.sources or {}
 
 
-def _numbered_windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:
-    """Yield the number of each log with each of its windows."""
-    for number, motions in enumerate(logs):
-        for motion in motions:
-            yield from ((number, window) for window in _windows(motion))
-
-
 def with_torques_of(experiment: Experiment, joints: Collection[str]) -> Experiment:
     """Return the experiment of a fixed base with the torques of some joints only."""
-    if not experiment.robot.base_is_held:
-        return experiment
     kept = np.isin(experiment.robot.joint_names, [*joints])
-    if np.all(kept):
+    if np.all(kept) or not experiment.robot.base_is_held:
         return experiment
     return experiment.with_channels("ts", lambda torque: np.where(kept, torque, np.nan))
 
 
-def _windows(motion: Motion) -> list[Motion]:
-    """Return the motion, or windows of it if it is long."""
-    count = len(motion.time)
-    # The low pass takes a transient at both ends of a window: two thirds of it remain, or more.
-    size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
-    if count <= _WINDOWS * size:
-        return [motion]
-    starts = np.linspace(0, count - size, _WINDOWS).astype(int).tolist()
-    return [motion.samples(slice(start, start + size)) for start in starts]
+def _windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:
+    """Yield the number of each log with each of its motions, or with windows of a long one."""
+    for number, motion in ((k, motion) for k, motions in enumerate(logs) for motion in motions):
+        count = len(motion.time)
+        # The low pass takes a transient at both ends of a window: two thirds of it remain, or more.
+        size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
+        starts = np.linspace(0, count - size, _WINDOWS).astype(int).tolist()
+        windows = (motion.samples(slice(start, start + size)) for start in starts)
+        yield from ((number, x) for x in ([motion] if count <= _WINDOWS * size else windows))
 
 
 def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
@@ -1016,7 +1030,8 @@ class Transform:
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
     one for what is unusual. `partner`: the second of two joints that are concerned. `channels`: q,
-    m, t and s that it multiplies.
+    m, t and s that it multiplies. `sources` are what changes in the description of the log; its
+    lines stand before the `remedy`.
     """
 
     code: Code
@@ -1029,6 +1044,13 @@ class Transform:
     penalty: float = 0.0
     partner: str = ""
     channels: str = ""
+    sources: Sources = field(default_factory=dict)
+
+    @property
+    def lines(self) -> str:
+        """The whole remedy as text."""
+        described = [in_description(self.sources)] * bool(self.sources)
+        return "\n".join([*described, *[self.remedy] * bool(self.remedy)])
 
 
 def multiplied(
@@ -1042,9 +1064,9 @@ def multiplied(
     """Return the transform that multiplies logged channels (q, m, t, s) of joints by factors."""
     names = experiment.robot.joint_names
     entries = {names[j]: experiment.entries(j, channels, factor=x) for j, x in factors.items()}
-    changed, more["channels"] = scaled(experiment, factors, channels), channels
+    more |= {"channels": channels, "sources": entries}
     return Transform(
-        code, message, changed, only_joint([*entries]), in_description(entries), **more
+        code, message, scaled(experiment, factors, channels), only_joint([*entries]), **more
     )
 
 

@@ -25,7 +25,7 @@ from seaid.checks.experiment import (
     MOST_STEPS,
     Experiment,
     Transform,
-    best_value,
+    best_factors,
     fitted,
     multiplied,
     near,
@@ -159,6 +159,16 @@ def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment
     return experiment.with_changes(ratio=experiment.ratio * factors).consistent
 
 
+def _other_ratios(
+    experiment: Experiment, j: int, slope: float
+) -> Iterator[tuple[float, float, float]]:
+    """Yield the factors on a gear ratio as `best_factors` does, by the slope of two encoders."""
+    if not experiment.both[j]:
+        yield from best_factors(experiment, partial(_with_ratio, j))
+    elif slope != 1:
+        yield from ((factor, 0.0, float(factor == slope)) for factor in near(slope))
+
+
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
     """Yield gear ratios: by the slope of two encoders, or by the torque and the motion of one."""
     for j in experiment.used:
@@ -166,24 +176,20 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         is_linear = experiment.robot.is_prismatic[j]
         is_per_m = is_linear and not experiment.robot.drives[joint].is_elastic
         key = "gear_ratio_rad_per_m" if is_per_m else "gear_ratio"
-        factor, by, evidence = other_slope(experiment, j) or 1.0, " by its two encoders", {}
+        slope, evidence = other_slope(experiment, j) or 1.0, {"given ratio": ratio}
         if experiment.both[j]:
-            evidence = {"slope between the encoders over the gear ratio": factor}
-        else:
-            log_factor, error = best_value(experiment, partial(_with_ratio, j))
-            is_shown = abs(log_factor) > max(tol.SLIGHT, tol.SURE * error)
-            factor = math.exp(log_factor) if is_shown else 1.0
-            by = f" +- {ratio * factor * error:.2g}"
-        for choice in near(factor) if factor != 1 else ():
-            if ratio * choice <= tol.LARGEST_RATIO[is_linear]:
+            evidence["slope between the encoders over the gear ratio"] = slope
+        for factor, error, penalty in _other_ratios(experiment, j, slope):
+            by = f"+- {ratio * factor * error:.2g}" if error else "by its two encoders"
+            if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
                     codes.CODES["gear-ratio"],
-                    f"the gear ratio of {joint} is {ratio * choice:.4g}{by}, not {ratio:.4g}",
-                    _with_ratio(j, experiment, math.log(choice)),
+                    f"the gear ratio of {joint} is {ratio * factor:.4g} {by}, not {ratio:.4g}",
+                    _with_ratio(j, experiment, math.log(factor)),
                     joint,
-                    codes.in_drives({(joint,): f"{key} = {ratio * choice:.6g}"}),
-                    evidence={"given ratio": ratio, **evidence},
-                    penalty=float(choice == factor),
+                    codes.in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
+                    evidence=evidence,
+                    penalty=penalty,
                 )
 
 
@@ -198,7 +204,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     if not factors:
         return
     names = {j: experiment.robot.joint_names[j] for j in factors}
-    joints, sources = listed([*names.values()]), dict[str, dict[str, str]]()
+    joints, sources = listed([*names.values()]), dict[str, dict[str, codes.Source]]()
     yield multiplied(
         codes.CODES["unit"],
         experiment,
@@ -214,7 +220,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     message = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
     levers = {j: 1 / factor for j, factor in factors.items()}
     of_joints = multiplied(codes.CODES["unit"], experiment, levers, "m", message)
-    yield replace(of_joints, remedy=codes.in_description(sources))
+    yield replace(of_joints, sources=sources)
 
 
 def _between_encoders(experiment: Experiment) -> list[int]:
@@ -290,22 +296,25 @@ def _turns(experiment: Experiment, j: int, joints: Sequence[int]) -> Array:
 def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -> Transform:
     """Return the transform of motors that turn with joints, {motor: {joint: turns}}."""
     names, drives = experiment.robot.joint_names, {**experiment.robot.drives}
-    lines = dict[tuple[str, ...], str]()
+    lines, evidence = dict[tuple[str, ...], str](), dict[str, float]()
     for j, added in turns.items():
         factors = {**(drives[names[j]].transmission or {names[j]: 1.0})}
         for i, count in added.items():
             factors[names[i]] = float(f"{factors.get(names[i], 0.0) + count:.4g}")
+            evidence[f"turns of the motor of {names[j]} with {names[i]}"] = factors[names[i]]
         drives[names[j]] = replace(drives[names[j]], transmission=factors)
         table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
         lines[names[j],] = f"transmission = {{ {table} }}"
     j, *others = turns
+    texts = (f"{name}: {count:.3g}" for name, count in evidence.items())
     return Transform(
         codes.CODES["coupled-joints"],
-        f"the motors of {listed(names[x] for x in turns)} turn with both joints, as those of a "
-        "differential do",
+        f"motors turn behind their gears with several joints ({listed(texts)}), by a differential, "
+        "a tendon or a parallel linkage",
         experiment.with_changes(robot=experiment.robot.with_drives(drives)),
         names[j],
         codes.in_drives(lines),
+        evidence=evidence,
         partner=names[others[0]] if others else "",
         penalty=float(len(turns)),
     )
@@ -325,17 +334,10 @@ def _uncoupled(experiment: Experiment) -> list[tuple[int, int]]:
 def coupled_motors(experiment: Experiment) -> Iterator[Transform]:
     """Yield motors that turn with another joint too, and encoders that measure a sum of joints."""
     for j, i in _uncoupled(experiment):
-        joint, mover = experiment.robot.joint_names[j], experiment.robot.joint_names[i]
         turns = float(_turns(experiment, j, [i])[0])
         if abs(turns) < tol.POOR:
             continue
-        coupled = replace(
-            _coupled(experiment, {j: {i: turns}}),
-            message=f"the motor of {joint} turns behind its gear as {joint} and {turns:.3g} times "
-            f"with {mover}: it drives both, by a differential, a tendon or a parallel linkage",
-            evidence={f"turns with {mover}": turns},
-        )
-        yield coupled
+        yield (coupled := _coupled(experiment, {j: {i: turns}}))
         if abs(abs(turns) - 1) < 3 * tol.SLIGHT:
             yield _against_another_link(experiment, coupled, i, j, float(np.sign(turns)))
 
@@ -713,7 +715,7 @@ def _zero_is_off(
         joint,
         "note" if is_minor else "doubtful",
         {"offset [rad]": offset, "standard error [rad]": error, "explained": share},
-        codes.zeros_in_description(side.robot, {joint: offset}, side.sources),
+        codes.in_description(codes.moved_zeros(side.robot, {joint: offset}, side.sources)),
     )
 
 

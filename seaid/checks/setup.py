@@ -13,7 +13,6 @@ their motion.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,7 +31,6 @@ from seaid.checks.codes import (
     Code,
     Observation,
     guarded,
-    in_description,
     in_drives,
     observed,
 )
@@ -40,6 +38,7 @@ from seaid.checks.experiment import (
     KINDS,
     Experiment,
     Transform,
+    best_factors,
     best_value,
     multiplied,
     near,
@@ -166,28 +165,15 @@ def mistakes(
             trials = [trial for trial in trials if trial.falls]
         if not trials:
             break
-        findings.append(_finding(trials))
-        experiment = _described(trials[0].transform.changed, findings[-1].remedy)
+        best, rivals = trials[0], _rivals(trials)
+        findings.append(_finding(best, rivals))
+        experiment = best.transform.changed
+        if not rivals:  # the lines of the next mistake in a channel then contain those of this one
+            experiment = experiment.described_as(best.transform.sources)
         # The file is contradicted as a whole: nothing else is compared with its bodies.
-        if trials[0].transform.code == CODES["nominal-values"]:
+        if best.transform.code == CODES["nominal-values"]:
             experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
     return [*findings, *dict.fromkeys(notes)], experiment
-
-
-def _described(experiment: Experiment, remedy: str) -> Experiment:
-    """Return the experiment whose channels are read as a remedy describes them.
-
-    The lines of the next mistake in a channel then contain those of this one.
-    """
-    header, _, lines = remedy.partition("\n")
-    if not header.endswith("in the description of the log:"):
-        return experiment
-    changed = tomllib.loads(lines).get("joints", {})
-    sources = (
-        {joint: {**entries, **changed.get(joint, {})} for joint, entries in log.items()}
-        for log in experiment.sources
-    )
-    return experiment.with_changes(sources=tuple(sources))
 
 
 def transforms(
@@ -227,9 +213,9 @@ def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) ->
     return sorted(demanded, key=lambda trial: -trial.total)
 
 
-def _finding(trials: Sequence[_Trial]) -> Finding:
-    """Return the finding of the first trial, with those that explain as much."""
-    best, transform = trials[0], trials[0].transform
+def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
+    """Return the finding of the best trial, with the `rivals` that explain as much."""
+    transform = best.transform
     message, evidence, severity = transform.message, {**transform.evidence}, transform.severity
     if best.falls:
         kind, j = min(best.falls, key=best.falls.__getitem__)
@@ -249,7 +235,7 @@ def _finding(trials: Sequence[_Trial]) -> Finding:
         )
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
-    remedy, rivals = transform.remedy, _rivals(trials)
+    remedy = transform.lines
     if rivals:
         evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
         causes = [replace(transform, message=message), *(rival.transform for rival in rivals)]
@@ -395,13 +381,9 @@ def _positions(experiment: Experiment) -> Iterator[Transform]:
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the positions of joints with one encoder, as by other counts per turn."""
     for j in (j for j in experiment.used if not experiment.both[j]):
-        log_factor, error = best_value(experiment, partial(_rescaled, j, "qm"))
-        if abs(log_factor) <= max(tol.SLIGHT, tol.SURE * error):
-            continue
-        for factor in near(math.exp(log_factor)):
+        for factor, error, penalty in best_factors(experiment, partial(_rescaled, j, "qm")):
             words = f"the positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
             words += f"{error / factor:.2g} times too large, as by other counts per turn"
-            penalty = float(factor == math.exp(log_factor))
             yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, penalty=penalty)
 
 
@@ -549,19 +531,18 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
 
 def _behind_gears(experiment: Experiment, factor: float) -> Transform:
     """Return the transform of motor torques that are those behind the gears."""
-    is_used = np.isin(np.arange(experiment.robot.n), experiment.used)
+    used, names = experiment.used, experiment.robot.joint_names
+    is_used = np.isin(np.arange(experiment.robot.n), used)
     torque = np.where(is_used, np.nan, experiment.torque)
     sensed = np.where(is_used, experiment.torque, experiment.sensed)
-    names = experiment.robot.joint_names
-    of_motors = {names[j]: experiment.entries(j, "t")["motor_torque"] for j in experiment.used}
-    sources = {joint: {"joint_torque": source} for joint, source in of_motors.items()}
-    note = '# or, if they are computed from currents: motor_torque = {..., side = "joint"}'
+    sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in used}
     return Transform(
         CODES["unit"],
         "the torques of all joints are those behind the gears, not those of the motors",
         experiment.with_changes(torque=torque, sensed=sensed),
-        remedy=f"{in_description(sources)}\n{note}",
+        remedy='# or, if they are computed from currents: motor_torque = {..., side = "joint"}',
         evidence={"factor": factor},
+        sources=sources,
     )
 
 
@@ -608,9 +589,7 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
 
 def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly, by a round factor or another one."""
-    log_factor, error = best_value(experiment, _with_clock)
-    is_shown = abs(log_factor) > max(tol.SLIGHT, tol.SURE * error)
-    others = near(math.exp(log_factor)) if is_shown else []
+    others = (factor for factor, *_ in best_factors(experiment, _with_clock))
     for factor in dict.fromkeys([0.1, 0.5, 2.0, 10.0, *others]):
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
         changed = _with_clock(experiment, math.log(factor))
@@ -662,8 +641,8 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
                 f"the {words} of {first} and {second} are exchanged",
                 changed,
                 first,
-                in_description(sources),
                 partner=second,
+                sources=sources,
             )
 
 
@@ -756,7 +735,7 @@ def log_findings(
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
     """Yield what is wrong with torques and commands, see `commands`."""
-    for _, log in logged.numbered:
+    for log in logged.logs:
         for look in (commands.no_measurements, commands.command_findings):
             yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 

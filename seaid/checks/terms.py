@@ -14,7 +14,6 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
-from seaid._files import toml_table
 from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, Drive, ParameterName, unit_of
 from seaid.drives.drives import term_fields
@@ -363,10 +362,8 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported_overall
 
 
-def toml_of(
-    joint: str, drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]
-) -> str:
-    """Return the TOML of a drive's field with further terms, and where their search starts."""
+def toml_of(drive: Drive, field: str, terms: Iterable[str], values: Mapping[str, float]) -> str:
+    """Return the lines of a drive's field with further terms, and where their search starts."""
     larger = drive
     for term in terms:
         larger = with_term(larger, field, term)
@@ -378,7 +375,7 @@ def toml_of(
     ]
     # A joint without a drive has no table yet, and the torques of its log are behind a gear.
     drive_keys = ['type = "stiff"', "gear_ratio = 1.0"] if drive == IDEAL_DRIVE else []
-    return "\n".join([toml_table(joint), *drive_keys, f"{field} = [{names}]", *starts])
+    return "\n".join([*drive_keys, f"{field} = [{names}]", *starts])
 
 
 def compared_terms(

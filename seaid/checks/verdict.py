@@ -21,7 +21,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Observation, as_note, excluding_torque, guarded, observed
 from seaid.checks.engine import time_blocks
 from seaid.checks.experiment import Experiment
-from seaid.errors import Finding, IdentificationError, SeaidError, Severity, listed
+from seaid.errors import Certainty, Finding, IdentificationError, SeaidError, Severity, listed
 from seaid.estimation import Estimate, FittedRows, qr_factor
 from seaid.estimation.covariance import row_step
 from seaid.regressor import BaseParameters, Regression
@@ -517,31 +517,28 @@ def _misfit(whole: RobotFit, joint: str, error: float) -> Finding:
     if joint in BASE_ROWS:
         of, force, base = f"the {joint}", "force", _OF_BASE
     holds = f"; its motor equation holds, with an error of {fit.motor:.1%}" * (fit.motor < tol.MOST)
-    finding = CODES["no-fit"].finding(
+    severity: Severity = "doubtful"
+    message = (
         f"the model leaves much of {of} unexplained: {fit.own:.0%} of it in the own logs and "
-        f"{error:.0%} in excluded blocks, a constant 100%{holds}",
-        joint,
-        evidence={"error": fit.own, "error of excluded blocks": fit.blocks},
-        remedy=base or CODES["no-fit"].advice,
+        f"{error:.0%} in excluded blocks, a constant 100%{holds}"
     )
+    remedy = base or CODES["no-fit"].advice
     if fit.own <= tol.MOST:
-        return replace(
-            finding,
-            message=f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of "
-            f"the {force}, and predicts excluded blocks of them with {error:.0%}: the motion of a "
-            "part of the log does not determine its parameters",
-            remedy="record a longer motion" + ("" if base else ", or remove terms of this drive"),
+        message = (
+            f"the model of {joint} fits the own logs, with an error of {fit.own:.0%} of the "
+            f"{force}, and predicts excluded blocks of them with {error:.0%}: the motion of a part "
+            "of the log does not determine its parameters"
         )
-    if error <= tol.NOTHING:
-        return finding
-    return replace(
-        finding,
-        message=f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in "
-        f"the own logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}",
-        severity="wrong",
-        remedy=base or _OF_JOINT + excluding_torque(kept),
-        certainty="certain",
-    )
+        remedy = "record a longer motion" + ("" if base else ", or remove terms of this drive")
+    elif error > tol.NOTHING:
+        severity, remedy = "wrong", base or _OF_JOINT + excluding_torque(kept)
+        message = (
+            f"the model explains nothing of {of}: its error is {_percent(fit.own)} of it in the "
+            f"own logs and {_percent(error)} in excluded blocks, that of a constant 100%{holds}"
+        )
+    evidence = {"error": fit.own, "error of excluded blocks": fit.blocks}
+    certainty: Certainty = "certain" if severity == "wrong" else "likely"
+    return CODES["no-fit"].finding(message, joint, severity, evidence, remedy, certainty)
 
 
 def _contacts(whole: RobotFit) -> Iterator[Finding]:

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
+from seaid._files import toml_table
 from seaid.checks import CODES
 from seaid.checks.codes import Observation, in_description, observed, only_joint
 from seaid.checks.tolerances import FEW, MOST, RARE, SURE, TWICE
@@ -38,7 +39,7 @@ from seaid.legged.floating import FloatingRobot, contact_map
 from seaid.legged.load_side import late_flag_rows, radius_rows
 from seaid.log import Log, Motion, in_band
 from seaid.log.base_log import LEAST_LIFT, BaseMotion
-from seaid.log.description import as_toml, changed_source
+from seaid.log.description import changed_source
 from seaid.log.motion import POSITION_BAND
 from seaid.log.rows import inside_transients
 from seaid.regressor import Regression
@@ -176,10 +177,10 @@ class FeetInMotion:
             described = (log.description or {}).get("contacts", described)
         return described.get(link, {}).get("contact", f"{link}.contact")
 
-    def channels_of(self, joint: str) -> dict[str, str]:
-        """Return {quantity: source as TOML} of a joint, as the last description has it."""
+    def channels_of(self, joint: str) -> dict[str, str | Mapping[str, Any]]:
+        """Return {quantity: source} of a joint, as the last description has it."""
         sources = (log.sources()[joint] for log in self.logs)
-        return {name: as_toml(x) for channels in sources for name, x in channels.items()}
+        return {name: x for channels in sources for name, x in channels.items()}
 
 
 def _median_of_standing(values: Array, flags: BoolArray, of_none: float) -> Array:
@@ -498,7 +499,7 @@ def _exchanges(feet: FeetInMotion) -> Iterator[Finding]:
         )
     if order.contacts:
         exchanged = ", ".join(f"{link} by that of {x}" for link, x in order.contacts.items())
-        flags = {x: {"contact": as_toml(feet.source_of(y))} for x, y in order.contacts.items()}
+        flags = {x: {"contact": feet.source_of(y)} for x, y in order.contacts.items()}
         yield CONTACT_FLAGS.wrong(
             f"the flags of contacts are exchanged: the feet stand as if that of {exchanged} were "
             "meant",
@@ -773,9 +774,9 @@ def _turned_forces(motions: Sequence[Motion]) -> str:
     """Return the lines that change the signs of measured forces, "" without any."""
     bases = (motion.base for motion in motions if motion.base is not None)
     sensors = sorted({link for base in bases for link in base.wrenches})
-    entries = {link: {"force": "{ ..., scale = -1 }"} for link in sensors}
-    lines = in_description(entries, "the log, and so for each moment", "contacts")
-    return f"; {lines}" if sensors else ""
+    lines = [f"{toml_table('contacts', link)}\nforce = {{ ..., scale = -1 }}" for link in sensors]
+    header = "; in the description of the log, and so for each moment:"
+    return "\n".join([header, *lines]) if sensors else ""
 
 
 FEET_CHECKS = (

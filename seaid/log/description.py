@@ -325,11 +325,11 @@ def changed_source(
     offset: float = 0.0,
     delay_s: float = 0.0,
     wraps: float | None = None,
-) -> str:
-    """Return the TOML of a source whose values become factor * value + offset, `delay_s` earlier.
+) -> dict[str, Any]:
+    """Return the source whose values become factor * value + offset, `delay_s` earlier.
 
-    What the source has already is multiplied or added, so that the text replaces it. Its values
-    wrap around every `wraps`, in SI units; the text has it in the unit of the column.
+    What the source has already is multiplied or added, so that the new one replaces it. Its values
+    wrap around every `wraps`, in SI units; the source has it in the unit of the column.
     """
     table: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
     if factor < 0:
@@ -345,7 +345,7 @@ def changed_source(
     if wraps is not None:
         size = table.get("times", 1.0) * table.get("scale", 1.0) * _unit_size(table)
         table["wraps"] = _rounded(wraps / size)
-    return as_toml(table)
+    return table
 
 
 def _unit_size(table: Mapping[str, Any]) -> float:

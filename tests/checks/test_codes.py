@@ -16,7 +16,7 @@ import seaid
 from seaid import checks
 from seaid.checks import CODES, channels, commands, engine, model, setup, verdict
 from seaid.checks.channels import OF_LOGS
-from seaid.checks.codes import Observation, consequences, merged, observed, that_matter
+from seaid.checks.codes import Observation, consequences, in_drives, merged, observed, that_matter
 from seaid.checks.experiment import Experiment
 from seaid.checks.tolerances import MOST_ALIKE
 from seaid.checks.verdict import RobotFit
@@ -27,7 +27,7 @@ from tests.representatives import quick_only
 
 
 def lacking(joint: str, field: str = "friction") -> Finding:
-    lines = f'in the drives file:\n[{joint}]\n{field} = ["viscous"]'
+    lines = in_drives({(joint,): f'{field} = ["viscous"]'})
     return Finding("missing-term", f"{joint} lacks it", joint, evidence={"F": 9.0}, remedy=lines)
 
 

@@ -265,8 +265,7 @@ def test_joints_have_clocks_of_their_own_and_encoders_wrap(tmp_path: Path) -> No
 def test_a_period_is_in_the_unit_of_its_column(tmp_path: Path, source: Table, wraps: float) -> None:
     """The text of the remedy, a period of one turn, unwraps the log of which it is."""
     if "wraps" not in source:
-        text = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
-        source = tomllib.loads(f"source = {text}")["source"]
+        source = changed_source({"column": "turned"} | source, wraps=2 * np.pi)
     assert source["wraps"] == pytest.approx(wraps)
     motor = wave(0.5, 30.0)
     turned = np.mod(motor * wraps / (2 * np.pi) * source.get("sign", 1), wraps)
