@@ -8,27 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant, resolution, runs
 from seaid._files import toml_key
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    CODES,
-    Channel,
-    Observation,
-    Source,
-    channels_of,
-    in_description,
-    in_drives,
-)
+from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
 from seaid.errors import Finding
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
-from seaid.log.description import changed_source
+from seaid.log.description import as_toml, changed_source
 from seaid.log.repair.channels import held_over, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS
@@ -67,9 +60,8 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
             clock = (log.description or {}).get("time", "time_s")
             column = clock if isinstance(clock, str) else clock.get("column", "time_s")
             text = f"its time seems to be in {unit}, which gives {rates[unit]:.4g} Hz"
-            remedy = (
-                f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
-            )
+            source = as_toml({"column": column, "unit": unit})
+            remedy = f"in the description of the log:\ntime = {source}"
         yield CODES["time-unit"].wrong(
             f"the log has {rate:.3g} samples per second: {text}",
             evidence={"rate [Hz]": rate},
@@ -78,9 +70,9 @@ def _time_units(logged: Logged) -> Iterator[Finding]:
         )
 
 
-def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Source]]:
+def _changed(changes: Mapping[Channel, Mapping[str, float]]) -> dict[str, dict[str, Any]]:
     """Return {joint: {quantity: source}} of channels with their changes."""
-    sources = dict[str, dict[str, Source]]()
+    sources = dict[str, dict[str, Any]]()
     for channel, change in changes.items():
         sources.setdefault(channel.joint, {})[channel.quantity] = channel.changed(**change)
     return sources

@@ -222,10 +222,8 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     if share < tol.FEW:
         return
     times, evidence = float(np.median(asked)) / limit, {"share at the limit": share}
-    asks = (
-        f"the controller of {joint} asks for more than its torque limit, {limit:.4g} {unit}, in "
-        f"{share:.1%} of the samples"
-    )
+    asks = f"the controller of {joint} asks for more than its torque limit, {limit:.4g} {unit}, in "
+    asks += f"{share:.1%} of the samples"
     # bodies of the robot file show another unit better than its limits
     if times > tol.MANY_TIMES and (has_limit or not np.any(robot.parameters)):
         yield codes.CODES["gain-scale"].finding(

@@ -646,9 +646,7 @@ class Experiment:
 
         The rotor has a column if its inertia is unknown.
         """
-        gradual = np.tanh(
-            self.friction[j][:, 0] / tol.POOR
-        )  # the first column is the speed, up to 1
+        gradual = np.tanh(self.friction[j][:, 0] / tol.POOR)  # of the speed, which is up to 1
         rotor = [self.motor[2][:, j]] if has_rotor else []
         return np.column_stack([self.friction[j], gradual, *rotor])
 
@@ -719,9 +717,8 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        return qr_factor.scaled_svd(
-            np.concatenate([self.loads, self._further], axis=2)[self.used]
-        ).spans
+        columns = np.concatenate([self.loads, self._further], axis=2)
+        return qr_factor.scaled_svd(columns[self.used]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
@@ -733,10 +730,8 @@ class Experiment:
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, further = (
-            self._factors[..., :-2],
-            qr_factor.scaled_svd(self._factors[..., -2:]).spans,
-        )
+        bodies, further = self._factors[..., :-2], self._factors[..., -2:]
+        further = qr_factor.scaled_svd(further).spans
         R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
         return qr_factor.triangle(R.reshape(-1, R.shape[2]))
 

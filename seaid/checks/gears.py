@@ -203,24 +203,13 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     }
     if not factors:
         return
-    names = {j: experiment.robot.joint_names[j] for j in factors}
-    joints, sources = listed([*names.values()]), dict[str, dict[str, codes.Source]]()
-    yield multiplied(
-        codes.CODES["unit"],
-        experiment,
-        factors,
-        "q",
-        f"the joint encoders of {joints} have the angles of the motors: they are multiplied by the "
-        "gear ratio already",
-    )
-    for j, joint in names.items():
-        source = experiment.source(j, "motor_position")
-        table = {"column": source} if isinstance(source, str) else source
-        sources[joint] = {"motor_position": changed_source({**table, "side": "joint"})}
-    message = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
+    joints = listed([experiment.robot.joint_names[j] for j in factors])
+    at_motor = f"the joint encoders of {joints} have the angles of the motors: they are multiplied "
+    at_motor += "by the gear ratio already"
+    at_joint = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
     levers = {j: 1 / factor for j, factor in factors.items()}
-    of_joints = multiplied(codes.CODES["unit"], experiment, levers, "m", message)
-    yield replace(of_joints, sources=sources)
+    yield multiplied(codes.CODES["unit"], experiment, factors, "q", at_motor)
+    yield multiplied(codes.CODES["unit"], experiment, levers, "m", at_joint)
 
 
 def _between_encoders(experiment: Experiment) -> list[int]:

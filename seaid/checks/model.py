@@ -231,10 +231,9 @@ def without_echoes(
             gone = side.vanished(cutoff_hz)
             explained = by_severity(above[key] for key in gone if key in above)
             if explained and not side.doubtful:
-                worst = {
-                    x: replace(y, severity=explained[0].severity) for x, y in side.findings.items()
-                }
-                side = replace(side, findings=worst)
+                worst = explained[0].severity
+                findings = {x: replace(y, severity=worst) for x, y in side.findings.items()}
+                side = replace(side, findings=findings)
             vanished |= gone if side.doubtful else set()
         sides.append(side)
     return [x for x in values if (x.code, x.joint) not in vanished], sides

@@ -567,9 +567,8 @@ def _few_rows(whole: RobotFit) -> Iterator[Finding]:
     """Yield that blocks of the logs contradict each other as so few independent rows do."""
     has_fit = any(tol.NEGLIGIBLE < each.blocks <= tol.NOTHING for each in whole.joints.values())
     error, count = float(np.median([*whole.predicted.values()] or [0.0])), whole.rows_per_parameter
-    fewest = (
-        tol.FEWEST_BY_BLOCKS if whole.predicted else tol.FEWEST_INDEPENDENT
-    )  # of a floating base
+    # nothing is predicted of a floating base
+    fewest = tol.FEWEST_BY_BLOCKS if whole.predicted else tol.FEWEST_INDEPENDENT
     is_unclear = error > tol.POOR and count < tol.TWICE * fewest
     if has_fit and (count < fewest or is_unclear) and not whole.contacts:
         unseen = f", and the torques of other motions have standard errors of {error:.0%} of them"
