@@ -282,18 +282,34 @@ def _missing_terms(
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    is_spring = field == "spring"
+    is_spring, rival = field == "spring", _late_instead(side, joint, accepted)
+    or_late = "; or its joint position is late, by {:.3g} s: one clock for both encoders decides"
+    or_late = "".join(map(or_late.format, rival.values()))
     return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
         f"{lacking}: {names} in its {field} would explain "
         # Next to other weights the residual may be larger than before.
         f"{max(share, 0.0):.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
-        f"blocks by {comparison.improvement:.0%}",
+        f"blocks by {comparison.improvement:.0%}{or_late}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
-        {**comparison.evidence, **values, "explained": share},
+        {**comparison.evidence, **values, **rival, "explained": share},
         _lines_of_terms(side, joint, field, terms, values),
     )
+
+
+def _late_instead(side: Side, joint: str, accepted: Sequence[engine.Accepted]) -> dict[str, float]:
+    """Return the delay of a joint position that looks like damping next to more friction, if any.
+
+    A position that is late by d adds -k d times the speed of the joint, see `gears`, and damping c
+    adds c times that of the motor at the spring less that of the joint: k d = c.
+    """
+    first, sources = accepted[0], {*side.sources.get(joint, {})}
+    stiffness, _ = side.next_to(first).get("stiffness", (0.0, 0.0))
+    is_shown = stiffness > 0 and {"motor_position", "joint_position"} <= sources
+    if first.trial.candidate.term != "damping" or not is_shown:
+        return {}
+    return {"delay of the joint position instead [s]": float(first.coefficients[-1]) / stiffness}
 
 
 def _lines_of_terms(

@@ -398,6 +398,24 @@ def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: floa
     assert f"delay_s = {round(finding.evidence['delay [s]'], 5)}" in finding.remedy
 
 
+def test_damping_names_the_late_encoder_that_looks_like_it_next_to_friction() -> None:
+    true, delay_s = with_knee(leg(TEST_MASS)), 0.01
+    knee = true.drives["knee_pitch"]
+    viscous = 5 * knee.values["viscous_friction"]
+    damped = knee.with_values({**knee.values, "viscous_friction": viscous})
+    log = seaid.simulate(
+        true.with_drives({"knee_pitch": damped}), leg_trajectory(), noise=LEG_SENSORS, seed=1
+    )
+    positions, place = log.joint_position.copy(), true.index("knee_pitch")
+    positions[:, place] = np.interp(log.time - delay_s, log.time, positions[:, place])
+    result = identify(leg(TEST_MASS).without_nominal(), replace(log, joint_position=positions))
+    (finding,) = (x for x in result.warnings if x.code in ("delay", "nonlinear-spring"))
+    assert (finding.code, finding.joint) == ("nonlinear-spring", "knee_pitch")
+    late_s = finding.evidence["delay of the joint position instead [s]"]
+    assert late_s == pytest.approx(delay_s, rel=0.1)
+    assert f"is late, by {late_s:.3g} s" in finding.message
+
+
 @pytest.mark.parametrize(("torque", "rotor"), quick_only([(2, 1), (0.5, 1), (1, 2)], [(2, 1)]))
 def test_a_known_rotor_is_the_scale_of_the_torque_at_a_spring(torque: float, rotor: float) -> None:
     """Which of the two is wrong no log decides: both are named, and no line is printed."""
