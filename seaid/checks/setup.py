@@ -25,15 +25,7 @@ from scipy.special import chdtri
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import (
-    AS_GIVEN,
-    CODES,
-    Code,
-    Observation,
-    guarded,
-    in_drives,
-    observed,
-)
+from seaid.checks.codes import AS_GIVEN, CODES, Code, Observation, guarded, in_drives, observed
 from seaid.checks.experiment import (
     KINDS,
     Experiment,
@@ -227,11 +219,13 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         )
     else:
         # The inverse of z^2 / 2, which is positive for a transform that is demanded.
-        evidence["standard errors"] = math.sqrt(2 * (best.direct + best.bodies))
+        errors = math.sqrt(2 * (best.direct + best.bodies))
+        evidence["standard errors"] = errors
         severity = "note" if severity == "note" else "doubtful"
         message += (
-            f": the log contradicts the value given by {evidence['standard errors']:.0f} "
-            "standard errors, errors of the bodies in the robot file included"
+            f": by all that it shows, errors of the bodies in the robot file included, the log "
+            f"contradicts the value given by {errors:.0f} standard errors; an error after +- is "
+            "that by the torques alone"
         )
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
@@ -266,9 +260,10 @@ def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
     return list(rivals.values())
 
 
-def _subject(transform: Transform) -> tuple[Code, str, bool]:
-    """Return code and joint of a transform, and whether it changes a torque sensor alone."""
-    return transform.code, transform.joint, transform.channels == "s"
+def _subject(transform: Transform) -> tuple[Code, str, bool, bool]:
+    """Return code, joint, and whether a transform changes a torque sensor, or places, alone."""
+    channels = transform.channels
+    return transform.code, transform.joint, channels == "s", not channels
 
 
 def _median(values: Array) -> float:
@@ -381,7 +376,7 @@ def _positions(experiment: Experiment) -> Iterator[Transform]:
 def _position_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield factors on the positions of joints with one encoder, as by other counts per turn."""
     for j in (j for j in experiment.used if not experiment.both[j]):
-        for factor, error, penalty in best_factors(experiment, partial(_rescaled, j, "qm")):
+        for factor, error, penalty in best_factors(experiment, partial(_rescaled, [j], "qm")):
             words = f"the positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
             words += f"{error / factor:.2g} times too large, as by other counts per turn"
             yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, penalty=penalty)
@@ -424,12 +419,33 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
             continue
         # those of the bodies of all joints suggest another factor
         log_factor, error = best_value(
-            scaled(experiment, {j: 1 / slope}, "t"), partial(_rescaled, j, "t")
+            scaled(experiment, {j: 1 / slope}, "t"), partial(_rescaled, [j], "t")
         )
-        slope *= math.exp(-log_factor)
+        slope = float(slope) * math.exp(-log_factor)
         if abs(slope - 1) > tol.SLIGHT:
             words = f"the torque of {experiment.robot.joint_names[j]} is"
-            yield _scale(experiment, [j], slope, words, error=error)
+            scale = _scale(experiment, [j], slope, words, error=error)
+            of_gear = [*_of_gear(experiment, j, slope, words)]
+            # a fitted factor that is that of the gear is no other cause, a unit is
+            yield from of_gear if of_gear and scale.penalty else [scale, *of_gear]
+
+
+def _of_gear(experiment: Experiment, j: int, slope: float, words: str) -> Iterator[Transform]:
+    """Yield the transforms of a torque of the other side of its gear, which is no unit."""
+    lever = float(experiment.lever[j])
+    for factor in (lever, 1 / lever) if abs(math.log(lever)) > 2 * tol.POOR else ():
+        if abs(math.log(abs(slope) / factor)) < 2 * tol.POOR:
+            other = f"{words} {factor:.4g} times too large: that of the other side of the gear"
+            yield multiplied(
+                CODES["torque-scale"],
+                experiment,
+                {j: math.copysign(1 / factor, slope)},
+                "t",
+                f"{other}{', with the opposite sign' * (slope < 0)}",
+                evidence={"factor": slope},
+            )
+            if factor == lever and experiment.input(j) == "motor_torque" and slope > 0:
+                yield _behind_gears(experiment, [j], slope, words)
 
 
 def _scale(
@@ -437,7 +453,6 @@ def _scale(
     joints: Sequence[int],
     slope: float,
     words: str,
-    penalty: float = 0.0,
     error: float = 0.0,
     channels: str = "t",
 ) -> Transform:
@@ -463,14 +478,16 @@ def _scale(
         channels,
         f"{words} {off}",
         severity="wrong" if is_unit else "doubtful",
-        evidence={"factor": slope},
-        penalty=penalty if exact else 1.0 + penalty,
+        evidence={"factor": slope, **({"standard error": times * error} if error else {})},
+        penalty=float(not exact),
     )
 
 
-def _rescaled(j: int, channels: str, experiment: Experiment, log_factor: float) -> Experiment:
-    """Return the experiment with a factor on channels of joint j, by its logarithm."""
-    return scaled(experiment, {j: math.exp(log_factor)}, channels)
+def _rescaled(
+    joints: Sequence[int], channels: str, experiment: Experiment, log_factor: float
+) -> Experiment:
+    """Return the experiment with a factor on channels of joints, by its logarithm."""
+    return scaled(experiment, dict.fromkeys(joints, math.exp(log_factor)), channels)
 
 
 def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
@@ -503,18 +520,23 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     """Yield a factor on all torques: their unit, that they are behind the gears, or the masses."""
     used, lever = experiment.used, experiment.lever[experiment.used]
-    slopes, rotors = np.array([(x.shown, x.rotor) for x in experiment.scales.values()]).T
-    middle, rotor = float(np.median(slopes)), _median(rotors)
-    if middle <= 0 or len(used) < 2 or abs(middle - 1) < tol.SLIGHT:
+    if len(used) < 2:
         return
-    # torques in another unit change the apparent rotor inertias too, masses do not
-    of_masses = rotor > 0 and abs(math.log(rotor)) < tol.MOST * abs(math.log(middle))
-    words, channels = "the torques of all joints are", _torques(experiment)
-    yield _scale(experiment, used, middle, words, float(of_masses), channels=channels)
+    slopes = np.array([scale.shown for scale in experiment.scales.values()])
+    middle, words = float(np.median(slopes)), "the torques of all joints are"
+    channels, start = _torques(experiment), -math.log(middle) if middle > 0 else 0.0
+    # Known rotors show the factor beyond their own errors, whatever the masses of the file are.
+    log_factor, error = best_value(experiment, partial(_rescaled, used, channels), start)
+    is_shown = abs(log_factor) > max(tol.POOR, tol.SURE * error)
+    factor, error = (math.exp(-log_factor), error) if is_shown else (middle, 0.0)
+    if factor > 0 and abs(factor - 1) >= tol.SLIGHT:
+        yield _scale(experiment, used, factor, words, error=error, channels=channels)
+    if middle <= 0 or abs(middle - 1) < tol.SLIGHT:
+        return
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
     is_driven &= all(experiment.input(j) == "motor_torque" for j in used)
     if is_driven and 1 / tol.TWICE < float(np.median(slopes / lever)) < tol.TWICE:
-        yield _behind_gears(experiment, middle)
+        yield _behind_gears(experiment, used, middle, words)
     # `bodies` include the payloads, `robot.parameters` do not: these were weighed.
     heavier = experiment.bodies + (middle - 1) * experiment.robot.parameters
     yield Transform(
@@ -529,17 +551,19 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     )
 
 
-def _behind_gears(experiment: Experiment, factor: float) -> Transform:
+def _behind_gears(
+    experiment: Experiment, joints: Sequence[int], factor: float, words: str
+) -> Transform:
     """Return the transform of motor torques that are those behind the gears."""
-    used, names = experiment.used, experiment.robot.joint_names
-    is_used = np.isin(np.arange(experiment.robot.n), used)
-    torque = np.where(is_used, np.nan, experiment.torque)
-    sensed = np.where(is_used, experiment.torque, experiment.sensed)
-    sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in used}
+    names, is_behind = experiment.robot.joint_names, np.isin(np.arange(experiment.robot.n), joints)
+    torque = np.where(is_behind, np.nan, experiment.torque)
+    sensed = np.where(is_behind, experiment.torque, experiment.sensed)
+    sources = {names[j]: {"joint_torque": experiment.source(j, "motor_torque")} for j in joints}
     return Transform(
         CODES["unit"],
-        "the torques of all joints are those behind the gears, not those of the motors",
+        f"{words} measured behind the gear, and not at the motor",
         experiment.with_changes(torque=torque, sensed=sensed),
+        names[joints[0]] if len(joints) == 1 else "",
         remedy='# or, if they are computed from currents: motor_torque = {..., side = "joint"}',
         evidence={"factor": factor},
         sources=sources,

@@ -87,6 +87,45 @@ def test_a_ratio_an_encoder_and_a_torque_that_are_off_are_told_apart(what: str, 
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
 
 
+@pytest.mark.parametrize("ratio", quick_first([100.0, 97.0, 48.0]))
+def test_a_torque_that_is_measured_behind_its_gear_is_no_unit_of_torque(ratio: float) -> None:
+    """A gear of 100 looks like N cm, and both are named; of another gear the log decides."""
+    truth, log, joint = true_geared_arm(), geared_arm_log(), "elbow_joint"
+    drive = truth.drives[joint]
+    rotor = float(drive.motor_inertia_kg_m2 or 0.0) / ratio**2
+    geared = replace(drive, gear_ratio=ratio, motor_inertia_kg_m2=rotor)
+    finding = the_mistake(rough(truth, 0).with_drives({joint: geared}), log)
+    assert (finding.joint, finding.severity) == (joint, "wrong")
+    if ratio == 100:
+        assert {finding.code, *finding.evidence} >= {"unit", "or torque-scale"}
+        assert finding.certainty == "possible"
+        assert "in Ncm" in finding.message
+        assert "that of the other side of the gear" in finding.message
+        assert "scale" not in finding.remedy
+    else:
+        assert (finding.code, finding.certainty) == ("torque-scale", "certain")
+        scale = lines_of(finding, joint)["motor_torque"]["scale"]
+        assert scale == pytest.approx(1 / ratio, rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", quick_first([1.3, 1.0]))
+def test_known_rotors_show_whether_all_torques_or_all_masses_are_off(factor: float) -> None:
+    """With masses that are too small by the same factor the bodies of the file show neither."""
+    log = geared_arm_log()
+    robot = rough(true_geared_arm(), 0, 1 / 1.3 if factor > 1 else 1.3)
+    off = replace(log, motor_torque=factor * log.motor_torque)
+    if factor == 1:
+        assert [x for x in mistakes(experiment(robot, off))[0] if x.severity != "note"] == []
+        return
+    finding = the_mistake(robot, off)
+    assert (finding.code, finding.joint) == ("torque-scale", "")
+    assert finding.evidence["factor"] == pytest.approx(factor, rel=0.06)
+    # its error is that by the torques; what contradicts the value given is all that the log shows
+    assert finding.evidence["standard error"] < 0.05
+    assert finding.evidence["standard errors"] > 3
+    assert "is that by the torques alone" in finding.message
+
+
 @pytest.mark.slow  # 1.2 s
 def test_a_motor_keeps_its_constant_where_columns_of_currents_are_exchanged() -> None:
     robot, log, (i, j) = leg(TEST_MASS), leg_log(), (3, 4)
