@@ -181,6 +181,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
             evidence["slope between the encoders over the gear ratio"] = slope
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             by = f"+- {ratio * factor * error:.2g}" if error else "by its two encoders"
+            known = {"standard error": ratio * factor * error} if error else {}
             if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
                     codes.CODES["gear-ratio"],
@@ -188,7 +189,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
                     _with_ratio(j, experiment, math.log(factor)),
                     joint,
                     codes.in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
-                    evidence=evidence,
+                    evidence={**evidence, **known},
                     penalty=penalty,
                 )
 
@@ -204,8 +205,7 @@ def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
     if not factors:
         return
     joints = listed([experiment.robot.joint_names[j] for j in factors])
-    at_motor = f"the joint encoders of {joints} have the angles of the motors: they are multiplied "
-    at_motor += "by the gear ratio already"
+    at_motor = f"the joint encoders of {joints} have the angles of the motors, before the gear"
     at_joint = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
     levers = {j: 1 / factor for j, factor in factors.items()}
     yield multiplied(codes.CODES["unit"], experiment, factors, "q", at_motor)

@@ -219,13 +219,12 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         )
     else:
         # The inverse of z^2 / 2, which is positive for a transform that is demanded.
-        errors = math.sqrt(2 * (best.direct + best.bodies))
-        evidence["standard errors"] = errors
+        evidence["standard errors"] = errors = math.sqrt(2 * (best.direct + best.bodies))
+        other = "; the error after +- is that by the torques alone" * ("standard error" in evidence)
         severity = "note" if severity == "note" else "doubtful"
         message += (
             f": by all that it shows, errors of the bodies in the robot file included, the log "
-            f"contradicts the value given by {errors:.0f} standard errors; an error after +- is "
-            "that by the torques alone"
+            f"contradicts the value given by {errors:.0f} standard errors{other}"
         )
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
@@ -379,7 +378,8 @@ def _position_scales(experiment: Experiment) -> Iterator[Transform]:
         for factor, error, penalty in best_factors(experiment, partial(_rescaled, [j], "qm")):
             words = f"the positions of {experiment.robot.joint_names[j]} are {1 / factor:.4g} +- "
             words += f"{error / factor:.2g} times too large, as by other counts per turn"
-            yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, penalty=penalty)
+            options = {"evidence": {"standard error": error / factor}, "penalty": penalty}
+            yield multiplied(CODES["unit"], experiment, {j: factor}, "qm", words, **options)
 
 
 def _all_channels(experiment: Experiment) -> Iterator[Transform]:

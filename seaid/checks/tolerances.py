@@ -96,9 +96,6 @@ EVENTS = 8
 """Least number of events that chance does not make: a signed torque is below zero after half of
 its returns to it, so that none of eight is has a probability of 1/256."""
 
-BEYOND_RAD = 0.17
-"""Angle [rad] by which the zero of a joint may move its range beyond the limits of a robot file."""
-
 SLOWEST_HZ, FASTEST_HZ = 8.0, 3e4
 """Sampling rates of logs of motion lie between; in their middle, of the logarithm, are 500 Hz."""
 

@@ -123,7 +123,7 @@ def test_known_rotors_show_whether_all_torques_or_all_masses_are_off(factor: flo
     # its error is that by the torques; what contradicts the value given is all that the log shows
     assert finding.evidence["standard error"] < 0.05
     assert finding.evidence["standard errors"] > 3
-    assert "is that by the torques alone" in finding.message
+    assert "the error after +- is that by the torques alone" in finding.message
 
 
 @pytest.mark.slow  # 1.2 s
