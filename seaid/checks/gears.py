@@ -159,9 +159,7 @@ def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment
     return experiment.with_changes(ratio=experiment.ratio * factors).consistent
 
 
-def _other_ratios(
-    experiment: Experiment, j: int, slope: float
-) -> Iterator[tuple[float, float, float]]:
+def _other_ratios(experiment: Experiment, j: int, slope: float) -> Iterator[Sequence[float]]:
     """Yield the factors on a gear ratio as `best_factors` does, by the slope of two encoders."""
     if not experiment.both[j]:
         yield from best_factors(experiment, partial(_with_ratio, j))

@@ -528,9 +528,10 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     # Known rotors show the factor beyond their own errors, whatever the masses of the file are.
     log_factor, error = best_value(experiment, partial(_rescaled, used, channels), start)
     is_shown = abs(log_factor) > max(tol.POOR, tol.SURE * error)
-    factor, error = (math.exp(-log_factor), error) if is_shown else (middle, 0.0)
-    if factor > 0 and abs(factor - 1) >= tol.SLIGHT:
-        yield _scale(experiment, used, factor, words, error=error, channels=channels)
+    factors = {middle: 0.0} | ({math.exp(-log_factor): error} if is_shown else {})
+    for factor, known in factors.items():
+        if factor > 0 and abs(factor - 1) >= tol.SLIGHT:
+            yield _scale(experiment, used, factor, words, error=known, channels=channels)
     if middle <= 0 or abs(middle - 1) < tol.SLIGHT:
         return
     is_driven = np.all(np.isfinite(experiment.torque[:, used])) and np.min(lever) >= tol.FAR
