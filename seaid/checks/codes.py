@@ -344,11 +344,11 @@ def _as_one(findings: Sequence[Finding]) -> Finding:
     )
 
 
-_ECHOES = (
-    *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
-    "drift",
-)
+_ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees", "drift")
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
+
+_OF_FEW_ROWS = ("cutoff-sensitive", "estimator-disagrees")
+"""Findings of two fits of the same rows, which differ by chance if these are few."""
 
 
 def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> list[Finding]:
@@ -359,14 +359,12 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
     What a model lacks is a note at `exact` joints, whose torque errors do not matter, and so is a
     symptom of a cause that explains it: the cause is as severe as its symptoms, whose remedies have
     the numbers of a model without it. Too few rows are a note where another finding is why blocks
-    of the logs contradict each other.
+    of the logs contradict each other, and so is that two ways to fit them differ.
     """
     loose, weak = _joints("backlash", findings), _joints("weak-spring", findings)
     echoes = {**dict.fromkeys((*_ECHOES, "delay"), weak), "weak-spring": loose}
     echoes["nonlinear-spring"] = weak | loose
-    minor: dict[str, Collection[str]] = dict.fromkeys(_ECHOES, exact)
-    if {finding.code for finding in findings if finding.severity != "note"} - {"few-rows"}:
-        minor["few-rows"] = {""}
+    minor = {**dict.fromkeys(_ECHOES, exact), **_beside_few_rows(findings)}
     kept = (x for x in findings if x.severity == "wrong" or x.joint not in echoes.get(x.code, ()))
     matter = [
         replace(finding, severity="note")
@@ -375,6 +373,14 @@ def that_matter(findings: Sequence[Finding], exact: Collection[str] = ()) -> lis
         for finding in kept
     ]
     return [*map(partial(_among, findings=matter), matter)]
+
+
+def _beside_few_rows(findings: Sequence[Finding]) -> dict[str, Collection[str]]:
+    """Return {code: joints} of what is a note where there are too few rows, or these are one."""
+    doubted = {finding.code for finding in findings if finding.severity != "note"}
+    is_alone = doubted <= {"few-rows", *_OF_FEW_ROWS}
+    codes = (_OF_FEW_ROWS if is_alone else ("few-rows",)) if "few-rows" in doubted else ()
+    return dict.fromkeys(codes, tuple(finding.joint for finding in findings))
 
 
 def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:

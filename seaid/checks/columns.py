@@ -304,12 +304,12 @@ def _late_instead(side: Side, joint: str, accepted: Sequence[engine.Accepted]) -
     A position that is late by d adds -k d times the speed of the joint, see `gears`, and damping c
     adds c times that of the motor at the spring less that of the joint: k d = c.
     """
-    first, sources = accepted[0], {*side.sources.get(joint, {})}
-    stiffness, _ = side.next_to(first).get("stiffness", (0.0, 0.0))
-    is_shown = stiffness > 0 and {"motor_position", "joint_position"} <= sources
-    if first.trial.candidate.term != "damping" or not is_shown:
+    first, encoders = accepted[0], {"motor_position", "joint_position"}
+    if first.trial.candidate.term != "damping" or not encoders <= {*side.sources.get(joint, {})}:
         return {}
-    return {"delay of the joint position instead [s]": float(first.coefficients[-1]) / stiffness}
+    stiffness, _ = side.next_to(first).get("stiffness", (0.0, 0.0))
+    delay_s = float(first.coefficients[-1]) / max(stiffness, 1e-300)
+    return {"delay of the joint position instead [s]": delay_s} if stiffness > 0 else {}
 
 
 def _lines_of_terms(

@@ -125,7 +125,7 @@ class SideSelection:
 
     def _shown(self, fitted: FittedRows) -> set[tuple[str, str]]:
         """Return what the noise and the values of a fit show (code, joint)."""
-        findings, known = noise_findings(fitted.estimate), self.side.fitted.estimate.names
+        findings, known = [*noise_findings(fitted.estimate)], self.side.fitted.estimate.names
         estimate = fitted.estimate.of_names(x for x in fitted.estimate.names if x in known)
         if self.side.is_motor:
             (joint,) = self.side.joints

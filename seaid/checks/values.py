@@ -100,12 +100,9 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
 # The noise of a fit
 
 
-def noise_findings(estimate: Estimate) -> list[Finding]:
-    """Return what the errors of the rows of a fit show, by its diagnostics."""
-    return [*_noise_findings(estimate.diagnostics)]
-
-
-def _noise_findings(shown: Diagnostics) -> Iterator[Finding]:
+def noise_findings(estimate: Estimate) -> Iterator[Finding]:
+    """Yield what the errors of the rows of a fit show, by its diagnostics."""
+    shown = estimate.diagnostics
     count, p, scatter = shown.independent_rows, shown.parameters, shown.scatter
     if count < tol.FEWEST_INDEPENDENT * p:
         yield CODES["few-rows"].finding(

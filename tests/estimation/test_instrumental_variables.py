@@ -79,7 +79,7 @@ def test_columns_as_their_own_instruments_are_weighted_least_squares() -> None:
     assert found.values == pytest.approx(expected.values, rel=1e-9)
     assert np.allclose(found.covariance, expected.covariance, rtol=1e-8)
     assert found.residual_std == pytest.approx(expected.residual_std, rel=1e-9)
-    assert noise_findings(found) == []
+    assert list(noise_findings(found)) == []
 
 
 @pytest.mark.rounding

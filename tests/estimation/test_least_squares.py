@@ -156,7 +156,7 @@ def test_few_independent_rows_are_flagged() -> None:
     (warning,) = noise_findings(ordinary(data))
     assert (warning.code, warning.severity) == ("few-rows", "doubtful")
     assert "5 parameters were estimated from" in warning.message
-    assert not noise_findings(ordinary(experiment(5)))
+    assert not list(noise_findings(ordinary(experiment(5))))
 
 
 @pytest.mark.rounding
