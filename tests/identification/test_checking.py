@@ -83,11 +83,10 @@ def test_torques_behind_the_gears_under_the_name_of_the_motors() -> None:
     robot, sensed = leg(TEST_MASS), leg_motion(TEST_MASS).joint_torque
     finding = worst(robot, replace(leg_log(), motor_torque=sensed))
     assert (finding.code, finding.severity) == ("unit", "wrong")
-    assert "are those behind the gears, not those of the motors" in finding.message
+    assert "behind the gear" in finding.message
     joints = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]
     assert joints == {
-        joint: {"joint_torque": {"column": f"{joint}.motor_torque_Nm"}}
-        for joint in robot.elastic_joints
+        joint: {"joint_torque": f"{joint}.motor_torque_Nm"} for joint in robot.elastic_joints
     }
     unknown = np.full_like(sensed, np.nan)
     right = replace(leg_log(), motor_torque=unknown, joint_torque=sensed)
