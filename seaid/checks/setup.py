@@ -431,21 +431,20 @@ def _torque_scales(experiment: Experiment) -> Iterator[Transform]:
 
 
 def _of_gear(experiment: Experiment, j: int, slope: float, words: str) -> Iterator[Transform]:
-    """Yield the transforms of a torque of the other side of its gear, which is no unit."""
+    """Yield the transforms of a torque that is that behind its gear, which is no unit."""
     lever = float(experiment.lever[j])
-    for factor in (lever, 1 / lever) if abs(math.log(lever)) > 2 * tol.POOR else ():
-        if abs(math.log(abs(slope) / factor)) < 2 * tol.POOR:
-            other = f"{words} {factor:.4g} times too large: that of the other side of the gear"
-            yield multiplied(
-                CODES["torque-scale"],
-                experiment,
-                {j: math.copysign(1 / factor, slope)},
-                "t",
-                f"{other}{', with the opposite sign' * (slope < 0)}",
-                evidence={"factor": slope},
-            )
-            if factor == lever and experiment.input(j) == "motor_torque" and slope > 0:
-                yield _behind_gears(experiment, [j], slope, words)
+    if abs(math.log(lever)) > 2 * tol.POOR > abs(math.log(abs(slope) / lever)):
+        other = f"{words} {lever:.4g} times too large: that of the other side of the gear"
+        yield multiplied(
+            CODES["torque-scale"],
+            experiment,
+            {j: math.copysign(1 / lever, slope)},
+            "t",
+            f"{other}{', with the opposite sign' * (slope < 0)}",
+            evidence={"factor": slope},
+        )
+        if experiment.input(j) == "motor_torque" and slope > 0:
+            yield _behind_gears(experiment, [j], slope, words)
 
 
 def _scale(
