@@ -250,8 +250,8 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
 def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
     """Return the remedy of gains in units of the drive."""
     bodies = "" if robot.known_bodies else " with known bodies (known_bodies=)"
-    lines = dict[tuple[str, ...], str]()
-    lines |= {(joint, "controller"): "is_up_to_scale = true" for joint in joints}
+    line = "is_up_to_scale = true"
+    lines: dict[tuple[str, ...], str] = {(joint, "controller"): line for joint in joints}
     return codes.in_drives(lines, f"gains in N m/rad, or their scale as a parameter{bodies}, ")
 
 

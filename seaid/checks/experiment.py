@@ -1044,8 +1044,8 @@ class Transform:
     @property
     def lines(self) -> str:
         """The whole remedy as text."""
-        described = [in_description(self.sources)] * bool(self.sources)
-        return "\n".join([*described, *[self.remedy] * bool(self.remedy)])
+        described = in_description(self.sources) if self.sources else ""
+        return "\n".join(filter(None, [described, self.remedy]))
 
 
 def multiplied(

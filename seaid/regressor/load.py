@@ -526,8 +526,8 @@ def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> B
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return the samples (T,) at which the load side of a joint has unknown friction.
 
-    These are the standstills of a stiff drive with dry friction, and of joints with dry friction
-    of their own.
+    These are the reversals and standstills of a stiff drive with dry friction, on a moving base the
+    standstills alone, and those of joints with dry friction of their own.
     """
     drive, index = robot.drives[joint], robot.index(joint)
     unknown = known_load_friction(robot, motion, index) == 0
