@@ -38,7 +38,7 @@ from seaid.log import Motion
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.load import with_known_friction
+from seaid.regressor.load import known_frictions, where_known
 from seaid.robot import Robot
 
 
@@ -169,8 +169,8 @@ class Side:
                 [regressor_at_drives(robot, q[x] + turn, v[x], a[x]) @ bodies for x in parts]
             )
             if filtered:
-                [columns] = with_known_friction(robot, motion, robot.joint_names, [columns])
-                columns = in_band_at(motion, columns, samples)
+                known = known_frictions(robot, motion, robot.joint_names)
+                columns = in_band_at(motion, where_known(known, columns), samples)
             # (instants, n, k) -> (R, k): of each row its instant and its joint.
             torques[places] = columns[instants, rows.joint[places].astype(int)]
         return torques

@@ -43,7 +43,7 @@ from seaid.identification.unseen_springs import joints_sensed_by_motor_only, wit
 from seaid.log import Log, Motion, row_samples
 from seaid.log.rows import still_speed
 from seaid.regressor import BaseParameters, motor_regressor
-from seaid.regressor.load import load_model_of, usable_rows
+from seaid.regressor.load import known_frictions, load_model_of, usable_rows
 from seaid.regressor.regression import actuator_rows, is_linear
 from seaid.robot import Robot
 
@@ -312,9 +312,8 @@ def _joint_moves(logs: Sequence[Log], joint: str) -> bool:
 def _drive_moves(robot: Robot, logs: Sequence[Log], motions: Sequence[Motion], joint: str) -> bool:
     """Whether the equation of a drive has rows, whose friction is known, and its motor moves."""
     if not robot.drives[joint].is_elastic:
-        return any(
-            np.any(usable_rows(robot, motion, joint, row_samples(motion))) for motion in motions
-        )
+        known = ((motion, known_frictions(robot, motion, [joint])) for motion in motions)
+        return any(np.any(usable_rows(robot, x, [joint], row_samples(x), y)) for x, y in known)
     regressor = motor_regressor(robot, joint)
     return any(_moves(log.motor_position[:, log.joint_names.index(joint)]) for log in logs) and any(
         len(actuator_rows(robot, motion, joint, regressor)[0]) for motion in motions

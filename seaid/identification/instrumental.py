@@ -40,7 +40,7 @@ from seaid.identification.two_step import ONLY, Condition, estimate_two_step
 from seaid.log import Motion, in_band, low_pass
 from seaid.log.filtering import spline_derivatives
 from seaid.regressor import Regression, actuator_regression, load_regression
-from seaid.regressor.load import LoadModel, Springs, load_columns, with_known_friction
+from seaid.regressor.load import LoadModel, Springs, known_frictions, load_columns, where_known
 from seaid.regressor.regression import Regress, actuator_columns, known_friction
 from seaid.robot import Robot, at_drives, at_joints
 from seaid.simulation.plant import Response, torque_jacobians
@@ -130,10 +130,8 @@ def load_with_instruments(
     model, made = fitted.model, make(robot, motion, fitted)
     rows = load_regression(robot, motion, model, springs)
     # Where friction is known is decided by the measured motion, for instruments as for the rows.
-    [Z] = with_known_friction(
-        robot, motion, model.torque_joints, [load_columns(robot, made, model, springs).H]
-    )
-    Z = in_band(made, Z)
+    known = known_frictions(robot, motion, model.torque_joints)
+    Z = in_band(made, where_known(known, load_columns(robot, made, model, springs).H))
     row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])

@@ -444,19 +444,16 @@ def load_rows(
 
     `called` are the names and units of columns that are not those of `model`.
     """
-    rows = row_samples(motion)
-    joints = [robot.index(joint) for joint in model.torque_joints]
+    rows, joints = row_samples(motion), model.torque_joints
     # a combination of equations that are all valid, whatever friction does at rest
-    parts = (columns.torque - columns.payload, columns.H, columns.propagated)
+    known = known_frictions(robot, motion, joints)
     y, H, propagated = (
-        in_band_at(motion, part, rows)
-        for part in with_known_friction(robot, motion, model.torque_joints, parts)
+        in_band_at(motion, where_known(known, part), rows)
+        for part in (columns.torque - columns.payload, columns.H, columns.propagated)
     )
-    usable = np.ones((len(joints), len(rows)), dtype=bool)
-    for row, joint in enumerate(model.torque_joints):
-        usable[row] = usable_rows(robot, motion, joint, rows)
-    side = load_side(robot)
-    names, indices, usable = side.with_all_equations(motion, rows, joints, usable)
+    usable, side = usable_rows(robot, motion, joints, rows, known), load_side(robot)
+    indices: Joints = [robot.index(joint) for joint in joints]
+    names, indices, usable = side.with_all_equations(motion, rows, indices, usable)
     excluded = usable.size - int(usable.sum())
     usable = side.with_equation(usable, H, y)
     # (k, S) -> (R,) rows, equation by equation.
@@ -504,23 +501,29 @@ def unknown_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Bo
     return np.reshape(np.array(each, dtype=bool), (len(joints), len(motion.time))).T
 
 
-def with_known_friction(
-    robot: Robot, motion: Motion, joints: Sequence[str], parts: Sequence[Array]
-) -> list[Array]:
-    """Return columns (T, k, ...) of the equations of joints, zero where friction is not known."""
+def known_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Array:
+    """Return `known_load_friction` of several joints (T, k), which may be none."""
     each = [known_load_friction(robot, motion, robot.index(joint)) for joint in joints]
-    known = np.reshape(each, (len(joints), len(motion.time))).T
+    return np.reshape(each, (len(joints), len(motion.time))).T
+
+
+def where_known(known: Array, columns: Array) -> Array:
+    """Return columns (T, k, ...) of equations, zero where their friction is not `known` (T, k)."""
     if np.all(known == 1):
-        return list(parts)
-    return [part * known.reshape(*known.shape, *(1,) * (part.ndim - 2)) for part in parts]
+        return columns
+    return columns * known.reshape(*known.shape, *(1,) * (columns.ndim - 2))
 
 
-def usable_rows(robot: Robot, motion: Motion, joint: str, rows: IndexArray) -> BoolArray:
-    """Return which of some samples give an equation of a joint on the load side."""
+def usable_rows(
+    robot: Robot, motion: Motion, joints: Sequence[str], rows: IndexArray, known: Array
+) -> BoolArray:
+    """Return which samples give equations of the load side (k, S); `known`: `known_frictions`."""
     if not robot.base_is_held:
-        return ~unknown_friction(robot, motion, joint)[rows]
-    share = in_band_at(motion, known_load_friction(robot, motion, robot.index(joint)), rows)
-    return np.asarray((share >= LEAST_KNOWN) & ~_group_rests(robot, motion, joint)[rows])
+        return ~unknown_frictions(robot, motion, joints)[rows].T
+    usable: BoolArray = in_band_at(motion, known, rows).T >= LEAST_KNOWN
+    for row, joint in enumerate(joints):
+        usable[row] &= ~_group_rests(robot, motion, joint)[rows]
+    return usable
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
