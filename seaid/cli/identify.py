@@ -12,8 +12,8 @@ import typer
 
 import seaid
 from seaid.cli import kinds
+from seaid.cli.kinds import check_log_files
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.mistakes import check_log_files
 from seaid.cli.options import (
     FailOptions,
     IdentifyOptions,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import seaid
-from seaid.cli.kinds import ByJoint, Folder, LogFile, Names
-from seaid.cli.mistakes import check_log_files, check_robot_files
+from seaid.cli.kinds import ByJoint, Folder, LogFile, Names, check_log_files, check_robot_files
 from seaid.cli.options import JsonOptions, RobotOptions, by_joint
 from seaid.errors import abridged
 

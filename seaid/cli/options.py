@@ -31,9 +31,8 @@ import typer
 
 import seaid
 from seaid.cli import kinds
-from seaid.cli.kinds import text_of
+from seaid.cli.kinds import check_log_files, check_robot_files, text_of
 from seaid.cli.messages import check_outputs, is_stdout, is_terminal, note, show
-from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.project import is_typed, project_here, warn_of_changes
 from seaid.cli.signature import option_name
 from seaid.errors import SEVERITIES, SeaidError, Severity, by_severity, unknown_name
