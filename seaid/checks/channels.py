@@ -546,65 +546,6 @@ def _offset(experiment: Experiment, j: int, number: int, change: float, size: fl
     )
 
 
-def rating_findings(experiment: Experiment) -> Iterator[Finding]:
-    """Yield torques that are parts of a rating of each motor: each has another factor.
-
-    Factors on the torques of the bodies in the robot file differ from joint to joint as their
-    limits do, or are all so large that masses do not explain them.
-    """
-    robot = experiment.robot
-    scales = {} if robot.has_controllers else experiment.clear_scales
-    clear, logs = [*scales], np.log([scale.factor for scale in scales.values()])
-    if not _are_scales(logs, experiment.lever[clear]):
-        return
-    parts, by = _parts_of_limits(experiment, logs, clear), "limits"
-    if not parts:
-        every, by = experiment.scales.items(), "masses"
-        parts = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}
-        if np.min(logs) < np.log(tol.FAR):
-            return
-    least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
-    lines = {
-        robot.joint_names[j]: experiment.entries(j, "t", factor=float(f"{factor:.4g}"))
-        for j, factor in parts.items()
-    }
-    yield CODES["unit"].wrong(
-        f"the torques of {', '.join(lines)} are {least:.3g} to {largest:.3g} times those of the "
-        "bodies of the robot file, as parts of a rating of each motor are (per cent, per mille)",
-        evidence={"least factor": least, "largest factor": largest},
-        remedy=f"{in_description(lines)}\n# by the {by} of the robot file; the ratings in the data "
-        "sheets are better",
-        joints=tuple(lines),
-    )
-
-
-def _are_scales(logs: Array, levers: Array) -> bool:
-    """Whether logarithms of factors on torques are large and differ, and not by the gears alone."""
-    if len(logs) < 3 or np.median(np.abs(logs)) < tol.MOST or np.std(logs) < tol.MOST:
-        return False
-    if np.median(np.abs(logs - np.median(logs))) < 2 * tol.POOR:
-        return False  # most joints have one factor: it is a unit, and another one is an outlier
-    # torques behind the gears have their ratio
-    return bool(np.max(np.abs(logs - np.log(levers))) >= np.log(tol.TWICE))
-
-
-def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) -> dict[int, float]:
-    """Return the scales of torques that are parts of the limits of the robot file, or none."""
-    is_motor = np.isfinite(experiment.torque[0])
-    limits = experiment.robot.effort_limits / np.where(is_motor, experiment.lever, 1.0)
-    if not np.all(np.isfinite(limits) & (limits > 0)):
-        return {}
-    # A part of a rating is full tau / limit, so that factor times limit is `full` at all joints.
-    parts = logs + np.log(limits[clear])
-    # 10^2 for per cent, 10^3 for per mille
-    full = 10.0 ** np.rint(np.median(parts) / np.log(10))
-    # A chained comparison: the limits explain three quarters of the variance of the factors, and
-    # the factors differ by more than two.
-    is_part = np.std(parts) < tol.MOST * np.std(logs) > tol.MOST * np.log(tol.TWICE)
-    # masses that are a hundred times too large look like parts of 1
-    return {j: float(limits[j] / full) for j in experiment.used} if is_part and full >= 100 else {}
-
-
 def strength_findings(experiment: Experiment) -> Iterator[Finding]:
     """Yield torques that are far larger than any that the bodies need, most of which are known.
 

@@ -299,8 +299,10 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     offset of them would spoil the repaired result.
     """
     wrong = [finding for finding in setup if is_wrong([finding])]
-    joints = joints_of(wrong) | {"" for _ in wrong}  # a finding about no joint is of all
+    if not wrong:
+        return [*findings]
     is_whole = any(not x.joint or x.certainty == "certain" for x in wrong)
+    joints = {"", *joints_of(wrong)}  # a finding about no joint is of all
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 

@@ -2,10 +2,9 @@
 
 A controller takes the place of a torque sensor: what its commands, gains and limits contradict is
 seen in a log alone. Before a fit `setup` asks for `command_findings` and `no_measurements` of a
-log, for `hidden_limits` of an experiment, and if there are none for `gain_findings`, the
-experiment of which shows signs and zeros by `bodies.poses`; `separation_findings` are those of all
-logs. After a fit there are `delay_estimate_findings`. A torque that is friction alone is seen by
-the bodies.
+log, for `torque_limits` and `gain_scales` of an experiment, which compete with the zeros of
+`bodies.poses`; `separation_findings` are those of all logs. After a fit there are
+`delay_estimate_findings`. A torque that is friction alone is seen by the bodies.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.experiment import Experiment, TorqueScale, left_of, scaled
+from seaid.checks.experiment import Experiment, Transform, left_of, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
@@ -576,84 +575,85 @@ def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     )
 
 
-def _commanded_joints(experiment: Experiment) -> list[int]:
-    """Return the joints whose torque is that of a controller with gains in N m, by known bodies."""
-    has_law = [drive.controller is not None for drive in experiment.robot.drives.values()]
-    return [j for j in experiment.used if experiment.has_bodies and has_law[j]]
+def _controllers(experiment: Experiment) -> dict[int, Controller]:
+    """Return the controllers that give the torques of joints, with gains in N m."""
+    laws = [drive.controller for drive in experiment.robot.drives.values()]
+    return {j: law for j in experiment.used if (law := laws[j])}
 
 
-def hidden_limits(experiment: Experiment) -> Iterator[Finding]:
-    """Yield controllers without a limit whose torque ends at one, by the motion that follows.
+def torque_limits(experiment: Experiment) -> Iterator[Transform]:
+    """Yield limits of the torques that controllers without a limit ask for.
 
-    The torque that they ask for is cut at levels; with the right one, bodies, friction and rotor
-    inertia leave little of the residual.
+    The motion is that of the torque that is cut: of all levels the bodies of the robot file, next
+    to friction and rotor inertia, leave least of it at the right one.
     """
-    for j in _commanded_joints(experiment):
-        joint = experiment.robot.joint_names[j]
-        law = experiment.robot.drives[joint].controller
-        if law is None or np.isfinite(law.torque_limit_Nm):
+    for j, law in _controllers(experiment).items():
+        asked = experiment.lever[j] * np.abs(experiment.torque[:, j])
+        levels = np.quantile(asked, np.linspace(0.3, 0.98, 35)).tolist()
+        changed = {x: _with_limit(experiment, j, x) for x in levels if x > 0}
+        is_explained = experiment.scale(j).unexplained < tol.SLIGHT
+        if np.isfinite(law.torque_limit_Nm) or is_explained or not changed:
             continue
-        asked = experiment.lever[j] * experiment.torque[:, j]
-        before = experiment.scale(j).unexplained
-        levels = np.quantile(np.abs(asked), np.linspace(0.3, 0.98, 35)).tolist()
-        # The motion is that of the torque that is cut: at the right level bodies explain it.
-        after = {x: experiment.scale(j, x).unexplained for x in levels if x > 0}
-        limit = min(after, key=after.__getitem__, default=0.0)
-        if before < tol.SLIGHT or not after or after[limit] > tol.SEVERE * before:
-            continue
-        share = float(np.mean(np.abs(asked) > limit))
-        line = f"torque_limit_Nm = {limit:.3g}  # write that of your drive"
-        yield codes.CODES["saturation"].finding(
+        limit = min(changed, key=lambda x: changed[x].scale(j).unexplained)
+        joint, line = experiment.robot.joint_names[j], f"torque_limit_Nm = {limit:.3g}"
+        yield Transform(
+            codes.CODES["saturation"],
             f"the controller of {joint} has no torque limit and asks for up to "
-            f"{float(np.max(np.abs(asked))):.3g} N m, but the joint moves as if its torque "
-            f"ended at about {limit:.3g} N m ({share:.0%} of the samples): that leaves "
-            f"{after[limit]:.2g} of the torque unexplained, no limit {before:.2g}",
+            f"{float(np.max(asked)):.3g} N m, but the joint moves as if its torque ended at about "
+            f"{limit:.3g} N m ({float(np.mean(asked > limit)):.0%} of the samples)",
+            changed[limit],
             joint,
-            "wrong",
-            {"torque limit": limit, "unexplained": after[limit], "without a limit": before},
-            codes.in_drives({(joint, "controller"): line}),
+            codes.in_drives({(joint, "controller"): f"{line}  # write that of your drive"}),
+            evidence={"torque limit": limit},
+            penalty=1.0,
             joints=(joint,),
         )
 
 
-def gain_findings(experiment: Experiment) -> tuple[list[Finding], Experiment]:
-    """Return the finding of gains in another unit than N m, if any, and its experiment in N m.
+def _with_limit(experiment: Experiment, j: int, limit: float) -> Experiment:
+    """Return the experiment with the torque of joint j cut at a limit, at the joint."""
+    most = np.where(np.arange(experiment.robot.n) == j, limit / experiment.lever, np.inf)
+    is_cut, torque = np.abs(experiment.torque) > most, np.clip(experiment.torque, -most, most)
+    rate = np.where(is_cut, 0.0, experiment.torque_rate)
+    return experiment.with_changes(torque=torque, torque_rate=rate)
 
-    The bodies of the robot file show a factor on some joints. Where it is off on all of these, all
-    commanded joints count as off, those that show none by the median factor.
+
+def gain_scales(experiment: Experiment) -> Iterator[Transform]:
+    """Yield gains in another unit than N m, which give many times the torque, or a fraction of it.
+
+    The bodies of the robot file show the factor at some joints. Where it is off at all of these,
+    all commanded joints count as off, those that show none by the median factor.
     """
-    joints = _commanded_joints(experiment)
-    scales = {j: x for j, x in experiment.clear_scales.items() if j in joints}
-    off = {j: x for j, x in scales.items() if not 1 / tol.TWICE < x.factor < tol.TWICE}
-    if not off:
-        return [], experiment
-    joints = joints if len(off) == len(scales) else [*off]
-    finding = _gain_finding(experiment, off, joints)
-    usual = float(np.median([scale.factor for scale in off.values()]))
-    inverse = {j: 1 / (off[j].factor if j in off else usual) for j in joints}
-    return [finding], scaled(experiment, inverse, "t")
+    joints, scales = [*_controllers(experiment)], experiment.clear_scales
+    shown = {j: scales[j].factor for j in joints if j in scales}
+    off = {j: factor for j, factor in shown.items() if not 1 / tol.TWICE < factor < tol.TWICE}
+    if off:
+        others = [j for j in joints if j not in off] if len(off) == len(shown) else []
+        yield _in_other_units(experiment, off, others)
 
 
-def _gain_finding(
-    experiment: Experiment, shown: Mapping[int, TorqueScale], joints: Sequence[int]
-) -> Finding:
-    """Return the finding for the factors that are `shown`, and all joints concerned."""
-    names, is_known = experiment.robot.joint_names, bool(experiment.robot.known_bodies)
-    times = {names[j]: scale.factor for j, scale in shown.items()}
-    texts = [f"{joint} {_as_text(factor)}" for joint, factor in times.items()]
-    others = [names[j] for j in joints if j not in shown]
-    more = f"; {listed(others)} as the others" if others else ""
-    error = float(np.median([scale.error / scale.factor for scale in shown.values()]))
-    concerned = tuple(names[j] for j in joints)
-    return codes.CODES["gain-scale"].finding(
+def _in_other_units(
+    experiment: Experiment, off: Mapping[int, float], others: Sequence[int]
+) -> Transform:
+    """Return the transform of gains with factors that are `off`, of `others` by their median."""
+    robot, names = experiment.robot, experiment.robot.joint_names
+    errors = [experiment.scales[j].error / factor for j, factor in off.items()]
+    factors = {**dict.fromkeys(others, float(np.median([*off.values()]))), **off}
+    texts = [f"{names[j]} {_as_text(factor)}" for j, factor in off.items()]
+    alike = f"; {listed([names[j] for j in others])} as the others" if others else ""
+    joints = tuple(names[j] for j in sorted(factors))
+    return Transform(
+        codes.CODES["gain-scale"],
         "the controllers give many times or a fraction of the torque that moves and holds the "
-        f"{'known bodies' if is_known else 'bodies of the robot file'} "
-        f"({listed(texts)}, +- {error:.1%}{more}): their gains are in units of "
+        f"{'known bodies' if robot.known_bodies else 'bodies of the robot file'} "
+        f"({listed(texts)}, +- {float(np.median(errors)):.1%}{alike}): their gains are in units of "
         "the drive (counts, 1/256, per degree) and not in N m, or those bodies are wrong",
-        severity="wrong",
-        evidence={f"torque of {x} over that of the bodies": times[x] for x in times},
-        remedy=_declared_scale(experiment.robot, concerned),
-        joints=concerned,
+        scaled(experiment, {j: 1 / factor for j, factor in factors.items()}, "t"),
+        codes.only_joint(joints),
+        _declared_scale(robot, joints),
+        evidence={f"torque of {names[j]} over that of the bodies": x for j, x in off.items()},
+        penalty=float(len(off)),
+        joints=joints,
     )
 
 

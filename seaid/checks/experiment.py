@@ -336,13 +336,13 @@ class Experiment:
         """The torques (R, n) of the bodies of the robot file and the payloads."""
         return np.asarray(self.regressor @ self.bodies)
 
-    def scale(self, j: int, limit: float = math.inf) -> TorqueScale:
-        """Return the torque of joint j, up to a limit, as a multiple of that of the bodies.
+    def scale(self, j: int) -> TorqueScale:
+        """Return the torque of joint j as a multiple of that of the bodies.
 
         It is that of the motor behind the gear, in which an unknown rotor has a column as a known
         one does, or that of the sensor.
         """
-        y = np.clip(self.lever[j] * self.torque[:, j], -limit, limit)
+        y = self.lever[j] * self.torque[:, j]
         columns = [self.of_file[:, j], self.loads[j]]
         has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
         if has_rotor:  # N r_L / r_M I_M theta_M''
@@ -978,9 +978,11 @@ def _windows(logs: Sequence[Sequence[Motion]]) -> Iterator[tuple[int, Motion]]:
         count = len(motion.time)
         # The low pass takes a transient at both ends of a window: two thirds of it remain, or more.
         size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
-        starts = np.linspace(0, count - size, _WINDOWS).astype(int).tolist()
-        windows = (motion.samples(slice(start, start + size)) for start in starts)
-        yield from ((number, x) for x in ([motion] if count <= _WINDOWS * size else windows))
+        if count <= _WINDOWS * size:
+            yield number, motion
+            continue
+        for start in np.linspace(0, count - size, _WINDOWS).astype(int).tolist():
+            yield number, motion.samples(slice(start, start + size))
 
 
 def _sampled(robot: Robot, motion: Motion, most: int) -> dict[str, Any]:
@@ -1024,9 +1026,9 @@ class Transform:
     """A possible mistake: the experiment without it, and the finding if that explains the log.
 
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
-    one for what is unusual. `partner`: the second of two joints that are concerned. `channels`: q,
-    m, t and s that it multiplies. `sources` are what changes in the description of the log; its
-    lines stand before the `remedy`.
+    one for what is unusual. `joints`: all that are concerned, where it names none or several.
+    `channels`: q, m, t and s that it multiplies. `sources` are what changes in the description of
+    the log; its lines stand before the `remedy`.
     """
 
     code: Code
@@ -1037,7 +1039,7 @@ class Transform:
     severity: Severity = "wrong"
     evidence: Mapping[str, float] = field(default_factory=dict)
     penalty: float = 0.0
-    partner: str = ""
+    joints: tuple[str, ...] = ()
     channels: str = ""
     sources: Sources = field(default_factory=dict)
 

@@ -292,17 +292,16 @@ def _coupled(experiment: Experiment, turns: Mapping[int, Mapping[int, float]]) -
         drives[names[j]] = replace(drives[names[j]], transmission=factors)
         table = ", ".join(f"{toml_key(name)} = {number:.4g}" for name, number in factors.items())
         lines[names[j],] = f"transmission = {{ {table} }}"
-    j, *others = turns
     texts = (f"{name}: {count:.3g}" for name, count in evidence.items())
     return Transform(
         codes.CODES["coupled-joints"],
         f"motors turn behind their gears with several joints ({listed(texts)}), by a differential, "
         "a tendon or a parallel linkage",
         experiment.with_changes(robot=experiment.robot.with_drives(drives)),
-        names[j],
+        names[next(iter(turns))],
         codes.in_drives(lines),
         evidence=evidence,
-        partner=names[others[0]] if others else "",
+        joints=tuple(names[j] for j in turns),
         penalty=float(len(turns)),
     )
 

@@ -87,8 +87,9 @@ class _Trial:
         # any bodies or those of the file: another mistake may contradict the latter, or one of the
         # two joints of an exchange
         misfit = np.fmin(changed.nominal, changed.free)
-        middle = _median(misfit)
-        names = [name for name in (transform.joint, transform.partner) if name]
+        known = misfit[np.isfinite(misfit)]
+        middle = float(np.median(known)) if len(known) else math.nan
+        names = transform.joints or (transform.joint,) * bool(transform.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
         # The value that chi-square exceeds with this probability: FEW for all transforms together
@@ -236,7 +237,9 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         measures = list(dict.fromkeys(cause.code.measurement for cause in causes))
         remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
         certainty = "possible"
-    return transform.code.finding(message, transform.joint, severity, evidence, remedy, certainty)
+    return transform.code.finding(
+        message, transform.joint, severity, evidence, remedy, certainty, transform.joints
+    )
 
 
 def _with_implication(transform: Transform) -> str:
@@ -261,14 +264,7 @@ def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
 
 def _subject(transform: Transform) -> tuple[Code, str, bool, bool]:
     """Return code, joint, and whether a transform changes a torque sensor, or places, alone."""
-    channels = transform.channels
-    return transform.code, transform.joint, channels == "s", not channels
-
-
-def _median(values: Array) -> float:
-    """Return the median of the finite values, NaN for none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else math.nan
+    return transform.code, transform.joint, transform.channels == "s", not transform.channels
 
 
 _OF_VALUES = (
@@ -551,6 +547,65 @@ def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:
     )
 
 
+def _ratings(experiment: Experiment) -> Iterator[Transform]:
+    """Yield torques that are parts of a rating of each motor: each has another factor.
+
+    Factors on the torques of the bodies in the robot file differ from joint to joint as their
+    limits do, or are all so large that masses do not explain them.
+    """
+    scales = experiment.clear_scales
+    clear, logs = [*scales], np.log([scale.factor for scale in scales.values()])
+    if not _are_scales(logs, experiment.lever[clear]):
+        return
+    parts, by = _parts_of_limits(experiment, logs, clear), "limits"
+    if not parts and np.min(logs) >= np.log(tol.FAR):
+        every, by = experiment.scales.items(), "masses"
+        parts = {j: 1 / scale.factor for j, scale in every if scale.factor > 0}
+    if parts:
+        names = tuple(experiment.robot.joint_names[j] for j in parts)
+        least, largest = np.exp([np.min(logs), np.max(logs)]).tolist()
+        yield multiplied(
+            CODES["unit"],
+            experiment,
+            {j: float(f"{factor:.4g}") for j, factor in parts.items()},
+            "t",
+            f"the torques of {', '.join(names)} are {least:.3g} to {largest:.3g} times those of "
+            "the bodies of the robot file, as parts of a rating of each motor are (per cent, per "
+            "mille)",
+            remedy=f"# by the {by} of the robot file; the ratings in the data sheets are better",
+            evidence={"least factor": least, "largest factor": largest},
+            penalty=float(len(parts) if by == "masses" else 1),
+            joints=names,
+        )
+
+
+def _are_scales(logs: Array, levers: Array) -> bool:
+    """Whether logarithms of factors on torques are large and differ, and not by the gears alone."""
+    if len(logs) < 3 or np.median(np.abs(logs)) < tol.MOST or np.std(logs) < tol.MOST:
+        return False
+    if np.median(np.abs(logs - np.median(logs))) < 2 * tol.POOR:
+        return False  # most joints have one factor: it is a unit, and another one is an outlier
+    # torques behind the gears have their ratio
+    return bool(np.max(np.abs(logs - np.log(levers))) >= np.log(tol.TWICE))
+
+
+def _parts_of_limits(experiment: Experiment, logs: Array, clear: Sequence[int]) -> dict[int, float]:
+    """Return the scales of torques that are parts of the limits of the robot file, or none."""
+    is_motor = np.isfinite(experiment.torque[0])
+    limits = experiment.robot.effort_limits / np.where(is_motor, experiment.lever, 1.0)
+    if not np.all(np.isfinite(limits) & (limits > 0)):
+        return {}
+    # A part of a rating is full tau / limit, so that factor times limit is `full` at all joints.
+    parts = logs + np.log(limits[clear])
+    # 10^2 for per cent, 10^3 for per mille
+    full = 10.0 ** np.rint(np.median(parts) / np.log(10))
+    # A chained comparison: the limits explain three quarters of the variance of the factors, and
+    # the factors differ by more than two.
+    is_part = np.std(parts) < tol.MOST * np.std(logs) > tol.MOST * np.log(tol.TWICE)
+    # masses that are a hundred times too large look like parts of 1
+    return {j: float(limits[j] / full) for j in experiment.used} if is_part and full >= 100 else {}
+
+
 def _behind_gears(
     experiment: Experiment, joints: Sequence[int], factor: float, words: str
 ) -> Transform:
@@ -665,7 +720,7 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
                 f"the {words} of {first} and {second} are exchanged",
                 changed,
                 first,
-                partner=second,
+                joints=(first, second),
                 sources=sources,
             )
 
@@ -682,8 +737,7 @@ def _constant(experiment: Experiment, j: int) -> float:
 
 def _is_severe(experiment: Experiment) -> bool:
     """Whether a misfit is as large as that of a wrong sign, unit, clock or place."""
-    misfits = [np.nanmax(misfit, initial=0.0) for misfit in experiment.misfits.values()]
-    return float(max(misfits)) >= tol.SEVERE
+    return any(_is_off(experiment, kind, tol.SEVERE) for kind in KINDS)
 
 
 def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
@@ -703,6 +757,7 @@ MISTAKES: Possible = {
         _torque_scales: CODES["torque-scale"],
         _rotor_inertias: CODES["rotor-inertia"],
         _all_torque_scales: CODES["torque-scale"],
+        _ratings: CODES["unit"],
         bodies.gravities: CODES["gravity"],
         bodies.lengths: CODES["geometry"],
         bodies.zeros: CODES["encoder-offset"],
@@ -738,7 +793,13 @@ def _contradicts_known_bodies(experiment: Experiment) -> bool:
     return has_gravity and _is_off(experiment, "nominal", tol.POOR)
 
 
-OF_COMMANDS: Possible = {_contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]}}
+OF_COMMANDS: Possible = {
+    attrgetter("has_bodies"): {
+        commands.torque_limits: CODES["saturation"],
+        commands.gain_scales: CODES["gain-scale"],
+    },
+    _contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]},
+}
 """The mistakes that the torques of controllers show."""
 
 
@@ -797,7 +858,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     hiding = {"time-unit", "missing-drives", "wraps", "geometry", "holes"}
     of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
-    if of_logs & hiding or "no-measurement" in wrong:
+    if (of_logs & hiding) | (wrong & {"no-measurement"}):
         return []  # the torques show no other mistake
     slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
     with guarded(CODES["loose-encoder"], notes):
@@ -842,17 +903,10 @@ def _of_commands(experiment: Experiment, known: Sequence[Finding]) -> list[Findi
 
     The channels of a torque are not there, and an unknown armature looks like another mistake.
     """
-    limited, notes = list[Finding](), list[Finding]()
-    with guarded(CODES["saturation"], notes):
-        limited += commands.hidden_limits(experiment)
-    if limited:  # which looks like gains in another unit, or another zero
-        return limited
     stopped = {finding.joint for finding in known if finding.code == "contact"}
-    gains, without = list[Finding](), experiment
-    with guarded(CODES["gain-scale"], notes):
-        gains, without = commands.gain_findings(experiment)
-    findings = [*gains, *observed([_BEYOND_LIMITS], without), *mistakes(without, OF_COMMANDS)[0]]
-    return [*(finding for finding in findings if finding.joint not in stopped), *notes]
+    findings, without = mistakes(experiment, OF_COMMANDS)
+    findings += observed([_BEYOND_LIMITS], without)
+    return [finding for finding in findings if finding.joint not in stopped]
 
 
 def joint_checks(

@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, is_constant, resolution, white_noise
 from seaid._progress import Result, counted
 from seaid.checks import CODES, JointCheck
-from seaid.checks.channels import rating_findings, stop_findings, strength_findings, without_torque
+from seaid.checks.channels import stop_findings, strength_findings, without_torque
 from seaid.checks.codes import Observation, guarded, is_wrong, merged, observed
 from seaid.checks.columns import Side
 from seaid.checks.commands import separation_findings
@@ -132,7 +132,6 @@ def findings_of_setup(
     def trusted(known: Sequence[Finding]) -> Experiment:
         return with_torques_of(experiment, {*joints} - without_torque(known))
 
-    known = [*known, *observed([_RATINGS], trusted(known))]
     findings = setup_findings(trusted(known), known)
     if any((finding.code, finding.severity) == ("unit", "wrong") for finding in findings):
         return findings
@@ -146,7 +145,6 @@ def findings_of_setup(
     return findings if any(finding.severity != "note" for finding in others) else beyond
 
 
-_RATINGS = Observation(CODES["unit"], rating_findings)
 _STRENGTHS = Observation(CODES["unit"], strength_findings)
 
 _OF_LOGS = ("delay", "encoder-offset")

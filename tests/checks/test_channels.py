@@ -13,8 +13,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array, IndexArray
-from seaid.checks.channels import _are_scales
-from seaid.checks.setup import log_findings
+from seaid.checks.setup import _are_scales, log_findings
 from seaid.errors import Finding
 from seaid.identification import check
 from seaid.log import Log

@@ -187,7 +187,7 @@ BROKEN: dict[str, tuple[Any, str, Any]] = {
     "limits": (setup, "_BEYOND_LIMITS", replace(setup._BEYOND_LIMITS, look=fail)),
     "offsets": (channels, "offset_findings", fail),
     "delays": (channels, "decided_delays", fail),
-    "ratings": (checking, "_RATINGS", replace(checking._RATINGS, look=fail)),
+    "ratings": (setup, "_are_scales", fail),
     "strengths": (checking, "_STRENGTHS", replace(checking._STRENGTHS, look=fail)),
     "stops": (checking, "stop_findings", fail),
     "contacts": (RobotFit, "contacts", property(fail)),
