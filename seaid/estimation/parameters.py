@@ -211,7 +211,7 @@ class Constraints:
         b[len(rows) :] = [bus.nominal_s for bus in stated]
         stds[len(rows) :] = [bus.std_s for bus in stated]
         rows += [unit[bus.places[0]] for bus in stated]
-        return cls(groups, np.reshape(rows, (-1, p)), b, stds)
+        return cls(groups, np.reshape(rows, (len(rows), p)), b, stds)
 
     def solution(self, white: Array) -> tuple[Array, Array]:
         """Return P (p, p) and G (p, c) for a covariance (p, p)."""

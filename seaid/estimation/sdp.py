@@ -153,7 +153,7 @@ def covariance_root(covariance: Array, values: Array) -> Array:
     spread, vectors = safely(
         np.linalg.eigh, covariance / np.outer(scale, scale), what="the covariance"
     )
-    spread = np.maximum(spread, 1e-10 * max(spread[-1], 1e-3))
+    spread = np.maximum(spread, 1e-10 * np.max(spread, initial=1e-3))
     return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
 
 

@@ -312,3 +312,18 @@ def test_masses_stay_near_the_prior_where_it_contradicts_other_values() -> None:
     assert found.feasible.chi_square < len(found.feasible.values)
     masses = found.robot.parameters[::10] / robot.parameters[::10]
     assert np.all((masses > 0.3) & (masses < 3))  # 832 kg of 0.7 with a weight of 1e-6
+
+
+def test_bodies_that_are_all_known_are_those_of_the_robot_file() -> None:
+    """Springs at all joints have no column on the load side: it has no parameter left."""
+    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml", known_bodies="all")
+    log = read_log(
+        LOGS / "hebi_arms/grav_comp_bad.npz", robot, description=LOGS / "hebi_csv_2.toml"
+    )
+    plain, consistent = identify(robot, log), identify(robot, log, feasible=True)
+    assert consistent.load_side.names == ()
+    np.testing.assert_array_equal(consistent.robot.parameters, robot.parameters)
+    for joint in robot.joint_names:
+        np.testing.assert_allclose(
+            consistent.drives[joint].values, plain.drives[joint].values, rtol=1e-6
+        )
