@@ -149,8 +149,7 @@ def other_slope(experiment: Experiment, j: int) -> float | None:
         # the deflection of a spring is a slight part of the slope, and apart in the motor equation
         is_known = error < tol.FEW * size and abs(size / (slope * given) - 1) < tol.SLIGHT
         return size / given if is_known else slope if 1e-6 < slope < 1e6 else None
-    is_off = abs(slope - 1) >= tol.FEW and abs(size - given) > tol.SIGNIFICANT * error
-    return size / given if is_off else None
+    return size / given if abs(size - given) > tol.SIGNIFICANT * error else None
 
 
 def _with_ratio(j: int, experiment: Experiment, log_factor: float) -> Experiment:

@@ -759,20 +759,22 @@ def _with_confirmed_ratios(
     better, sizes = {joint: {**table} for joint, table in tables.items()}, dict[str, str]()
     checks: Mapping[str, JointCheck] = {}
     with suppress(SeaidError):  # logs that fit no drive: run names what is wrong
-        model = robot.with_drives(drives_from_mapping(filled(tables))) if keys else robot
-        checks = check(model, logs).joints if keys else {}
+        drives = drives_from_mapping(filled(tables))
+        checks = check(robot.with_drives(drives), logs).joints if keys else {}
     for joint, key_of_error in keys.items():
         table, key = better[joint], key_of_error.removesuffix(_STD)
-        value, error = _confirmed(
-            table[key], table[key_of_error], checks.get(joint), "pulley" in key
-        )
+        fit, is_radius = checks.get(joint), "pulley" in key
+        value, error = _confirmed(table[key], table[key_of_error], fit, is_radius)
         if error > POOR * value:  # the rotor's inertia behind the gear, N^2 I, has twice as much
             table[key] = _GAP
             del table[key_of_error]
             sizes[joint] = _doubt("undetermined", key=key, value=value, error=error)
         else:
-            table[key], table[key_of_error] = float(f"{value:.7g}"), float(f"{error:.2g}")
-            sizes[joint] = f"{key} = {value:.7g} +- {error:.2g} "
+            # Ratios of gears are round: the decimal of fewest digits within the standard error.
+            rounded = (round(value, digits) for digits in range(8))
+            table[key] = next((x for x in rounded if x and abs(x - value) <= error), value)
+            table[key_of_error] = float(f"{error:.2g}")
+            sizes[joint] = f"{key} = {table[key]:.7g} +- {error:.2g} "
     return better, sizes
 
 
@@ -832,9 +834,8 @@ def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float,
     names = ["motor_position", "joint_position", *torques[:1]]
     signals = np.column_stack([sensors[name] for name in names])
     ratio, explained, error = _ratio(time, signals)
-    middle = len(time) // 2
-    halves = (slice(middle), slice(middle, None))
-    first, second = (_ratio(time[half], signals[half])[0] for half in halves)
+    halves = zip(np.array_split(time, 2), np.array_split(signals, 2), strict=True)
+    first, second = (_ratio(*half)[0] for half in halves)
     return ratio, explained, float(np.hypot(error, 0.5 * (first - second)))
 
 

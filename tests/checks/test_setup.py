@@ -87,6 +87,21 @@ def test_a_ratio_an_encoder_and_a_torque_that_are_off_are_told_apart(what: str, 
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
 
 
+NEXT_TO_IT = [("leg", "hip_pitch", 1.01), ("arm", "shoulder", 1 / 1.004)]
+
+
+@pytest.mark.parametrize(("case", "joint", "factor"), NEXT_TO_IT)
+def test_a_gear_ratio_next_to_the_true_one_is_named(case: str, joint: str, factor: float) -> None:
+    """Gears of 100 and 101 look alike: a spring deflects by less than that is of a turn."""
+    robot, log = CASES[case][0](), CASES[case][1]()
+    drive = robot.drives[joint]
+    wrong = replace(drive, gear_ratio=factor * drive.ratio)
+    finding = the_mistake(rough(robot, 0).with_drives({joint: wrong}), log)
+    assert (finding.code, finding.joint) == ("gear-ratio", joint)
+    ratio = lines_of(finding, joint)["gear_ratio"]
+    assert ratio == pytest.approx(drive.ratio, rel=0.2 * abs(factor - 1))
+
+
 @pytest.mark.parametrize("ratio", quick_first([100.0, 97.0, 48.0]))
 def test_a_torque_that_is_measured_behind_its_gear_is_no_unit_of_torque(ratio: float) -> None:
     """A gear of 100 looks like N cm, and both are named; of another gear the log decides."""
