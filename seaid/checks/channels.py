@@ -18,7 +18,7 @@ from seaid.checks import tolerances as tol
 from seaid.checks.codes import CODES, Channel, Observation, channels_of, in_description, in_drives
 from seaid.checks.experiment import Experiment, stands_locked
 from seaid.drives import Drive, total_ratio
-from seaid.errors import Finding
+from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.description import as_toml, changed_source
@@ -175,39 +175,52 @@ def _rating(robot: Robot, channel: Channel) -> float:
 
 
 def _lost_samples(logged: Logged) -> Iterator[Finding]:
-    """Yield logs whose time counts the samples, some of which were lost.
+    """Yield logs whose time counts the samples, some of which were lost or are repeated.
 
     Over k lost samples all positions move k + 1 times as far as before and after. What a step
     differs from the mean of its neighbours by, in the median, is the noise of such a comparison; a
     clock that was resampled is none that counts.
     """
     for name, log in logged.named:
-        positions = [channel.values for channel in _positions(log)]
-        if not _has_counter(log) or not positions:
-            continue
-        lost, many = _lost(positions), tol.SLIGHT * (len(log.time) - 1)
-        jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
-        if len(lost) >= tol.EVENTS or jumps:
-            text, count = f"most positions of {name} jump {jumps} times", "bursts of samples"
-            if not jumps:
-                text = f"in {len(lost)} single steps of {name} all positions move twice as far as "
-                text += "before and after, or a larger whole number of times"
-                count = f"{int(np.sum(lost))} samples"
-            yield CODES["holes"].finding(
-                f"{text}, while the time has equal steps: {count} were lost, and the time counts "
-                "those that are left",
-                severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
-                evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
-                remedy="record anew with the clock of the robot: gaps are then bridged or excluded",
-                certainty="certain",
-            )
+        channels, steps = [*_positions(log)], np.diff(log.time)
+        held = {x: count for x in channels if (count := held_over(log.time, x.values)) > 1}
+        is_resampled = any(repair.kind == "irregular steps" for repair in log.report)
+        if held:
+            yield _held_positions(held, name)
+        elif channels and np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps) and not is_resampled:
+            yield from _lost_of([channel.values for channel in channels], name)
 
 
-def _has_counter(log: Log) -> bool:
-    """Whether the time of a log has equal steps, by itself and not by resampling."""
-    steps = np.diff(log.time)
-    is_even = bool(np.ptp(steps) < tol.NEGLIGIBLE * np.median(steps))
-    return is_even and all(repair.kind != "irregular steps" for repair in log.report)
+def _held_positions(held: Mapping[Channel, int], name: str) -> Finding:
+    """Return the finding of encoders that are slower than their log and hold their values."""
+    lines = _changed({channel: {} for channel in held})
+    return CODES["holes"].wrong(
+        f"encoders of {listed(lines)} have new values at every {max(held.values())}th sample of "
+        f"{name}, and hold them in between, as no position does: speeds are those of a staircase",
+        evidence={"samples per new value": float(max(held.values()))},
+        remedy=f"{in_description(lines, name)}\n# which is repaired: what was held is interpolated",
+        certainty="certain",
+        joints=tuple(lines),
+    )
+
+
+def _lost_of(positions: Sequence[Array], name: str) -> Iterator[Finding]:
+    """Yield that samples were lost in a log with equal steps of the time."""
+    lost, many = _lost(positions), tol.SLIGHT * (len(positions[0]) - 1)
+    jumps = 0 if len(lost) >= tol.EVENTS else _common_jumps(positions)
+    text, count = f"most positions of {name} jump {jumps} times", "bursts of samples"
+    if not jumps:
+        text = f"in {len(lost)} steps of {name} all positions move a multiple of their usual step"
+        count = f"{int(np.sum(lost))} samples"
+    if jumps or len(lost) >= tol.EVENTS:
+        yield CODES["holes"].finding(
+            f"{text}, while the time has equal steps: {count} were lost, and the time counts "
+            "those that are left",
+            severity="wrong" if jumps or np.sum(lost) > many else "doubtful",
+            evidence={"lost samples": float(np.sum(lost)), "steps": float(len(lost) or jumps)},
+            remedy="record anew with the clock of the robot: gaps are then bridged or excluded",
+            certainty="certain",
+        )
 
 
 def _common_jumps(positions: Sequence[Array]) -> int:
@@ -229,8 +242,9 @@ def _lost(positions: Sequence[Array]) -> Array:
     moved = np.diff(positions, axis=1)
     usual, change = 0.5 * (moved[:, :-2] + moved[:, 2:]), moved[:, 2:] - moved[:, :-2]
     apart = np.median(np.abs(moved[:, 1:-1] - usual), axis=1)
-    # An error that is even over a resolution d has the standard deviation d / sqrt(12).
-    coarse = [resolution(values) / np.sqrt(12) for values in positions]
+    # An error that is even over a resolution d has the standard deviation d / sqrt(12). That of the
+    # steps, because an encoder that slips has other values after it.
+    coarse = [resolution(steps) / np.sqrt(12) for steps in moved]
     moved, usual, change = (
         x / np.maximum(apart, coarse)[:, None] for x in (moved[:, 1:-1], usual, change)
     )
@@ -252,14 +266,15 @@ def _missing_drives(logged: Logged) -> Iterator[Finding]:
     robot = logged.robot
     stiff = [x for x, drive in robot.drives.items() if not drive.is_elastic and drive.ratio == 1]
     for log in logged.logs:
-        missing = dict(_gears(log, stiff))
-        for first, (ratio, _) in [*missing.items()][:1]:
+        gears = {joint: gear for joint in stiff if (gear := _gear(log, joint))}
+        if gears:
             tables: dict[tuple[str, ...], str] = {
                 (joint,): _drive_table(robot.is_prismatic[robot.index(joint)], *gear)
-                for joint, gear in missing.items()
+                for joint, gear in gears.items()
             }
+            first, (ratio, _) = next(iter(gears.items()))
             yield CODES["missing-drives"].wrong(
-                f"the log has the motor side of {', '.join(missing)}, which moves {ratio:.3g} "
+                f"the log has the motor side of {', '.join(gears)}, which moves {ratio:.3g} "
                 "times as far as the joint, and the robot has no drive there: friction, gear and "
                 "spring are not in the model (--drives, drives=)",
                 first,
@@ -275,22 +290,16 @@ def _drive_table(is_prismatic: bool, ratio: float, is_stiff: bool) -> str:
     return f'type = "{"stiff" if is_stiff else "series_elastic"}"\n{key} = {ratio:.4g}'
 
 
-def _gears(log: Log, joints: Iterable[str]) -> Iterator[tuple[str, tuple[float, bool]]]:
-    """Yield the joints with a gear between their encoders, and what `_gear` returns of it."""
-    for joint in filter(log.joint_names.__contains__, joints):
-        gear = _gear(log, log.joint_names.index(joint))
-        if gear is not None:
-            yield joint, gear
-
-
-def _gear(log: Log, j: int) -> tuple[float, bool] | None:
-    """Return the ratio between the encoders of joint j, and whether it is stiff; None without one.
+def _gear(log: Log, joint: str) -> tuple[float, bool] | None:
+    """Return the ratio between the encoders of a joint, and whether it is stiff; None without one.
 
     A deflection is in proportion to the torque. A torque that is measured behind the gear has
     neither friction nor rotor in it, so that no drive is missing.
     """
-    motor, position = log.motor_position[:, j], log.joint_position[:, j]
-    torque = log.motor_torque[:, j]
+    if joint not in log.joint_names:
+        return None
+    sides, j = (log.motor_position, log.joint_position), log.joint_names.index(joint)
+    motor, position, torque = (values[:, j] for values in (*sides, log.motor_torque))
     moved = float(np.std(position))
     if not np.all(np.isfinite([motor, position])) or not 0 < tol.TWICE * moved <= np.std(motor):
         return None
@@ -336,11 +345,8 @@ def _held_torques(logged: Logged) -> Iterator[Finding]:
     for name, log in logged.named if not logged.robot.has_controllers else ():
         held: dict[int, list[Channel]] = {}
         for channel in channels_of(log, logged.used, "motor_torque"):
-            j = log.joint_names.index(channel.joint)
-            sides = (log.motor_position[:, j], log.joint_position[:, j])
             count = held_over(log.time, channel.values)
-            is_late = channel.source is not None and not channel.entry.get("delay_s")
-            if is_late and count > max(held_over(log.time, side) for side in sides):
+            if count > 1 and channel.source is not None and not channel.entry.get("delay_s"):
                 held.setdefault(count, []).append(channel)
         for count, channels in held.items():
             late = 0.5 * (count - 1) * float(np.median(np.diff(log.time)))

@@ -194,14 +194,11 @@ def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[eng
     if not possible:
         return []
     width = side.widths.get(joint)
-    grids = {} if width is None else {"coulomb_width": [width * k for k in _MULTIPLES]}
+    # Widths of Coulomb friction from the one that the encoders resolve to 32 times as much.
+    grids = {} if width is None else {"coulomb_width": [width * 2.0**k for k in range(6)]}
     is_parallel = field == "parallel_spring"
     drive = side.drive_at(joint, at_joint=True) if is_parallel else side.drive(joint)
     return term_candidates(drive, possible, grids)
-
-
-_MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-"""Widths of Coulomb friction that are tried, over the one that the encoders resolve."""
 
 
 def _friction(side: Side, joint: str) -> list[engine.Candidate]:

@@ -364,8 +364,7 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     if not experiment.has_bodies:
         return
     # a payload that is named and not there has no torque, of a joint that measures well
-    unloaded = experiment.with_changes(bodies=experiment.robot.parameters)
-    scales = unloaded.scales
+    scales = experiment.with_changes(bodies=experiment.robot.parameters).scales
     shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
     names = experiment.robot.joint_names
     for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():

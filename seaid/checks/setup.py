@@ -506,10 +506,8 @@ def _sensor_scales(experiment: Experiment) -> Iterator[Transform]:
             f"their sensors show: {', '.join(f'{x:g}' for x in factors.values())} times those of "
             f"{listed([experiment.robot.joint_names[j] for j in factors])}"
         )
-        options = {"penalty": float(len(factors))}
-        yield multiplied(
-            CODES["torque-scale"], experiment, others | factors, "t", message, **options
-        )
+        code, penalty = CODES["torque-scale"], float(len(factors))
+        yield multiplied(code, experiment, others | factors, "t", message, penalty=penalty)
 
 
 def _all_torque_scales(experiment: Experiment) -> Iterator[Transform]:

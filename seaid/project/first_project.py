@@ -770,12 +770,14 @@ def _with_confirmed_ratios(
             del table[key_of_error]
             sizes[joint] = _doubt("undetermined", key=key, value=value, error=error)
         else:
-            # Ratios of gears are round: the decimal of fewest digits within the standard error.
-            rounded = (round(value, digits) for digits in range(8))
-            table[key] = next((x for x in rounded if x and abs(x - value) <= error), value)
-            table[key_of_error] = float(f"{error:.2g}")
+            table[key], table[key_of_error] = _shortest(value, error), float(f"{error:.2g}")
             sizes[joint] = f"{key} = {table[key]:.7g} +- {error:.2g} "
     return better, sizes
+
+
+def _shortest(value: float, error: float) -> float:
+    """Return the decimal of fewest digits within the standard error: ratios of gears are round."""
+    return next((x for n in range(8) if abs((x := round(value, n)) - value) <= error), value)
 
 
 def _confirmed(

@@ -13,6 +13,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array, IndexArray
+from seaid.checks.channels import _lost
 from seaid.checks.setup import _are_scales, log_findings
 from seaid.errors import Finding
 from seaid.identification import check
@@ -224,6 +225,41 @@ def test_lost_samples_are_seen_where_the_time_is_a_counter(case: str) -> None:
     twice = np.sort(np.concatenate([np.arange(len(log.time)), rng.choice(inner, 25)]))
     late = at(log, twice[: len(log.time)], log.time)  # what is logged twice is not lost
     assert log_findings(robot, [late]) == []
+
+
+@pytest.mark.parametrize("side", quick_first(["joint_position", "motor_position"]))
+@pytest.mark.parametrize("count", quick_first([10, 4]))
+def test_encoders_that_are_slower_than_their_log_are_named_and_its_repair_is_right(
+    side: str, count: int, tmp_path: Path
+) -> None:
+    """A staircase looked like a time in another unit, or like a zero of another joint."""
+    robot, log = leg(TEST_MASS), leg_log()
+    last_new = np.arange(len(log.time)) // count * count
+    changed: dict[str, Any] = {side: getattr(log, side)[last_new]}
+    slow, path = replace(log, **changed), tmp_path / "slow.csv"
+    seaid.write_log(slow, path)
+    held = seaid.read_log(path, robot)
+    warnings = check(robot, held).warnings
+    assert [(x.code, x.severity, x.joints) for x in warnings] == [
+        ("holes", "wrong", robot.joint_names)
+    ]
+    assert warnings[0].evidence == {"samples per new value": count}
+    right = seaid.read_log(
+        path, robot, description=tomllib.loads(warnings[0].remedy.split("\n", 1)[1])
+    )
+    assert log_findings(robot, [right]) == []
+    errors = [np.std(getattr(x, side) - getattr(log, side), axis=0) for x in (held, right)]
+    assert np.all(errors[1] < 0.2 * errors[0])
+
+
+def test_an_encoder_that_slips_has_lost_no_samples() -> None:
+    """Its values after the slip lie between those before, as if its resolution were finer."""
+    time, step = np.arange(20000) / 1e3, 2 * np.pi / 4000
+    angles = [np.sin(2 * np.pi * 0.31 * time), np.sin(2 * np.pi * 0.37 * time + 1)]
+    angles += [2 * np.clip(1.5 * np.sin(2 * np.pi * 0.23 * time), -1, 1)]  # which rests at times
+    encoders = [np.round(angle / step) * step for angle in angles]
+    encoders[2] += 3.0 * (time > 11)
+    assert len(_lost(encoders)) == 0
 
 
 def wrapped(log: Log, robot: Robot, joint: str, field: str, crossing: float) -> Log:
