@@ -16,6 +16,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.excitation import Trajectory
+from seaid.excitation.basis import SplineBasis
 from seaid.log import Log
 from seaid.regressor import Regression, joint_torques
 from seaid.robot import Robot
@@ -165,3 +167,23 @@ def write_robot(
     """Write a URDF of a `tree`, its name that of the file."""
     path.write_text(f'<robot name="{path.stem}">{tree(joints, bodies)}</robot>', encoding="utf-8")
     return path
+
+
+def polynomial_trajectory(
+    joint_names: Sequence[str],
+    duration: float,
+    coefficients: Any,
+    prismatic_joints: Sequence[str] = (),
+) -> Trajectory:
+    """Return the polynomial trajectory sum_i a_i t^i (18) over `duration` [s], of a_i (d+1, n)."""
+    from scipy.special import comb
+
+    powers = np.asarray(coefficients, dtype=float)
+    count = len(powers)
+    i, j = np.indices((count, count))
+    # t^j = duration^j sum_i C(i, j) / C(d, j) B_i(t / duration), i >= j
+    # (Farouki and Rajan 1988)
+    bernstein = np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0)
+    values = bernstein @ (powers * (duration ** np.arange(count))[:, None])
+    basis = SplineBasis(count - 1, np.repeat([0.0, duration], count))
+    return Trajectory(tuple(joint_names), basis, values, tuple(prismatic_joints))

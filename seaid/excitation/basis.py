@@ -353,11 +353,6 @@ class SplineBasis:
         """Number of coefficients per joint, K."""
         return len(self.knots) - self.degree - 1
 
-    @property
-    def spans(self) -> int:
-        """Number of intervals between knots."""
-        return len(np.unique(self.knots)) - 1
-
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s].
 
@@ -391,7 +386,8 @@ class SplineBasis:
         closer to the curve, quadratically in their number.
         """
         # rounded up: at least `density` control points per coefficient
-        pieces = max(1, -(-density * self.size // self.spans))
+        intervals = len(np.unique(self.knots)) - 1
+        pieces = max(1, -(-density * self.size // intervals))
         matrix, knots = np.eye(self.size), np.asarray(self.knots)
         for degree in range(self.degree, self.degree - order, -1):
             # control points of the derivative: p (c[i+1] - c[i]) / (t[i+p+1] - t[i+1])
@@ -432,18 +428,6 @@ def _check_knots(knots: Array, degree: int) -> None:
             f"a knot of degree {degree} is repeated more than {degree - 2} times: "
             "the acceleration would jump there"
         )
-
-
-def bernstein_from_powers(powers: Array, duration: float) -> Array:
-    """Return Bernstein coefficients (d+1, n) over [0, duration] of powers a_i (d+1, n) of (18)."""
-    from scipy.special import comb
-
-    count = len(powers)
-    scaled = powers * (duration ** np.arange(count))[:, None]
-    i, j = np.indices((count, count))
-    # t^j = duration^j sum_i C(i, j) / C(d, j) B_i(t / duration), i >= j
-    # (Farouki and Rajan 1988)
-    return np.asarray(np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0) @ scaled)
 
 
 def _refinement(knots: Array, finer: Array, degree: int) -> Array:

@@ -16,7 +16,7 @@ from seaid._arrays import Array, check_rate, finite, frozen
 from seaid._files import numbers, read_json, write_csv, write_whole
 from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import ExcitationError, checked, listed, shown, unknown_name
-from seaid.excitation.basis import Basis, SplineBasis, basis_from_dict, bernstein_from_powers
+from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.robot import Robot
 
 _NANO = 10**9
@@ -255,29 +255,6 @@ def check_joint_names(trajectory: Trajectory, robot: Robot) -> None:
             f"the trajectory moves {', '.join(trajectory.joint_names)}, but '{robot.name}' has "
             f"{', '.join(robot.joint_names)}: give the joints of the robot, in its order"
         )
-
-
-def polynomial_trajectory(
-    joint_names: Sequence[str],
-    duration: float,
-    coefficients: Any,
-    prismatic_joints: Sequence[str] = (),
-) -> Trajectory:
-    """Return the polynomial trajectory sum_i a_i t^i (18) over `duration` [s].
-
-    `coefficients` (d+1, n) are the a_i, of degree d at least 3 (pad with zeros). Raises
-    ExcitationError for a duration that is not more than zero or coefficients of another shape.
-    """
-    powers = frozen("coefficients", coefficients, (None, len(joint_names)), ExcitationError)
-    if not (np.isfinite(duration) and duration > 0):
-        raise ExcitationError(
-            f"duration must be more than zero seconds, found {duration}", "duration"
-        )
-    knots = np.repeat([0.0, duration], len(powers))
-    basis = SplineBasis(len(powers) - 1, knots)
-    return Trajectory(
-        tuple(joint_names), basis, bernstein_from_powers(powers, duration), tuple(prismatic_joints)
-    )
 
 
 @checked(ExcitationError)

@@ -12,7 +12,8 @@ import pytest
 
 from seaid.errors import ExcitationError, SeaidError
 from seaid.excitation import FourierBasis, JoinedBasis, Trajectory, load_trajectory, make_basis
-from seaid.excitation.trajectory import message_times, polynomial_trajectory
+from seaid.excitation.trajectory import message_times
+from tests.plants import polynomial_trajectory
 
 
 def resting(scale: float = 1.0) -> Trajectory:
@@ -126,7 +127,6 @@ TORN = np.where(np.arange(24).reshape(12, 2) == 7, np.nan, 0.0)
         (lambda: Trajectory(("elbow",), TWELVE, np.zeros((12, 1)), ("elbo",)), "mean 'elbow'"),
         (lambda: Trajectory(("a",), TWELVE, np.zeros((11, 1))), r"shape \(12, 1\), found \(11, 1"),
         (lambda: Trajectory(("a", "b"), TWELVE, TORN), "coefficients of joint 'b' are not all fin"),
-        (lambda: polynomial_trajectory(["a"], -1.0, np.zeros((5, 1))), "more than zero"),
         (lambda: polynomial_trajectory(["a"], 1.0, np.zeros((3, 1))), "at least 3, found 2"),
         (lambda: resting().sample([0.0, np.nan]), "must be finite"),
     ],

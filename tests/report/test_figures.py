@@ -16,8 +16,8 @@ from scripts.torque_figures import save_actuator_figure, save_load_figure
 from seaid.errors import SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.limits import JointLimits
-from seaid.excitation.trajectory import polynomial_trajectory
 from tests.experiments import arm_result
+from tests.plants import polynomial_trajectory
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from seaid.excitation import Trajectory
-from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log import Log
 from seaid.robot import Robot
+from tests.plants import polynomial_trajectory
 
 
 def log_of(robot: Robot) -> Log:

@@ -16,7 +16,6 @@ from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
-from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.legged import load_robot
 from seaid.log import Log, reconstruct_motion
 from seaid.robot import Robot
@@ -25,6 +24,7 @@ from seaid.view.panel import deflection_colors, gradient, legend, plain_text, ta
 from seaid.view.picture import NEUTRAL
 from seaid.view.playback import Playback, playback_of, scales, traces_of
 from tests.experiments import arm, arm_motion, perfect_log
+from tests.plants import polynomial_trajectory
 
 LIMIT = '<limit lower="-1" upper="1" velocity="3" effort="50"/>'
 AXIS = '<axis xyz="0 1 0"/>'
