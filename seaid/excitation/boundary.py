@@ -203,6 +203,10 @@ class MotionSpace:
         return self.feasible_start + self.half_range * (self.free @ np.reshape(x, self.shape).T)
 
 
+_Curve = tuple[Basis, Array, int | None]
+"""A basis, the matrix from the motion's coefficients to its own, and the density of its hull."""
+
+
 @dataclass(frozen=True, eq=False)
 class _LimitBlock:
     """The limit of one kind on one curve: |rows (n, C, k) @ x_j + offsets (n, C)| <= 1.
@@ -283,23 +287,13 @@ def with_interior_start(
 
 
 def _limit_blocks(space: MotionSpace, limits: JointLimits) -> list[_LimitBlock]:
-    itself = (space.basis, np.eye(space.basis.size))
-    blocks = [_limit_block(space, limits, kind, itself, None) for kind in range(3)]
-    return blocks + [
-        _limit_block(space, limits, kind, run_in, _RUN_IN_DENSITY)
-        for run_in in space.run_ins
-        for kind in range(3)
-    ]
+    curves: list[_Curve] = [(space.basis, np.eye(space.basis.size), None)]
+    curves += [(*run_in, _RUN_IN_DENSITY) for run_in in space.run_ins]
+    return [_limit_block(space, limits, kind, curve) for curve in curves for kind in range(3)]
 
 
-def _limit_block(
-    space: MotionSpace,
-    limits: JointLimits,
-    kind: int,
-    curve: tuple[Basis, Array],
-    density: int | None,
-) -> _LimitBlock:
-    basis, matrix = curve
+def _limit_block(space: MotionSpace, limits: JointLimits, kind: int, curve: _Curve) -> _LimitBlock:
+    basis, matrix, density = curve
     hull, bounds, middle = hull_rows(basis, limits, kind, density)
     hull = hull @ matrix
     scale = bounds if density is None else _RUN_IN_SHARE * bounds

@@ -22,8 +22,9 @@ from scipy.linalg import solve_triangular
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError
 from seaid.regressor import BaseParameters, base_parameters
-from seaid.regressor.base import base_of_columns, body_equations, slopes_of_model
+from seaid.regressor.base import base_of_columns, body_equations
 from seaid.robot import Robot
+from seaid.robot.inertia import pseudo_inertia
 
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
@@ -94,7 +95,7 @@ def _smooth_condition(R: Array) -> tuple[float, Array]:
     # d log sigma = u^T dH v / sigma = (H v)^T dH v / sigma^2, so S = v v^T / sigma^2
     value, slope = 0.0, np.zeros_like(R)
     for sign, picked in ((1.0, slice(None, _NEIGHBOURS)), (-1.0, slice(-_NEIGHBOURS, None))):
-        part, shares = _smooth_maximum(sign * np.log(singular[picked]))
+        part, shares = smooth_maximum(sign * np.log(singular[picked]))
         value += part
         slope += (right[picked].T * (sign * shares / singular[picked] ** 2)) @ right[picked]
     return value, slope
@@ -119,7 +120,7 @@ def _log_worst_error(R: Array) -> float:
 def _smooth_worst_error(R: Array) -> tuple[float, Array]:
     inverse = _inverse(R)
     covariance, errors = inverse @ inverse.T, np.linalg.norm(inverse, axis=1)
-    value, shares = _smooth_maximum(np.log(errors))
+    value, shares = smooth_maximum(np.log(errors))
     # with P = (H^T H)^-1: d P = -P (dH^T H + H^T dH) P, and d log error_i = d P_ii / (2 P_ii)
     return value, -(covariance * (shares / errors**2)) @ covariance
 
@@ -128,7 +129,7 @@ def _inverse(R: Array) -> Array:
     return np.asarray(_safely(solve_triangular, R, np.eye(len(R)), check_finite=False))
 
 
-def _smooth_maximum(values: Array) -> tuple[float, Array]:
+def smooth_maximum(values: Array) -> tuple[float, Array]:
     """Return a smooth maximum of values (k,) and its derivative by each."""
     # max + log(sum exp(s (x - max))) / s, at most log(k) / s above the maximum
     # (Kreisselmeier and Steinhauser 1979)
@@ -213,63 +214,101 @@ States = tuple[Array, Array, Array]
 """Joint position, velocity and acceleration, each (T, n)."""
 
 
-def _in_model(robot: Robot, states: States) -> States:
-    q, v, a = (robot.to_model(state, order) for order, state in enumerate(states))
-    return q, v, a
+_BLOCK = 64
+"""Instants of a block: its arrays are in the cache, and in memory that is used again."""
+
+_UNITS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
 
 
-def regressor_gradient(
-    robot: Robot, states: States, rows: Sequence[int], weights: Array
-) -> tuple[Array, Array, Array]:
-    """Return the gradient of sum_t sum_r Y_t[rows[r]] . weights[t, r] by q, v and a, each (T, n).
+def regressor_gradient(robot: Robot, states: States, rows: Sequence[int], weights: Array) -> Array:
+    """Return the gradient of f = sum_t sum_r Y_t[rows[r]] . weights[t, r] by states, (3, T, n).
 
     `weights` (T, r, 10N) weight the entries of the standard regressor Y. Y_t[row] . w is the torque
-    of one joint of a robot with the parameters w, so the gradient takes one pass of Pinocchio's
-    derivatives (Carpentier and Mansard 2018) per row, whatever the number of parameters.
+    of one joint of a robot with the parameters w, so that by the principle of power
+
+        f = sum_b sum_r <K_r P_rb, M_b>    over bodies b and the joints r that carry them,
+
+    where <X, Y> sums the products of the entries of 4x4 matrices: K_r is the twist of a joint, P_rb
+    the pseudo-inertia of its weights, and M_b gives the acceleration of any point of the body.
     """
-    model, ordered = robot.model.copy(), _in_model(robot, states)
-    # q_model = G q + constant, so that a row of the robot is a sum of rows of the model
-    G = robot.to_model(np.eye(robot.n), 1).T
-    parts = [
-        (r, position, float(G[position, row]))
-        for r, row in enumerate(rows)
-        for position in np.flatnonzero(G[:, row]).tolist()
-    ]
-    bodies = weights.reshape(*weights.shape[:2], model.nv, 10)[:, :, list(robot.model_order)]
-    # Pinocchio needs bodies with positive mass: equal masses are added to all bodies, and their
-    # torques, which are linear in the parameters, are subtracted again
-    mass = 2.0 * max(float(np.abs(weights).max(initial=0.0) * np.abs(G).max()), 1e-12)
-    for body in range(model.nv):
-        model.inertias[body + 1] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-    positions = [position for _, position, _ in parts]
-    total = -slopes_of_model(model, ordered)[:, :, positions].sum(axis=2)
-    for r, position, factor in parts:
-        felt = [joint - 1 for joint in model.subtrees[position + 1]]
-        subtree = factor * bodies[:, r, felt]
-        # after the factor, because the torques of the equal masses are subtracted without it
-        subtree[:, :, 0] += mass
-        total += _row_derivatives(model, ordered, position, subtree)
-    gradient = robot.from_model(total)
-    return gradient[0], gradient[1], gradient[2]
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(weights), _BLOCK)]
+    parts = [_gradient(robot, [x[at] for x in states], rows, weights[at]) for at in blocks]
+    return np.concatenate(parts, axis=1)
 
 
-def _row_derivatives(model: pin.Model, states: tuple[Array, ...], row: int, bodies: Array) -> Array:
-    """Return d tau_row / d (q, v, a), (3, T, n), in the order of the model.
+def _gradient(robot: Robot, states: Sequence[Array], rows: Sequence[int], weights: Array) -> Array:
+    """Return `regressor_gradient` of a block of instants."""
+    N, T = robot.model.nv, len(weights)
+    # Joints come first: a sum over those that carry a body, or that it carries, is one product.
+    q, v, a = (robot.to_model(x, order).T[..., None, None] for order, x in enumerate(states))
+    moves, K, places, carries = _kinematics(robot.model, q)
+    V = _summed(carries.T, v * K)
+    C = _bracket(V, K)  # dK / dt
+    A = _summed(carries.T, a * K + v * C)
+    A[..., :3, 3] -= robot.model.gravity.linear
+    M = A + V @ V
+    # q_model = G q + constant, so that a row of the robot is a sum of rows of the model.
+    G = robot.to_model(np.eye(robot.n), 1)[list(rows)]
+    row, joint = G.nonzero()
+    is_felt = carries[joint].T[:, None, :, None]
+    bodies = weights.reshape(T, -1, N, 10).transpose(2, 0, 1, 3)[list(robot.model_order)]
+    units = places @ _UNITS @ places.swapaxes(2, 3)
+    P = bodies[:, :, row] * (G[row, joint][:, None] * is_felt)
+    P = P.reshape(N, -1, 10) @ units.reshape(N, 10, 16)
+    # E P E^T at the states. All products have the twists or the bodies of the r rows side by side
+    # or on top of each other, (4, 4r) or (4r, 4), because many small products would be slow.
+    moved = (P.reshape(N, T, -1, 4) @ moves.swapaxes(2, 3)).reshape(N, T, -1, 4, 4).swapaxes(3, 4)
+    P = moved.reshape(N, T, -1, 4) @ moves.swapaxes(2, 3)
+    wide = K[joint].transpose(1, 2, 0, 3).reshape(T, 4, -1)
+    tall = K[joint].swapaxes(0, 1).reshape(T, -1, 4)
+    Q = wide @ P  # df / dM_b
+    # f does not depend on the frame. Seen from the bodies that joint k carries, a change of its
+    # position turns back the twists of the joints r that carry k, by [K_r, K_k], and changes M_b by
+    # [A_k, K_k] + [V_k, C_k] + 2 C_k V_b; one of its speed changes M_b by 2 C_k + 2 K_k V_b, and
+    # one of its acceleration by K_k.
+    R = _summed(carries, P @ M.swapaxes(2, 3)).reshape(N, T, -1, 4, 4) * is_felt[..., None]
+    turned = wide @ R.reshape(N, T, -1, 4) - R.swapaxes(2, 3).reshape(N, T, 4, -1) @ tall
+    S = 2 * _summed(carries, Q @ V.swapaxes(2, 3))
+    Q = _summed(carries, Q)
+    by_q = _inner(Q, _bracket(A, K) + _bracket(V, C)) + _inner(S, C)
+    by_q -= _inner(turned, K.swapaxes(2, 3))
+    return robot.from_model(np.stack([by_q, 2 * _inner(Q, C) + _inner(S, K), _inner(Q, K)]))
 
-    `bodies` (T, b, 10) are the parameters of the b bodies of the row's subtree at every instant.
+
+def _kinematics(model: pin.Model, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Return how bodies move from q = 0, the twists of joints, places at q = 0, and what carries.
+
+    Motions and twists are (N, T, 4, 4) in the world at positions `q` (N, T, 1, 1), places
+    (N, 1, 4, 4). The last array (N, N) is one where a joint carries a body.
     """
-    model, n = model.copy(), model.nv
-    data, inertias = model.createData(), model.inertias
-    compute, inertia_of = pin.computeRNEADerivatives, pin.Inertia.FromDynamicParameters
-    compute(model, data, *np.zeros((3, n)))
-    # views of the row, in memory that Pinocchio overwrites at every instant; of the mass matrix it
-    # fills only the upper triangle
-    views = (data.dtau_dq[row], data.dtau_dv[row], data.M[:row, row], data.M[row, row:])
-    felt, together = list(model.subtrees[row + 1]), np.concatenate
-    table = np.empty((len(bodies), 3 * n))
-    for subtree, out, q, v, a in zip(bodies, table, *states, strict=True):
-        for joint, parameters in zip(felt, subtree, strict=True):
-            inertias[joint] = inertia_of(parameters)
-        compute(model, data, q, v, a)
-        together(views, out=out)
-    return table.reshape(-1, 3, n).swapaxes(0, 1)
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nv))
+    screws = np.array([pin.Motion(column).homogeneous for column in data.J.T])[:, None]
+    places = np.array([place.homogeneous for place in data.oMi.tolist()[1:]])[:, None]
+    # exp(K q) = 1 + sin(q) K + (1 - cos(q)) K^2 for a turn, 1 + q K for a shift, of which K^2 = 0
+    is_turn = screws[..., :3, :3].any(axis=(2, 3), keepdims=True)
+    moves = np.eye(4) + np.where(is_turn, np.sin(q), q) * screws
+    moves += (1 - np.cos(q)) * (screws @ screws)
+    carries = np.eye(model.nv)
+    for joint, parent in enumerate(model.parents.tolist()[1:]):
+        if parent:
+            moves[joint] = moves[parent - 1] @ moves[joint]
+            carries[:, joint] += carries[:, parent - 1]
+    back = moves.swapaxes(2, 3).copy()  # E^-1
+    back[..., 3, :3] = 0.0
+    back[..., :3, 3:] = -back[..., :3, :3] @ moves[..., :3, 3:]
+    return moves, moves @ screws @ back, places, carries
+
+
+def _bracket(X: Array, Y: Array) -> Array:
+    return np.asarray(X @ Y - Y @ X)
+
+
+def _inner(X: Array, Y: Array) -> Array:
+    """Return the sums (T, N) of the products of the entries of matrices (N, T, 4, 4)."""
+    return np.asarray(np.einsum("ktij,ktij->tk", X, Y))
+
+
+def _summed(matrix: Array, X: Array) -> Array:
+    """Return matrix (N, N) @ X (N, ...), over the first axis."""
+    return np.asarray((matrix @ X.reshape(len(X), -1)).reshape(X.shape))

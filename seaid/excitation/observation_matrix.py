@@ -250,7 +250,7 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     weights[:, :, list(target.base_columns)] = _transformed(
         target.at_drives.T, G[:, :r, : len(target.base_columns)]
     )
-    gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
+    gradient = regressor_gradient(robot, states, target.rows, weights)
     by_signal, by_joint = np.zeros((2, len(SMOOTH_SIGNALS), len(time), robot.n))
     blocks, drive_torque = _drive_columns(target, time, states)
     for block, (_, slopes) in blocks:

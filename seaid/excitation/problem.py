@@ -76,7 +76,6 @@ class PlanningProblem:
     time: Array
     maps: tuple[Array, Array, Array]
     start_states: Array
-    half_range: Array
     rows: Array
     offset: Array
     drive_limits: DriveLimits | None
@@ -114,7 +113,6 @@ def make_problem(
         time=time,
         maps=maps,
         start_states=start_states,
-        half_range=limits.half_range,
         rows=rows,
         offset=offset,
         drive_limits=drives,
@@ -149,7 +147,7 @@ def states_of(problem: PlanningProblem, x: Array) -> States:
     """Return q, v and a of x, each (T, n)."""
     joints = x.reshape(problem.shape).T
     q, v, a = (
-        start_states + problem.half_range * (matrix @ joints)
+        start_states + problem.space.half_range * (matrix @ joints)
         for start_states, matrix in zip(problem.start_states, problem.maps, strict=True)
     )
     return q, v, a
@@ -197,7 +195,7 @@ def value_and_gradient(problem: PlanningProblem, x: Array) -> tuple[float, Array
     # the gradient by x: (T, n) at the instants -> (k, n) -> (n k,), joint by joint
     gradients = _pull_back(problem, states, H @ slope)
     by_joint = [matrix.T @ part for matrix, part in zip(problem.maps, gradients, strict=True)]
-    return value, np.ravel((problem.half_range * np.sum(by_joint, axis=0)).T)
+    return value, np.ravel((problem.space.half_range * np.sum(by_joint, axis=0)).T)
 
 
 def linear_use(problem: PlanningProblem, x: Array) -> Array:
@@ -242,7 +240,7 @@ def nonlinear_use(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     if problem.stance is not None:
         instants = range(0, len(problem.time), _INSTANTS)
         parts.append(
-            problem.stance.worst_shares(states, instants, problem.maps, problem.half_range)
+            problem.stance.worst_shares(states, instants, problem.maps, problem.space.half_range)
         )
     return (
         np.concatenate([use for use, _ in parts]),
@@ -257,7 +255,8 @@ def largest_nonlinear_use(problem: PlanningProblem, x: Array) -> float:
         loads = np.abs(drive_loads(problem.drive_limits, problem.time, states))
         most = float(np.max(loads.max(axis=1) / problem.drive_limits.largest))
     if problem.scene is not None:
-        closest = _capped(problem.scene, states[0]).min()
+        scene = problem.scene
+        closest = distances(scene, states[0], cap_m=_cap(scene)).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     if problem.stance is not None:
         most = max(most, float(problem.stance.used_shares(states).max()))
@@ -311,11 +310,11 @@ def _drive_use(
     signed = loads[kinds, instants, joints] / limits.largest[kinds, joints]
     # d |load| = sign(load) d load
     factor = np.sign(signed) / limits.largest[kinds, joints]
-    return np.abs(signed), gradient * factor[:, None, None] * problem.half_range[:, None]
+    return np.abs(signed), gradient * factor[:, None, None] * problem.space.half_range[:, None]
 
 
 def _scene_use(problem: PlanningProblem, scene: Scene, states: States) -> tuple[Array, Array]:
-    far = _capped(scene, states[0])
+    far = distances(scene, states[0], cap_m=_cap(scene))
     starts = np.arange(0, len(problem.time), _INSTANTS)
     instants = np.array(
         [start + int(far[start : start + _INSTANTS].min(axis=1).argmin()) for start in starts]
@@ -324,13 +323,9 @@ def _scene_use(problem: PlanningProblem, scene: Scene, states: States) -> tuple[
     closest = near.argmin(axis=1)
     order = np.arange(len(instants))
     # use = 1 - (distance - clearance) / reach, by the nearest pair at that instant
-    by_position = -slopes[order, closest] * problem.half_range / _SCENE_REACH_M
+    by_position = -slopes[order, closest] * problem.space.half_range / _SCENE_REACH_M
     gradient = by_position[:, :, None] * problem.maps[0][instants][:, None, :]
     return _use_of_distance(scene, near[order, closest]), gradient
-
-
-def _capped(scene: Scene, q: Array) -> Array:
-    return distances(scene, q, cap_m=_cap(scene))
 
 
 def _cap(scene: Scene) -> float:

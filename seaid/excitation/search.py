@@ -23,6 +23,7 @@ from seaid._arrays import Array
 from seaid._progress import Report, best_so_far
 from seaid.errors import ExcitationError
 from seaid.excitation.collision import distances
+from seaid.excitation.criteria import smooth_maximum
 from seaid.excitation.limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
     TARGET_USE,
@@ -152,7 +153,6 @@ def _finished_results(running: Mapping[Future[Result], int]) -> dict[int, Result
 
 # starts, iterations of each, and the used share at which one ends early
 _TRIES, _ITERATIONS, _ENOUGH = 3, 40, 0.9
-_SHARPNESS = 32.0
 _UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "rad/s"}
 
 
@@ -198,10 +198,8 @@ def _least_use(problem: PlanningProblem, start: Array) -> Array:
 
     def objective(x: Array) -> tuple[float, Array]:
         use, gradient = nonlinear_use(problem, x)
-        # smooth maximum (Kreisselmeier and Steinhauser 1979), as in `seaid.excitation.criteria`
-        shares = np.exp(_SHARPNESS * (use - use.max()))
-        value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
-        return value, gradient.T @ (shares / shares.sum())
+        value, shares = smooth_maximum(use)
+        return value, gradient.T @ shares
 
     with suppress(_StopError):
         minimize(
