@@ -20,35 +20,17 @@ from seaid.robot import Robot
 from seaid.simulation.plant import Plant, effective_inertia, inverse_dynamics
 
 
-@dataclass(frozen=True, eq=False)
-class MotorInputs:
-    """Torque [N m], current [A] and voltage [V] (T, n), NaN for a motor logged by another one.
+def motor_inputs(robot: Robot, torque: Array) -> tuple[Array, Array | None, Array | None]:
+    """Return the logged torque [N m], current [A] and voltage [V] (T, n) of motors by their torque.
 
-    Current and voltage are None if no motor is logged by them.
-    """
-
-    torque: Array
-    current: Array | None
-    voltage: Array | None
-
-
-def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
-    """Return the logged inputs of motors that deliver torques (T, n) [N m].
-
-    Each motor is logged by its drive's `motor_input`: torque, torque / torque constant, or torque /
-    voltage constant. Raises RobotError naming a joint whose constant has no value.
+    Each motor is logged by its drive's `motor_input`, and NaN in the others: torque, torque /
+    torque constant, or torque / voltage constant. Current and voltage are None if no motor is
+    logged by them. Raises RobotError naming a joint whose constant has no value.
     """
     kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
     fed = torque / [input_gain(robot, joint) for joint in robot.joint_names]
-
-    def logged(kind: str) -> Array:
-        return np.where(kinds == kind, fed, np.nan)
-
-    return MotorInputs(
-        torque=logged("torque"),
-        current=logged("current") if "current" in kinds else None,
-        voltage=logged("voltage") if "voltage" in kinds else None,
-    )
+    logged = {kind: np.where(kinds == kind, fed, np.nan) for kind in {"torque", *kinds.tolist()}}
+    return logged["torque"], logged.get("current"), logged.get("voltage")
 
 
 def input_gain(robot: Robot, joint: str) -> float:

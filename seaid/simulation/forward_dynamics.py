@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -95,36 +95,37 @@ def _with_inputs(state: Array, torque: Array) -> Array:
 class _Held:
     """What friction that sticks holds at slip directions: places on the load side, and motors.
 
-    `model` is that of the robot whose joints at the places are held.
+    `levers` are the ratios of the drives at these places, one at dry joints; `model` is that of the
+    robot whose joints there are held.
     """
 
     slip: Array
     model: pin.Model
     places: IndexArray
-    motors: IndexArray
+    levers: Array
+    motors: tuple[int, ...]
 
 
-def _held(plant: Plant, slip: Array) -> _Held:
+@lru_cache(maxsize=64)
+def _held(plant: Plant, slip: tuple[float, ...]) -> _Held:
     """Return what friction holds that sticks at the zeros of `slip`."""
-    if 0.0 not in slip.tolist():  # on so few numbers a third of the time of `slip.all()`
-        return _Held(slip, plant.model, _NOTHING, _NOTHING)
-    (resting,), model = (slip == 0).nonzero(), plant.model
+    resting, model = np.flatnonzero(np.array(slip) == 0), plant.model
     places = resting[plant.acts_on_load[resting]]
     if places.size and plant.rotors is None:
         model = holding(model, tuple(plant.places[places].tolist()))
-    return _Held(slip, model, places, resting[resting < len(plant.elastic)])
-
-
-_NOTHING = np.zeros(0, dtype=np.intp)
+    motors = tuple(resting[resting < len(plant.elastic)].tolist())
+    levers = np.append(plant.ratio, np.ones(len(plant.dry_joints)))[places]
+    return _Held(np.array(slip), model, places, levers, motors)
 
 
 Begin = tuple[_Held, Array]
 """The begin of a step: what friction holds, and `_driven` at the state."""
 
 
-def _begin(plant: Plant, data: pin.Data, y: Array, slip: Array) -> Begin:
+def _begin(plant: Plant, data: pin.Data, y: Array, slip: Sequence[float]) -> Begin:
     """Return the begin of a step at slip directions, which become the last row of `y`."""
-    held, y[-1] = _held(plant, slip), slip[: y.shape[1]]
+    held = _held(plant, tuple(slip))
+    y[-1] = held.slip[: y.shape[1]]
     return held, _driven(plant, data, y, held)
 
 
@@ -136,20 +137,15 @@ def _driven(plant: Plant, data: pin.Data, y: Array, held: _Held) -> Array:
     """
     if not (plant.functions or plant.extras):
         return _moved(plant, data, y, y.reshape(-1), held)
-    n, slip, torque, state = y.shape[1], held.slip, y[-2], y[: plant.rows]
+    n, state, under_load = y.shape[1], y[: plant.rows], list(plant.under_load)
     at = drive_states(plant, state).T.tolist()
-    free, force = _of_functions(plant, at, torque)
-    gear = np.zeros(n)
-    of_load = [(index, drive) for index, drive in plant.functions if drive.is_under_load]
-    others = [(index, drive) for index, drive in plant.functions if not drive.is_under_load]
-    free = _without_friction(free, others, at, slip, gear)
-    last: tuple[Array, Array] | None = None
-    under_load = list(plant.under_load)
+    free, force = _of_functions(plant, at, y[-2])
+    gear, last = np.zeros(n), None
     # Friction under load depends on the torque through the gear, which depends on the acceleration:
     # the fixed point x = N (free - friction(x) - I_M theta''(x)).
     for _ in range(_MOST_ITERATIONS):
-        rest = _without_friction(free, of_load, at, slip, gear)
-        acting = np.concatenate([state[: JOINT_SPEED + 1].reshape(-1), rest, slip[:n], force])
+        rest = _without_friction(free, plant.functions, at, held.slip, gear)
+        acting = np.concatenate([state[: JOINT_SPEED + 1].reshape(-1), rest, held.slip[:n], force])
         rates = _moved(plant, data, state, acting, held)
         load = (plant.ratio * (rest - plant.motor_inertia * rates[SPEED]))[under_load]
         error = load - gear[under_load]
@@ -208,17 +204,19 @@ def _moved(plant: Plant, data: pin.Data, state: Array, acting: Array, held: _Hel
         torque[index] -= drive.joint_torque(*state[[JOINT_POSITION, JOINT_SPEED], index].tolist())
     if plant.dry_joints.size:
         torque[plant.dry_joints] -= plant.joint_coulomb * held.slip[len(torque) :]
-    rates[JOINT_SPEED] = joint = _accelerations(plant, data, state, torque, held)
+    joint = _accelerations(plant, data, held, state[JOINT_POSITION], state[JOINT_SPEED], torque)
+    rates[JOINT_SPEED] = joint
     rates[SPEED] += plant.turning.dot(joint)  # theta_M'' = N phi'' at stiff drives
-    if held.motors.size:
+    for motor in held.motors:
         # N phi'' of a stiff motor that sticks is zero up to rounding, by which it would creep.
-        rates[SPEED, held.motors] = 0.0
+        rates[SPEED, motor] = 0.0
     return rates
 
 
-def _accelerations(plant: Plant, data: pin.Data, state: Array, torque: Array, held: _Held) -> Array:
+def _accelerations(
+    plant: Plant, data: pin.Data, held: _Held, position: Array, speed: Array, torque: Array
+) -> Array:
     """Return the joint accelerations (n,) under torques on the joints, zero at what is held."""
-    position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
     if plant.rotors is None:
         return np.asarray(pin.aba(held.model, data, position, speed, torque))
     # `aba` has armature of single joints, but no rotors that several joints turn.
@@ -237,8 +235,9 @@ def _accelerations(plant: Plant, data: pin.Data, state: Array, torque: Array, he
 
 def sticking_torques(plant: Plant, data: pin.Data, state: Array, begin: Begin) -> Array:
     """Return the torques of friction that sticks, at joint accelerations under other torques."""
-    sticking, (joint, torque) = begin[0].places, begin[1][JOINT_SPEED : JOINT_SPEED + 2]
-    needed = inverse_dynamics(plant, data, (*state[[JOINT_POSITION, JOINT_SPEED]], joint)) - torque
+    sticking, joint, torque = begin[0].places, begin[1][JOINT_SPEED], begin[1][JOINT_SPEED + 1]
+    states = state[JOINT_POSITION], state[JOINT_SPEED], joint
+    needed = inverse_dynamics(plant, data, states) - torque
     if plant.rotors is None:
         return np.asarray(needed[plant.places[sticking]])
     # A^T x = M qdd + b - tau, and of torques that act in one direction those of least norm.
@@ -274,7 +273,7 @@ def begin_of(
     load-dependent friction has no solution.
     """
     y = _with_inputs(state, torque)
-    return _decided(plant, data, y) if slip is None else _begin(plant, data, y, slip)
+    return _decided(plant, data, y) if slip is None else _begin(plant, data, y, slip.tolist())
 
 
 def _decided(plant: Plant, data: pin.Data, y: Array) -> Begin:
@@ -283,29 +282,30 @@ def _decided(plant: Plant, data: pin.Data, y: Array) -> Begin:
     Resting places are assumed to stick; those whose constraint torque exceeds the friction level
     are released, until the others are consistent.
     """
-    n, speeds = y.shape[1], friction_speeds(plant, y)
+    n, speeds = y.shape[1], friction_speeds(plant, y).tolist()
     # Zero would stick. Without a level of friction the direction has no effect.
-    slip = np.where(plant.is_dry, np.sign(speeds) * (np.abs(speeds) > REST_RAD_S), 1.0)
+    slip = [
+        1.0 if speed > REST_RAD_S or not dry else -1.0 if speed < -REST_RAD_S else 0.0
+        for speed, dry in zip(speeds, plant.is_dry.tolist(), strict=True)
+    ]
     # Places are only released: at most n + m passes.
     while True:
         held, rates = begin = _begin(plant, data, y, slip)
-        if 0.0 not in slip.tolist():
+        if 0.0 not in slip:
             return begin
-        free = rates[JOINT_SPEED + 2]
-        motors = held.places[held.places < n]
         # What would move a motor on a spring by (7) alone. The friction that holds others is
         # opposite to what it holds.
-        pull = np.append(free, np.zeros(len(slip) - n))
-        pull[held.places] = -sticking_torques(plant, data, y, begin)
-        # From the drives' coordinates to the motors, where the levels of their friction are.
-        pull[motors] /= plant.ratio[motors]
-        through = np.zeros(n)
-        through[motors] = plant.ratio[motors] * (free[motors] - pull[motors])
-        turned = drive_states(plant, y[: plant.rows])
-        released = (slip == 0) & (np.abs(pull) > friction_levels(plant, turned, through))
-        if not released.any():
+        pull = np.zeros(len(slip))
+        pull[:n] = free = rates[JOINT_SPEED + 2]
+        if held.places.size:
+            # From the drives' coordinates to the motors, where the levels of their friction are.
+            pull[held.places] = -sticking_torques(plant, data, y, begin) / held.levers
+        levels = friction_levels(plant, y, free, pull)
+        (released,) = ((held.slip == 0) & (np.abs(pull) > levels)).nonzero()
+        if not released.size:
             return begin
-        slip = np.where(released, np.sign(pull), slip)
+        for place in released.tolist():
+            slip[place] = math.copysign(1.0, pull[place])
 
 
 def friction_speeds(plant: Plant, state: Array) -> Array:
@@ -315,14 +315,17 @@ def friction_speeds(plant: Plant, state: Array) -> Array:
     return np.append(state[SPEED], state[JOINT_SPEED, plant.dry_joints])
 
 
-def friction_levels(plant: Plant, turned: Array, through: Array) -> Array:
+def friction_levels(plant: Plant, y: Array, free: Array, pull: Array) -> Array:
     """Return the levels (n + m,) of dry friction at the motors, then at the dry joints.
 
-    `through` (n,) is the torque through the gears of stiff drives.
+    Friction takes the `pull` (n + m,) from the torques `free` (n,) of the motors of stiff drives
+    that stick, and the rest of them is through their gears.
     """
     if not plant.functions:
         return plant.coulomb
-    level, at = np.append(plant.coulomb, plant.joint_coulomb), turned.T.tolist()
+    level = np.append(plant.coulomb, plant.joint_coulomb)
+    at = drive_states(plant, y[: plant.rows]).T.tolist()
+    through = plant.ratio * (free - pull[: len(free)])
     for index, drive in plant.functions:
         level[index] = of_column(drive.level, at[index], float(through[index]))
     return level
@@ -343,17 +346,23 @@ def advance(
     step: float,
     feedback: Feedback | None = None,
     begin: Begin | None = None,
+    repeated_parts: int = 0,
 ) -> Array:
     """Return the state (4, n) after a step [s], with an event wherever friction stops a motion.
 
     The motor torque is `torque` at the start and changes with `torque_rate`; `feedback` adds what
-    depends on the state. `begin` is that of the step, if it is known. Raises SeaidError if the
-    state is not finite or the friction events do not end.
+    depends on the state. `begin` is that of the step, if it is known, and `repeated_parts` the
+    number of its parts, if many steps have this length. Raises SeaidError if the state is not
+    finite or the friction events do not end.
     """
-    parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
+    parts = max(repeated_parts, 1)
+    if step > parts * plant.longest_step:
+        parts *= math.ceil(step / parts / plant.longest_step)
     rates = np.zeros((plant.rows - JOINT_SPEED + 1, len(torque)))
     rates[-2] = torque_rate
-    part, y = _Part(plant, data, rates, feedback), _with_inputs(state, torque)
+    is_linear = feedback is None and not (plant.functions or plant.extras)
+    repeated = step / parts if repeated_parts and is_linear else math.nan
+    part, y = _Part(plant, data, rates, feedback, repeated), _with_inputs(state, torque)
     try:
         for number in range(parts):
             y = part.advanced(y, number * step / parts, step / parts, None if number else begin)
@@ -372,13 +381,15 @@ class _Part:
     """A part of a step, with the rates of the rows after the four of all states.
 
     Rows of hysteresis have no rate: `with_memory` moves them on with the travel, exactly. The last
-    two are those of torques and slip directions.
+    two are those of torques and slip directions. Linear steps of the `repeated` length [s] have
+    their matrices.
     """
 
     plant: Plant
     data: pin.Data
     rates: Array
     feedback: Feedback | None
+    repeated: float
 
     def advanced(self, y: Array, start: float, length: float, begin: Begin | None) -> Array:
         """Return a state with inputs after a time [s] that begins `start` after the step does."""
@@ -388,15 +399,16 @@ class _Part:
             begin = begin or _decided(plant, self.data, now)
             slip = begin[0].slip
             if stuck:
+                slip = slip.copy()
                 slip[stuck] = 0.0
-                begin = _begin(plant, self.data, now, slip)
+                begin = _begin(plant, self.data, now, slip.tolist())
             y[-1] = slip[: y.shape[1]]
             rest = length - done
             new = self._after(rest, y, start + done, begin)
             after = friction_speeds(plant, new) * slip
             crossed = ((after < 0) & plant.is_dry).nonzero()[0]
             if not crossed.size:
-                if not math.isfinite(new.sum()):
+                if not math.isfinite(np.vdot(new, new)):  # takes half the time of a sum
                     raise diverged()
                 return new
             # The speed counts as linear over the step: the time of the stop has an error of its
@@ -432,12 +444,57 @@ class _Part:
             driven[JOINT_SPEED + 1 :] = self.rates
             return driven
 
+        if step == self.repeated:
+            return self._after_repeated(y, begin)
         half, k1 = 0.5 * step, begin[1].copy()
         k1[JOINT_SPEED + 1 :] = self.rates
         k2 = rate(half, moved(half * k1))
         k3 = rate(half, moved(half * k2))
         k4 = rate(step, moved(step * k3))
         return moved(step / 6 * (k1 + k4 + 2 * (k2 + k3)))
+
+    def _after_repeated(self, y: Array, begin: Begin) -> Array:
+        """Return `_after` a step of the repeated length."""
+        (held, driven), n = begin, y.shape[1]
+        stages, end = _step_matrices(self.plant, held.motors, self.repeated)
+        # The first acceleration is that of the begin; the others follow stage by stage.
+        accelerations = driven[JOINT_SPEED], np.zeros(3 * n)
+        values = np.concatenate((y.reshape(-1), self.rates[-2], *accelerations))
+        for stage in stages:
+            known = stage.shape[1]
+            x = stage.dot(values[:known])
+            joint = _accelerations(self.plant, self.data, held, x[:n], x[n:-n], x[-n:])
+            values[known : known + n] = joint
+        return np.asarray(end.dot(values).reshape(-1, n))
+
+
+@lru_cache(maxsize=16)
+def _step_matrices(
+    plant: Plant, resting: tuple[int, ...], step: float
+) -> tuple[list[Array], Array]:
+    """Return the matrices of a step [s] of Runge and Kutta in which some motors stick.
+
+    All but the joint accelerations is linear: the state with inputs and the torque rates, x (7n),
+    have the rates A x + B qdd. The matrices of the stages after the first give joint positions,
+    speeds and torques on the joints (3n), the last one the state with inputs (6n) after the step,
+    by x before it and the joint accelerations (n) of each stage so far.
+    """
+    n = len(plant.elastic)
+    known, D = np.eye(11 * n), plant.drive_matrix
+    x, accelerations = known[: 7 * n], known[7 * n :].reshape(4, n, -1)
+    A, B = np.zeros((7 * n, 7 * n)), np.zeros((7 * n, n))
+    A[: 4 * n, : 6 * n], B[n : 2 * n] = D[: 4 * n], plant.turning
+    A[4 * n : 5 * n, 6 * n :] = B[3 * n : 4 * n] = np.eye(n)
+    still = n + np.array(resting, dtype=np.intp)
+    A[still] = B[still] = 0.0
+    acting = np.concatenate([known[2 * n : 4 * n, : 6 * n], D[4 * n : 5 * n]])
+    slopes, stages = [A @ x + B @ accelerations[0]], []
+    for number, part in ((1, 0.5), (2, 0.5), (3, 1.0)):
+        at = x + part * step * slopes[-1]
+        stages.append((acting @ at[: 6 * n])[:, : (7 + number) * n].copy())
+        slopes.append(A @ at + B @ accelerations[number])
+    k1, k2, k3, k4 = slopes
+    return stages, (x + step / 6 * (k1 + k4 + 2 * (k2 + k3)))[: 6 * n]
 
 
 def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:

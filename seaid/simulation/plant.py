@@ -409,12 +409,9 @@ class TorqueJacobians:
 
     def at_drives(self, transmission: Array) -> TorqueJacobians:
         """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
-        return TorqueJacobians(
-            *(
-                torques_at_drives(transmission, rows_at_drives(transmission, part))
-                for part in (self.position, self.velocity, self.acceleration)
-            )
-        )
+        parts = self.position, self.velocity, self.acceleration
+        turned = (rows_at_drives(transmission, part) for part in parts)
+        return TorqueJacobians(*(torques_at_drives(transmission, part) for part in turned))
 
     def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
         """Return the derivatives with constant ones (n, n) added."""
@@ -479,7 +476,8 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     # Newmark 1959 with gamma = 1/2: beta = 1/12 is stable for step^2 K / M < 6, beta = 1/4 (the
     # trapezoidal rule) always
     # The norm of M^-1 K is a bound of the squared angular frequencies.
-    rates = safely(np.linalg.solve, M, K, what="a simulated motion")
+    solve = partial(safely, np.linalg.solve, what="a simulated motion")
+    rates = solve(M, K)
     fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
     beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
     # (M + h/2 C + beta h^2 K) a_t = f_t - C v~ - K q~, with v~ and q~ by the state before.
@@ -490,12 +488,7 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     # The last columns have no force, and start from a unit of position or of velocity.
     q[0, :, :, columns : columns + joints] = np.eye(joints)
     v[0, :, :, columns + joints :] = np.eye(joints)
-    a[0] = safely(
-        np.linalg.solve,
-        M[:, 0],
-        force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0],
-        what="a simulated motion",
-    )
+    a[0] = solve(M[:, 0], force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0])
     for t in range(1, count):
         v_t = v[t - 1] + step / 2 * a[t - 1]
         q_t = q[t - 1] + step * v[t - 1] + (0.5 - beta) * step**2 * a[t - 1]

@@ -12,6 +12,7 @@ from seaid._arrays import Array, check_rate, frozen, seed_of
 from seaid._progress import Display, track
 from seaid.errors import SeaidError, checked, unknown_name
 from seaid.excitation import Trajectory
+from seaid.excitation.trajectory import check_joint_names
 from seaid.log import Log, Motion
 from seaid.robot import Robot, torques_at_joints
 from seaid.robot.robot import check_held
@@ -139,16 +140,16 @@ def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     rng = np.random.default_rng(seed_of(seed))
     white = rng.normal(size=motion.motor_torque.shape)
     torque = motion.motor_torque + white * _spread(robot, noise, "torque_std_Nm")
-    inputs = motor_inputs(robot, torque)
-    at_joints = robot.joint_states(motion.joint_position)
+    logged, current, voltage = motor_inputs(robot, torque)
+    at_joints, in_order = robot.joint_states(motion.joint_position), range(robot.n)
     return Log(
         time=motion.time,
         joint_names=robot.joint_names,
-        motor_position=_encoder(robot, noise, "motor")(motion.motor_position),
-        joint_position=_encoder(robot, noise, "joint")(*at_joints),
-        motor_torque=inputs.torque,
-        motor_current=inputs.current,
-        motor_voltage=inputs.voltage,
+        motor_position=_encoder(robot, noise, "motor", in_order)(motion.motor_position),
+        joint_position=_encoder(robot, noise, "joint", in_order)(*at_joints),
+        motor_torque=logged,
+        motor_current=current,
+        motor_voltage=voltage,
         motor_temperature=motion.motor_temperature,
         is_prismatic=robot.is_prismatic,
     )
@@ -165,12 +166,13 @@ def simulate_motion(
 ) -> Motion:
     """Return the true motion of a simulated experiment: states, accelerations and torques.
 
-    `trajectory` needs `duration` [s] and `sample(time) -> q, v, a`. The motor torque ramps from one
-    command of the controller to the next within one tick, so that the logged torque is the one
-    that acts at the tick. `gear_torque` is given if friction of a stiff drive depends on it.
+    `trajectory` needs `joint_names`, `duration` [s] and `sample(time) -> q, v, a`. The motor torque
+    ramps from one command of the controller to the next within one tick, so that the logged torque
+    is the one that acts at the tick. `gear_torque` is given if friction of a stiff drive depends on
+    it.
     """
     check_rate(rate_hz, trajectory.duration, _LEAST_RATE_HZ)
-    _check_joints(robot, trajectory)
+    check_joint_names(trajectory, robot)
     for joint in robot.joint_names:
         input_gain(robot, joint)  # report a missing constant before the simulation starts
     plant, order = plant_of(robot), robot.joint_order
@@ -217,16 +219,6 @@ def _warmth(robot: Robot, degC: Temperature, count: int) -> Array | None:
     return temperatures
 
 
-def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
-    """Refuse a trajectory of other joints; one without names is taken as the robot's."""
-    names = getattr(trajectory, "joint_names", robot.joint_names)
-    if tuple(names) != robot.joint_names:
-        raise SeaidError(
-            f"the trajectory moves {', '.join(names)}; '{robot.name}' has "
-            f"{', '.join(robot.joint_names)}: plan for this robot, with its joints in this order"
-        )
-
-
 def _run(
     robot: Robot,
     plant: Plant,
@@ -241,21 +233,20 @@ def _run(
     Torques are (T, n), accelerations (T, 2, n) of motors and joints, in the model's order. Torques
     through gears are NaN where no friction depends on them.
     """
-    (q, v, a), order, data = planned, robot.joint_order, plant.model.createData()
+    (q, v, a), data = planned, plant.model.createData()
     controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = q.shape
-    back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
     states, torques = np.empty((ticks, plant.rows, joints)), np.empty((ticks, joints))
     accelerations, through = np.empty((ticks, 2, joints)), np.full_like(torques, np.nan)
     state = np.zeros((plant.rows, joints))
     state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], q[0]
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
-    encoder = _encoder(robot, noise, "motor")
+    # the sensors are in the order of the robot, states in that of the model
+    encoder = _encoder(robot, noise, "motor", robot.joint_order)
     for tick in track(range(ticks), "simulating", progress):
         states[tick], torques[tick] = state, torque
-        # the sensors are in the order of the robot, states in that of the model
-        reading = encoder(state[POSITION, back])[order]
+        reading = encoder(state[POSITION])
         # filtered difference of readings; the first tick has no previous one, and speed zero
         if previous is not None:
             velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
@@ -265,13 +256,11 @@ def _run(
         since = (tick - round(SETTLE_S * rate_hz)) / rate_hz
         warm = warmed(plant, None if warmth is None else warmth[tick], since)
         begin = begin_of(warm, data, state, torque)
-        accelerations[tick] = begin[1][[SPEED, JOINT_SPEED]]
+        accelerations[tick] = begin[1][SPEED : JOINT_SPEED + 1 : 2]
         if plant.under_load:
             through[tick] = gear_torques(warm, data, state, begin)
-        for step in range(steps):
-            at = torque + rate * step / (steps * rate_hz)
-            first = None if step else begin
-            state = advance(warm, data, state, at, rate, 1 / (steps * rate_hz), begin=first)
+        inputs = torque, rate, 1 / rate_hz
+        state = advance(warm, data, state, *inputs, begin=begin, repeated_parts=steps)
         torque = command
     return states, torques, accelerations, through
 
@@ -279,7 +268,7 @@ def _run(
 def _motion(robot: Robot, plant: Plant, time: Array, run: Sequence[Array]) -> Motion:
     (states, torques, accelerations, through), back = run, np.argsort(robot.joint_order)
     load = _spring_torques(plant, states)
-    inputs = motor_inputs(robot, torques[:, back])
+    _, current, voltage = motor_inputs(robot, torques[:, back])
     return Motion(
         time=time,
         joint_names=robot.joint_names,
@@ -292,8 +281,8 @@ def _motion(robot: Robot, plant: Plant, time: Array, run: Sequence[Array]) -> Mo
         motor_torque=torques[:, back],
         # (4b) at the drives -> at the joints, tau = C^T tau_phi
         joint_torque=torques_at_joints(robot.transmission, load[:, back]),
-        motor_current=inputs.current,
-        motor_voltage=inputs.voltage,
+        motor_current=current,
+        motor_voltage=voltage,
         gear_torque=through[:, back] if plant.under_load else None,
         cutoff_hz=math.inf,
     )
@@ -314,19 +303,22 @@ def _spring_torques(plant: Plant, states: Array) -> Array:
     return load
 
 
-def _encoder(robot: Robot, noise: Noise, side: str) -> Callable[[Array], Array]:
+def _encoder(
+    robot: Robot, noise: Noise, side: str, order: Sequence[int]
+) -> Callable[[Array], Array]:
     """Return the function from positions (..., n) to the readings of the encoders on a side.
 
-    The offset is added, and the sum is rounded to whole steps.
+    The offset is added, and the sum is rounded to whole steps. The joints are in this order of
+    those of the robot.
     """
-    step = _spread(robot, noise, f"{side}_resolution_rad")
-    offset = _spread(robot, noise, f"{side}_offset_rad")
+    step = _spread(robot, noise, f"{side}_resolution_rad")[order]
+    offset, is_stepped = _spread(robot, noise, f"{side}_offset_rad")[order], step > 0
     # `where` evaluates both branches: no division by a step of zero
-    whole = np.where(step > 0, step, 1.0)
+    whole = np.where(is_stepped, step, 1.0)
 
     def reading(position: Array) -> Array:
         shifted = position + offset
-        return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
+        return np.where(is_stepped, np.rint(shifted / whole) * whole, shifted)
 
     return reading
 
