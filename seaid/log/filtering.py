@@ -82,12 +82,12 @@ def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice
     # Lags of step to 1 before the next sample, and of 0 to step - 1 after this one.
     within = signals[first:last].reshape(blocks, step, -1)
     sums = np.empty((2, blocks + 1, signals.shape[1]), dtype=complex)
-    sums[0, 1:] = _weighted(powers[step:0:-1], within)
-    sums[1, :0:-1] = _weighted(powers[:step], within)
+    both = _weighted(np.stack([powers[step:0:-1], powers[:step]]), within)
+    sums[0, 1:], sums[1, :0:-1] = both[:, 0], both[:, 1]
     # Beyond the continuation there is a constant: p^T + p^(T+1) + ... = p^T / (1 - p).
     far, near = powers[len(before) : 0 : -1], powers[: len(after)]
-    sums[0, 0] = _weighted(far, before) + far[0] * p / (1 - p) * before[0]
-    sums[1, 0] = _weighted(near, after) + near[-1] * p / (1 - p) * after[-1]
+    sums[0, 0] = _weighted(far[None], before)[0] + far[0] * p / (1 - p) * before[0]
+    sums[1, 0] = _weighted(near[None], after)[0] + near[-1] * p / (1 - p) * after[-1]
     # s_m + q s_(m-1) + q^2 s_(m-2) + ..., twice as many terms at each turn.
     q, terms = p**step, 1
     while terms <= blocks and abs(q) > np.finfo(float).eps:
@@ -98,9 +98,9 @@ def low_pass_at(signals: Array, rate_hz: float, cutoff_hz: float, lattice: slice
 
 
 def _weighted(weights: Array, signals: Array) -> Array:
-    """Return the sums (..., c) of signals (..., step, c) with complex weights (step,)."""
-    parts = np.stack([weights.real, weights.imag]) @ signals
-    return np.asarray(parts[..., 0, :] + 1j * parts[..., 1, :])
+    """Return the sums (..., w, c) of signals (..., step, c) with complex weights (w, step)."""
+    parts = np.concatenate([weights.real, weights.imag]) @ signals
+    return np.asarray(parts[..., : len(weights), :] + 1j * parts[..., len(weights) :, :])
 
 
 @cache

@@ -95,10 +95,11 @@ def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motio
     # Standstill is a share of the largest speed: with that of a piece, other rows would be
     # excluded.
     motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
-    for start in range(0, count, length):
-        end, part = start + length, slice(max(start - overlap, 0), start + length + overlap)
-        until = float(motion.time[end]) if end < count else np.inf
-        yield motion.samples(part), float(motion.time[start]), until
+    # The last piece may be as long as those in the middle, which have two overlaps.
+    times, starts = np.append(motion.time, np.inf), range(0, max(count - 2 * overlap, 1), length)
+    for start, end in zip(starts, [*starts[1:], count], strict=True):
+        part = slice(max(start - overlap, 0), end + overlap)
+        yield motion.samples(part), float(times[start]), float(times[end])
 
 
 def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:

@@ -81,23 +81,25 @@ def drive_parameters(
             # Parallel spring and joint friction act at the joint itself.
             if regressor is not motor_regressor(robot, joint):
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            R = factor * regressor.evaluate(by_name)[1]
-            blocks.append(R[:, None, :] * share[known][None, :, None])
-            drives += [
-                (joint, name, unit)
-                for name, unit in zip(regressor.names, regressor.units, strict=True)
-            ]
+            blocks.append(_in_rows(factor * regressor.evaluate(by_name)[1], share[known]))
+            units = zip(regressor.names, regressor.units, strict=True)
+            drives += [(joint, name, unit) for name, unit in units]
     length = len(next(iter(signals_of(0).values())))
     return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
 
 
+def _in_rows(columns: Array, shares: Array) -> Array:
+    """Return columns (T, c) times their shares in rows, (T, rows, c), most of which are zero."""
+    placed = np.zeros((len(columns), len(shares), columns.shape[1]))
+    for row in np.flatnonzero(shares).tolist():
+        placed[:, row] = shares[row] * columns
+    return placed
+
+
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return the signals of a drive, and the states of its own joint as own_theta_L etc."""
-    joint_states = {
-        f"own_{name}": values[:, index]
-        for name, values in zip(_JOINT, motion.joint_states, strict=True)
-    }
-    return signals(robot, motion, index) | joint_states
+    states = zip(_JOINT, motion.joint_states, strict=True)
+    return signals(robot, motion, index) | {f"own_{name}": x[:, index] for name, x in states}
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
@@ -146,9 +148,8 @@ class LoadModel:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns: expressions, then '<parameter> of <joint>'."""
-        return self.expressions + tuple(
-            ParameterName(name, joint) for joint, name, _ in self.drives
-        )
+        drives = (ParameterName(name, joint) for joint, name, _ in self.drives)
+        return (*self.expressions, *drives)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -179,6 +180,10 @@ class LoadColumns:
         return np.asarray(self.torque - self.payload - self.H @ theta)
 
 
+_BLOCK = 512
+"""Samples whose regressors of all parameters stay in the processor's cache."""
+
+
 @dataclass(frozen=True, eq=False)
 class LoadSide:
     """The load side of a robot whose base is held; other kinds of robots replace its parts.
@@ -199,22 +204,22 @@ class LoadSide:
 
         `further` (T, rows, k) are columns of `torque_changes`, which follow those of the springs.
         """
-        robot = self.robot
+        robot, p = self.robot, len(model.base.columns)
         known = [robot.index(joint) for joint in model.torque_joints]
-        Y = regressor_at_drives(robot, *motion.joint_states)
-        flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
-        # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
-        places = np.add.outer(known, Y.shape[1] * np.array(model.base.columns, dtype=np.intp))
-        base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-        H = base
-        if model.drives:
-            H = np.concatenate([base, drive_columns(robot, motion, model)], axis=2)
         torque, propagated = load_targets(robot, motion, model.torque_joints, springs)
-        propagated = joined(propagated, further)
-        payload = np.zeros_like(torque)
-        if np.any(robot.known_parameters):
-            payload = (Y @ robot.known_parameters)[:, known]
-        return LoadColumns(torque, payload, H, propagated)
+        payload, H = np.zeros_like(torque), np.empty((*torque.shape, p + len(model.drives)))
+        if model.drives:
+            H[:, :, p:] = drive_columns(robot, motion, model)
+        # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
+        places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
+        for start in range(0, len(H), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            Y = regressor_at_drives(robot, *(state[block] for state in motion.joint_states))
+            flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
+            H[block, :, :p] = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
+            if np.any(robot.known_parameters):
+                payload[block] = (Y @ robot.known_parameters)[:, known]
+        return LoadColumns(torque, payload, H, joined(propagated, further))
 
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
@@ -508,10 +513,14 @@ def known_frictions(robot: Robot, motion: Motion, joints: Sequence[str]) -> Arra
 
 
 def where_known(known: Array, columns: Array) -> Array:
-    """Return columns (T, k, ...) of equations, zero where their friction is not `known` (T, k)."""
-    if np.all(known == 1):
-        return columns
-    return columns * known.reshape(*known.shape, *(1,) * (columns.ndim - 2))
+    """Make columns (T, k, ...) of equations zero where their friction is not `known` (T, k).
+
+    They are changed in place, since they are large and at few samples unknown; and returned.
+    """
+    rows = np.flatnonzero(np.any(known != 1, axis=1))
+    if len(rows):
+        columns[rows] *= known[rows].reshape(len(rows), -1, *(1,) * (columns.ndim - 2))
+    return columns
 
 
 def usable_rows(

@@ -35,9 +35,6 @@ POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 MEMORY_ROWS = {"friction": 4, "spring": 5}
 """Further rows (6, n) of a robot with hysteresis: states of its laws, `drives.equations`."""
 
-_STEP_PER_TIME_CONSTANT = 1.0
-"""Longest step, as part of the time constant inertia / damping of a joint."""
-
 _SHORTEST_STEP_S = 1e-6
 
 _COLDEST_K = 50.0
@@ -358,8 +355,8 @@ def _longest_step(names: Sequence[str], plant: Plant) -> float:
     effective = effective_inertia(plant) if plant.functions else np.ones(0)
     for index, _ in plant.functions:
         rate = _damping_rate(plant.drives[index], float(effective[index]))
-        # the fourth-order Runge-Kutta method is stable up to 2.78 time constants
-        step = _STEP_PER_TIME_CONSTANT / rate if rate > 0 else np.inf
+        # one time constant; the fourth-order Runge-Kutta method is stable up to 2.78 of them
+        step = 1 / rate if rate > 0 else np.inf
         if step < _SHORTEST_STEP_S:
             raise RobotError(
                 f"joint '{names[index]}': its friction has a time constant of {1 / rate:.2g} s, "
