@@ -333,6 +333,10 @@ def friction_levels(plant: Plant, y: Array, free: Array, pull: Array) -> Array:
 
 _MOST_EVENTS = 200
 
+_MOST_LINEAR = 24
+"""Joints up to which the matrices of steps are worth it: those of 30 joints on springs, which often
+stick and begin to slip, take more time than they save."""
+
 Feedback = Callable[[float, Array], Array]
 """Function of the time in a step [s] and the state (4, n) that returns motor torques (n,)."""
 
@@ -361,6 +365,7 @@ def advance(
     rates = np.zeros((plant.rows - JOINT_SPEED + 1, len(torque)))
     rates[-2] = torque_rate
     is_linear = feedback is None and not (plant.functions or plant.extras)
+    is_linear = is_linear and len(torque) <= _MOST_LINEAR
     repeated = step / parts if repeated_parts and is_linear else math.nan
     part, y = _Part(plant, data, rates, feedback, repeated), _with_inputs(state, torque)
     try:
@@ -435,6 +440,8 @@ class _Part:
 
     def _after(self, step: float, y: Array, start: float, begin: Begin) -> Array:
         """Return a state with inputs after a step of Runge and Kutta, by the slip of its begin."""
+        if step == self.repeated:
+            return self._after_repeated(y, begin)
 
         def moved(by: Array) -> Array:
             return with_memory(self.plant, y, y + by)
@@ -444,8 +451,6 @@ class _Part:
             driven[JOINT_SPEED + 1 :] = self.rates
             return driven
 
-        if step == self.repeated:
-            return self._after_repeated(y, begin)
         half, k1 = 0.5 * step, begin[1].copy()
         k1[JOINT_SPEED + 1 :] = self.rates
         k2 = rate(half, moved(half * k1))
@@ -474,25 +479,26 @@ def _step_matrices(
 ) -> tuple[list[Array], Array]:
     """Return the matrices of a step [s] of Runge and Kutta in which some motors stick.
 
-    All but the joint accelerations is linear: the state with inputs and the torque rates, x (7n),
-    have the rates A x + B qdd. The matrices of the stages after the first give joint positions,
-    speeds and torques on the joints (3n), the last one the state with inputs (6n) after the step,
-    by x before it and the joint accelerations (n) of each stage so far.
+    All but the joint accelerations is linear. The matrices of the stages after the first give joint
+    positions, speeds and torques on the joints (3n), the last one the state with inputs (6n) after
+    the step, by x, which is that before it and the torque rates (7n), and the joint accelerations
+    (n) of each stage so far.
     """
-    n = len(plant.elastic)
-    known, D = np.eye(11 * n), plant.drive_matrix
+    n, D = len(plant.elastic), plant.drive_matrix
+    known, is_free = np.eye(11 * n), ~np.isin(np.arange(n), resting)[:, None]
     x, accelerations = known[: 7 * n], known[7 * n :].reshape(4, n, -1)
-    A, B = np.zeros((7 * n, 7 * n)), np.zeros((7 * n, n))
-    A[: 4 * n, : 6 * n], B[n : 2 * n] = D[: 4 * n], plant.turning
-    A[4 * n : 5 * n, 6 * n :] = B[3 * n : 4 * n] = np.eye(n)
-    still = n + np.array(resting, dtype=np.intp)
-    A[still] = B[still] = 0.0
-    acting = np.concatenate([known[2 * n : 4 * n, : 6 * n], D[4 * n : 5 * n]])
-    slopes, stages = [A @ x + B @ accelerations[0]], []
+
+    def rate(at: Array, joint: Array) -> Array:
+        motor = is_free * (D[n : 2 * n] @ at[: 6 * n] + plant.turning @ joint)
+        return np.concatenate([at[n : 2 * n], motor, at[3 * n : 4 * n], joint, at[6 * n :], still])
+
+    still = np.zeros((2 * n, 11 * n))  # slip directions and torque rates
+    slopes, stages = [rate(x, accelerations[0])], []
     for number, part in ((1, 0.5), (2, 0.5), (3, 1.0)):
         at = x + part * step * slopes[-1]
-        stages.append((acting @ at[: 6 * n])[:, : (7 + number) * n].copy())
-        slopes.append(A @ at + B @ accelerations[number])
+        acting = np.concatenate([at[2 * n : 4 * n], D[4 * n : 5 * n] @ at[: 6 * n]])
+        stages.append(acting[:, : (7 + number) * n].copy())
+        slopes.append(rate(at, accelerations[number]))
     k1, k2, k3, k4 = slopes
     return stages, (x + step / 6 * (k1 + k4 + 2 * (k2 + k3)))[: 6 * n]
 

@@ -450,10 +450,6 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
     return TorqueJacobians(*(torque_slopes(heavier, q, v, a) - torque_slopes(alone, q, v, a)))
 
 
-_RESOLVED = 1.0
-"""Square of an oscillation's angle per sample below which samples resolve it."""
-
-
 def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
     """Integrate M a + C v + K q = force (T, joints, columns) by Newmark's method.
 
@@ -476,7 +472,8 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     solve = partial(safely, np.linalg.solve, what="a simulated motion")
     rates = solve(M, K)
     fastest = step**2 * float(np.max(np.linalg.norm(rates, axis=(2, 3)), initial=0.0))
-    beta = 1 / 12 if fastest < _RESOLVED else 1 / 4
+    # Samples resolve an oscillation of less than one radian from each to the next.
+    beta = 1 / 12 if fastest < 1.0 else 1 / 4
     # (M + h/2 C + beta h^2 K) a_t = f_t - C v~ - K q~, with v~ and q~ by the state before.
     matrix = M + step / 2 * C + beta * step**2 * K
     inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
