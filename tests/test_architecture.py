@@ -137,6 +137,7 @@ ONE_IMPORTER = {
         *("frequency.frequency_response", "identification.output_error"),
         *("log.long_log", "project.first_project", "project.project", "project.saved"),
         *("report.comparison", "symbolic.expression_text"),
+        "regressor.structural_identifiability",
         *("export.mjcf", "export.parameters", "export.urdf"),
         "identification.identification",
     ),

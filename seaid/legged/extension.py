@@ -10,12 +10,12 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import chain
+from itertools import chain, compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, FrozenMapping
 from seaid.checks.codes import is_wrong, observed
 from seaid.checks.predictions import unseen_motion
 from seaid.errors import Finding
@@ -43,8 +43,10 @@ from seaid.legged.feet import (
 from seaid.legged.floating import FloatingRobot, floating, row_scale
 from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
 from seaid.log import Log, Motion
+from seaid.regressor import Identifiability, base_parameters
 from seaid.regressor.base import BodyEquations, body_equations
 from seaid.regressor.load import LoadModel, LoadSide, load_side
+from seaid.regressor.structural_identifiability import of_stances
 from seaid.robot import BASE_ROWS, Robot
 
 if TYPE_CHECKING:
@@ -196,6 +198,29 @@ def _(robot: FloatingRobot) -> BodyEquations:
 @load_side.register(FloatingRobot)
 def _(robot: FloatingRobot) -> LoadSide:
     return FloatingLoadSide(robot)
+
+
+@of_stances.register(FloatingRobot)
+def _(robot: FloatingRobot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
+    body_equations(robot).check_stances(stances)
+    base = base_parameters(robot, stances=stances, seed=seed)
+    again = base_parameters(robot, stances=stances, seed=seed + len(stances))
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    missing = ~np.any(base.grouping, axis=0) & ~robot.is_known
+    return Identifiability(
+        robot_name=robot.name,
+        names=robot.parameter_names,
+        identifiable=tuple(compress(base.names, alone)),
+        combinations=tuple(compress(base.expressions, ~alone)),
+        ratios=(),
+        unidentifiable=tuple(compress(robot.parameter_names, missing)),
+        base=base,
+        rank=len(base.columns),
+        usable=FrozenMapping({}),
+        sensors=FrozenMapping({}),
+        gap=base.gap,
+        agree=again.columns == base.columns,
+    )
 
 
 @standing_robot.register(FloatingRobot)

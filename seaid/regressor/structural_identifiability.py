@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache
+from functools import cache, singledispatch
 from itertools import chain, compress
 from typing import Literal, get_args
 
@@ -26,8 +26,6 @@ from seaid.drives.terms import joint_of
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
-    base_parameters,
-    body_equations,
     four_digits,
     grouped_text,
     left_to_right,
@@ -178,7 +176,7 @@ def identifiability(
     if not robot.base_is_held:
         if sensors is not None or conditions:
             check_held(robot, "identifiability with sensors= or conditions=")
-        return _stance_result(robot, stances, seed)
+        return of_stances(robot, stances, seed)
     sensed = _sensed(robot, sensors)
     _check_conditions(robot, conditions)
     system = system_of(robot, sensed, dependencies(robot, seed))
@@ -211,27 +209,10 @@ def identifiability(
     )
 
 
-def _stance_result(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
-    """Return what some stances of a floating base determine of its bodies."""
-    body_equations(robot).check_stances(stances)
-    base = base_parameters(robot, stances=stances, seed=seed)
-    again = base_parameters(robot, stances=stances, seed=seed + len(stances))
-    alone = np.count_nonzero(base.grouping, axis=1) == 1
-    missing = ~np.any(base.grouping, axis=0) & ~robot.is_known
-    return Identifiability(
-        robot_name=robot.name,
-        names=robot.parameter_names,
-        identifiable=tuple(compress(base.names, alone)),
-        combinations=tuple(compress(base.expressions, ~alone)),
-        ratios=(),
-        unidentifiable=tuple(compress(robot.parameter_names, missing)),
-        base=base,
-        rank=len(base.columns),
-        usable=FrozenMapping({}),
-        sensors=FrozenMapping({}),
-        gap=base.gap,
-        agree=again.columns == base.columns,
-    )
+@singledispatch
+def of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Identifiability:
+    """Return what some stances of a floating base determine, for a robot that has one."""
+    raise TypeError(f"the base of {robot} is held")
 
 
 def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
