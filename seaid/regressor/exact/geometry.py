@@ -17,11 +17,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mat
+from flint import fmpq, fmpq_mat, fmpz_mat
 
 from seaid._arrays import Array
 from seaid.errors import RobotError, listed
@@ -261,17 +261,19 @@ def _cosine_and_sine(angle: float) -> tuple[fmpq, fmpq]:
 
 def _simplest(value: float) -> fmpq:
     """Return the rational of smallest denominator within 1e-16 of a double (continued fraction)."""
-    exact, error = Fraction(value), Fraction(_HALF_TANGENT_ERROR)
-    # The error of the nearest fraction falls with the largest denominator: bisection.
-    low, high = 1, 10**18
-    while low < high:
-        middle = (low + high) // 2
-        if abs(exact.limit_denominator(middle) - exact) <= error:
-            high = middle
-        else:
-            low = middle + 1
-    near = exact.limit_denominator(low)
-    return fmpq(near.numerator, near.denominator)
+    exact, error = Fraction(abs(value)), Fraction(_HALF_TANGENT_ERROR)
+    p, q = _between(*(exact - error).as_integer_ratio(), *(exact + error).as_integer_ratio())
+    return fmpq(p if value > 0 else -p, q)
+
+
+def _between(a: int, b: int, c: int, d: int) -> tuple[int, int]:
+    """Return numerator and denominator of the simplest rational from a / b to c / d."""
+    whole = -(-a // b)
+    if whole * d <= c:
+        return whole, 1
+    # All of them are whole - 1 plus a part below one, whose inverse is between those of the ends.
+    p, q = _between(d, c - (whole - 1) * d, b, a - (whole - 1) * b)
+    return (whole - 1) * p + q, p
 
 
 Powers = tuple[int, int]
@@ -408,41 +410,60 @@ def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     return fmpq_mat(rows + [[0, 0, 0, *turned.tolist()[i]] for i in range(3)])
 
 
-def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT) -> fmpq_mat:
-    """Return the map (10, 10) from a body's ten parameters to those in the parent frame.
+def _placement(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
+    rows = rotation.tolist()
+    return fmpq_mat([*([*rows[i], translation[i, 0]] for i in range(3)), [0, 0, 0, 1]])
+
+
+def in_parent_frame(
+    parameters: Sequence[fmpq], rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT
+) -> fmpq_mat:
+    """Return a body's ten parameters as those (10, 1) in the parent frame.
 
     By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
     """
-    rows = [[*rotation.tolist()[i], translation[i, 0]] for i in range(3)]
-    T = fmpq_mat([*rows, [0, 0, 0, 1]])
-    columns = [_from_pseudo(T * J * T.transpose()) for J in _PSEUDO]
-    return fmpq_mat(columns).transpose()
+    T = _placement(rotation, translation)
+    J = T * fmpq_mat(_twice_pseudo(parameters)) * T.transpose()
+    return fmpq_mat(10, 1, _from_pseudo(J.tolist())) * fmpq(1, 2)
+
+
+def inertia_transform(
+    rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT, parameters: Iterable[int] = range(10)
+) -> fmpq_mat:
+    """Return the map (10, k) of `in_parent_frame` from k of the ten `parameters` of a body."""
+    # Integers over one denominator d: T (2 J) of the unit parameters side by side, and then on top
+    # of each other for the second factor.
+    T, d = _placement(rotation, translation).numer_denom()
+    half = (T * _TWICE_PSEUDO).tolist()
+    stacked = fmpz_mat([row[4 * i : 4 * i + 4] for i in parameters for row in half])
+    entries = (stacked * T.transpose()).tolist()
+    columns = [_from_pseudo(entries[at : at + 4]) for at in range(0, len(entries), 4)]
+    return fmpq_mat(fmpz_mat(columns).transpose()) * fmpq(1, 2 * d * d)
 
 
 INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
-def _unit_pseudo(place: int) -> fmpq_mat:
-    """Return the pseudo-inertia of a unit parameter."""
-    J = fmpq_mat(4, 4)
-    if place < 4:
-        row, column = (3, 3) if place == 0 else (place - 1, 3)
-        J[row, column] = J[column, row] = 1
-        return J
-    row, column = INERTIA[place - 4]
-    # The pseudo-inertia has the second moments tr(I) / 2 - I in its upper block.
-    J[row, column] = J[column, row] = -1
-    if row == column:
-        for axis in range(3):
-            J[axis, axis] = fmpq(-1 if axis == row else 1, 2)
-    return J
+def _twice_pseudo(parameters: Sequence[Any]) -> list[list[Any]]:
+    """Return twice the pseudo-inertia (4, 4) of a body's ten parameters."""
+    m, x, y, z, xx, xy, yy, xz, yz, zz = parameters
+    # It has the second moments tr(I) / 2 - I in its upper block.
+    return [
+        [yy + zz - xx, -2 * xy, -2 * xz, 2 * x],
+        [-2 * xy, xx + zz - yy, -2 * yz, 2 * y],
+        [-2 * xz, -2 * yz, xx + yy - zz, 2 * z],
+        [2 * x, 2 * y, 2 * z, 2 * m],
+    ]
 
 
-_PSEUDO = tuple(_unit_pseudo(place) for place in range(10))
+_UNITS = map(_twice_pseudo, np.eye(10, dtype=int).tolist())
+_TWICE_PSEUDO = fmpz_mat([[*chain(*rows)] for rows in zip(*_UNITS, strict=True)])
+"""Twice the pseudo-inertias (4, 40) of unit parameters, side by side."""
 
 
-def _from_pseudo(J: fmpq_mat) -> list[Any]:
-    trace = J[0, 0] + J[1, 1] + J[2, 2]
+def _from_pseudo(J: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return the ten parameters of a pseudo-inertia."""
+    trace = J[0][0] + J[1][1] + J[2][2]
     # The inverse: I = tr(S) - S with the second moments S.
-    second = [(trace if i == j else 0) - J[i, j] for i, j in INERTIA]
-    return [J[3, 3], J[0, 3], J[1, 3], J[2, 3], *second]
+    second = [(trace if i == j else 0) - J[i][j] for i, j in INERTIA]
+    return [J[3][3], J[0][3], J[1][3], J[2][3], *second]

@@ -22,7 +22,7 @@ from itertools import chain, combinations
 from math import gcd, lcm
 
 import numpy as np
-from flint import fmpq, fmpq_mat, nmod_mat
+from flint import fmpq, fmpq_mat, nmod, nmod_mat
 
 from seaid.regressor.exact.geometry import (
     PAIRS,
@@ -33,6 +33,7 @@ from seaid.regressor.exact.geometry import (
     ExactTree,
     JointKind,
     applied,
+    in_parent_frame,
     inertia_transform,
     twist_transform,
     with_axis,
@@ -73,10 +74,12 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
     for place, joint in enumerate(tree.joints):
         if place in groups:
             nulls += _group_nulls(tree, groups[place], spans, floating)
-        elif place not in grouped:
+        # What a parent compensates for all of its motions it compensates in a group, too.
+        hidden = _hidden_from_all(_kind(joint))
+        if place not in grouped:
             hidden, spans[place] = _hidden_changes(joint, spans[joint.parent])
-            pose = _Pose(joint.rotation, joint.translation, {})
-            nulls += _compensated_changes(tree, {place: pose}, hidden, floating)
+        pose = _Pose(joint.rotation, joint.translation, {})
+        nulls += _compensated_changes(tree, {place: pose}, hidden, floating)
     return nulls
 
 
@@ -88,23 +91,17 @@ def _compensated_changes(
     `poses` are those of the bodies in the carrier's frame at zero position.
     """
     carrier, shift = tree.joints[min(poses)].parent, 10 if floating else 0
-    maps = [
-        (
-            10 * tree.bodies[place] + shift,
-            inertia_transform(tree.joints[place].alignment),
-            inertia_transform(pose.rotation, pose.translation),
-        )
-        for place, pose in poses.items()
-    ]
     nulls = []
     for change in changes:
         null, total, entries = Null(), fmpq_mat(10, 1), change.entries()
-        for i, (column, alignment, above) in enumerate(maps):
-            part = _column(entries[10 * i : 10 * i + 10])
-            null |= _null_at(column, alignment * part)
-            total += above * part
+        for i, (place, pose) in enumerate(poses.items()):
+            part = entries[10 * i : 10 * i + 10]
+            if any(part):
+                column = 10 * tree.bodies[place] + shift
+                null |= _null_at(column, in_parent_frame(part, tree.joints[place].alignment))
+                total += in_parent_frame(part, pose.rotation, pose.translation)
         if carrier >= 0:
-            total = inertia_transform(tree.joints[carrier].alignment) * total
+            total = in_parent_frame(total.entries(), tree.joints[carrier].alignment)
             null |= _null_at(10 * tree.bodies[carrier] + shift, -total)
         elif floating:
             null |= _null_at(0, -total)
@@ -118,16 +115,27 @@ def _null_at(column: int, parameters: fmpq_mat) -> Null:
 
 def _hidden_changes(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
     """Return the changes (10, 1) of a body that its parent can compensate, and the body's spans."""
-    kind = SLIDING if joint.is_prismatic else TURNING
     if above.is_full:
-        return _hidden_from_all(kind), above
-    conditions, beyond = _joint_conditions(kind, _placed_spans(above, joint))
+        return _hidden_from_all(_kind(joint)), above
+    conditions, beyond = _joint_conditions(_kind(joint), _placed_spans(above, joint))
     return _nullspace(conditions), beyond
+
+
+def _kind(joint: ExactJoint) -> JointKind:
+    return SLIDING if joint.is_prismatic else TURNING
 
 
 @cache
 def _hidden_from_all(kind: JointKind) -> list[fmpq_mat]:
     return _nullspace(_joint_conditions(kind, _full_spans())[0])
+
+
+@cache
+def _asked(kind: JointKind) -> list[int]:
+    """Return the parameters of a body of which none is the last one of a hidden change."""
+    changes = _hidden_from_all(kind)
+    last = {max(i for i, x in enumerate(change.entries()) if x) for change in changes}
+    return [i for i in range(10) if i not in last]
 
 
 def _full_spans() -> Spans:
@@ -138,16 +146,15 @@ def _unit_vectors(size: int) -> list[Vector]:
     return [[fmpq(int(i == j)) for j in range(size)] for i in range(size)]
 
 
-def _placed_spans(above: Spans, joint: ExactJoint) -> Spans:
-    """Return the parent's spans in the joint's frame at zero position."""
+def _placed_spans(above: Spans, joint: ExactJoint | _Pose) -> Spans:
+    """Return the parent's spans in the frame of a joint at zero position, or of a pose."""
     turned = joint.rotation.transpose()
     X = twist_transform(joint.rotation, joint.translation)
     velocity, square, gravity = above.velocity, above.square, above.gravity
     if len(velocity) < 6:
         velocity = [(X * _column(v)).entries() for v in velocity]
     if len(square) < 21:
-        full = [X * _symmetric(w) * X.transpose() for w in square]
-        square = [[matrix[i, j] for i, j in PAIRS] for matrix in full]
+        square = [_transformed(X, w) for w in square]
     if len(gravity) < 3:
         gravity = [(turned * _column(z)).entries() for z in gravity]
     return Spans(velocity, square, gravity)
@@ -203,28 +210,23 @@ def _basis(vectors: Sequence[Sequence[fmpq]]) -> list[Vector]:
     return [list(row) for row in echelon.tolist()[:rank]]
 
 
-def _nullspace(rows: Sequence[Vector], width: int = 10) -> list[fmpq_mat]:
-    """Return a basis of vectors (width, 1) that all rows map to zero."""
+def _nullspace(
+    rows: Sequence[Vector], columns: Sequence[int] = range(10), width: int = 10
+) -> list[fmpq_mat]:
+    """Return a basis of vectors (width, 1), zero but in `columns`, that all rows map to zero."""
     echelon = _basis(rows)
     pivots = [next(j for j, x in enumerate(row) if x != 0) for row in echelon]
     basis = []
-    for free in (j for j in range(width) if j not in pivots):
-        vector = [fmpq(int(j == free)) for j in range(width)]
+    for free in (j for j in range(len(columns)) if j not in pivots):
+        vector = [fmpq(int(j == columns[free])) for j in range(width)]
         for row, pivot in zip(echelon, pivots, strict=True):
-            vector[pivot] = -row[free]
+            vector[columns[pivot]] = -row[free]
         basis.append(_column(vector))
     return basis
 
 
 def _column(vector: Sequence[fmpq]) -> fmpq_mat:
     return fmpq_mat(len(vector), 1, list(vector))
-
-
-def _symmetric(entries: Sequence[fmpq]) -> fmpq_mat:
-    matrix = fmpq_mat(6, 6)
-    for (i, j), value in zip(PAIRS, entries, strict=True):
-        matrix[i, j] = matrix[j, i] = value
-    return matrix
 
 
 def _groups(tree: ExactTree) -> list[list[int]]:
@@ -261,58 +263,64 @@ def _chain(tree: ExactTree, place: int) -> list[int]:
 class _Pose:
     """A body of a group at one point: its place in the parent's frame, and B in v_i = A v + B x'.
 
-    `rates` has a column (6,) of B for each coordinate.
+    `rates` has a column (6,) of B for each coordinate; `asked` are the parameters of the body that
+    are left without the changes that a parent compensates whatever its motion.
     """
 
     rotation: fmpq_mat
     translation: fmpq_mat
     rates: dict[int, fmpq_mat]
+    asked: Sequence[int] = ()
+
+    def to_carrier(self) -> fmpq_mat:
+        """Return the map (10, k) of the k `asked` parameters to the frame of the carrier."""
+        return inertia_transform(self.rotation, self.translation, self.asked)
 
 
 def _group_nulls(
     tree: ExactTree, group: list[int], spans: dict[int, Spans], floating: bool
 ) -> list[Null]:
-    """Return the undetectable changes of a group, and add the spans of its bodies to `spans`."""
-    first = min(group)
-    carrier = tree.joints[first].parent
+    """Return the undetectable changes of a group that are none of one joint alone.
+
+    The spans of its bodies are added to `spans`.
+    """
+    carrier = tree.joints[min(group)].parent
     above, still = spans[carrier], _poses(tree, group, carrier, None)
-    at_zero = {x: inertia_transform(still[x].rotation, still[x].translation) for x in group}
-    visible, rows, residues = _visible(above), list[Vector](), list[list[int]]()
+    at_zero = {place: still[place].to_carrier() for place in group}
+    columns = [10 * i + column for i, place in enumerate(group) for column in still[place].asked]
+    visible, rows, unseen = _visible(above), list[Vector](), _residues(_unit_vectors(len(columns)))
     reached: dict[int, Spans] = {place: Spans([], [], []) for place in group}
     random, unchanged = np.random.default_rng(0), 0
     while unchanged < _CONFIRMING:
         poses = _poses(tree, group, carrier, random)
         before = len(rows), [_sizes(reached[place]) for place in group]
-        new = _conditions(poses, at_zero, above, visible)
-        rows, residues = _independent([*rows, *new], [*residues, *_residues(new)])
+        new, unseen = _independent(_conditions(poses, at_zero, above, visible), unseen)
+        rows += new
         for place in group:
             reached[place] = _spans_behind(poses[place], above, reached[place])
         after = len(rows), [_sizes(reached[place]) for place in group]
         unchanged = unchanged + 1 if after == before else 0
     spans.update(reached)
-    still = {place: still[place] for place in group}
-    return _compensated_changes(tree, still, _nullspace(rows, 10 * len(group)), floating)
+    changes = _nullspace(rows, columns, 10 * len(group))
+    return _compensated_changes(tree, still, changes, floating)
 
 
-def _residues(rows: list[Vector]) -> list[list[int]]:
-    """Return rows modulo a prime, all of them times their common denominator."""
-    numerators, _ = fmpq_mat(rows).numer_denom()
-    return [[int(x) for x in row] for row in nmod_mat(numerators, _PRIME).tolist()]
+def _residues(rows: list[Vector]) -> nmod_mat:
+    return nmod_mat([[nmod(x, _PRIME) for x in row] for row in rows], _PRIME)
 
 
-def _independent(
-    rows: list[Vector], residues: list[list[int]]
-) -> tuple[list[Vector], list[list[int]]]:
-    """Return the first rows that are independent, by their residues modulo a prime.
+def _independent(rows: list[Vector], unseen: nmod_mat) -> tuple[list[Vector], nmod_mat]:
+    """Return the first rows that are independent of all before, and the vectors still unseen.
 
-    These are independent as rationals too; the elimination of rationals is then made only once.
+    `unseen` has vectors as columns that span what the rows before map to zero, modulo a prime. What
+    is independent by its residues is so as rationals too.
     """
     # The pivots of the transpose are the first independent rows.
-    turned = [list(column) for column in zip(*residues, strict=True)]
-    echelon, rank = nmod_mat(turned, _PRIME).rref()
+    images = _residues(rows) * unseen
+    echelon, rank = images.transpose().rref()
     table = echelon.tolist()[:rank]
-    pivots = [next(j for j, x in enumerate(row) if int(x)) for row in table]
-    return [rows[pivot] for pivot in pivots], [residues[pivot] for pivot in pivots]
+    pivots = (next(j for j, x in enumerate(row) if int(x)) for row in table)
+    return [rows[pivot] for pivot in pivots], unseen * images.nullspace()[0]
 
 
 _PRIME = 2**61 - 1
@@ -350,10 +358,9 @@ def _poses(
         axis[2 if joint.is_prismatic else 5, 0] = tree.multipliers[place]
         leader = tree.leaders[place]
         rates[leader] = rates[leader] + axis if leader in rates else axis
-        poses[place] = _Pose(
-            before.rotation * rotation, before.translation + before.rotation * translation, rates
-        )
-    return poses
+        translation = before.translation + before.rotation * translation
+        poses[place] = _Pose(before.rotation * rotation, translation, rates, _asked(_kind(joint)))
+    return {place: poses[place] for place in group}
 
 
 def _positions(
@@ -440,49 +447,53 @@ def _conditions(
     for place, before in at_zero.items():
         pose = poses[place]
         # The energy of a body at rest in its carrier's frame is that of its parameters there.
-        change = inertia_transform(pose.rotation, pose.translation) - before
-        moving = _energies_of_rates(pose, above, leaders)
-        parts.append([*moving, *(visible * change).tolist()])
+        change = pose.to_carrier() - before
+        change = change if above.is_full else visible * change
+        parts.append([*_energies_of_rates(pose, above, leaders), *change.tolist()])
     return [[x for part in row for x in part] for row in zip(*parts, strict=True)]
 
 
 def _energies_of_rates(pose: _Pose, above: Spans, leaders: list[int]) -> list[Vector]:
-    """Return what each unit parameter of a body adds to the kinetic energy with x'."""
+    """Return what each unit parameter of a body that is asked adds to the energy with x'."""
     nothing = fmpq_mat(6, 1)
-    rates = [pose.rates.get(leader, nothing) for leader in leaders]
-    moved = [_twist(pose) * _column(v) for v in above.velocity]
-    pairs = [(a, b) for i, a in enumerate(rates) for b in rates[: i + 1]]
-    pairs += [(v, b) for v in moved for b in rates]
-    return [applied(TWICE_KINETIC, _symmetric_product(a, b), 10, _ZERO) for a, b in pairs]
+    X = twist_transform(pose.rotation, pose.translation).transpose()
+    rates = [pose.rates.get(leader, nothing).entries() for leader in leaders]
+    moved = (fmpq_mat(above.velocity or [[_ZERO] * 6]) * X).tolist()
+    energies: list[Vector] = []
+    for i, rate in enumerate(rates):
+        # The bilinear form a^T M b of 2 K: `momenta` has M b by the parameters.
+        momenta = [[_ZERO] * 10 for _ in range(6)]
+        for parameter, pair, value in TWICE_KINETIC:
+            for j, k in (PAIRS[pair], PAIRS[pair][::-1]):
+                momenta[j][parameter] = rate[k] if value > 0 else -rate[k]
+        asked = fmpq_mat([[row[parameter] for parameter in pose.asked] for row in momenta])
+        energies += (fmpq_mat([*rates[: i + 1], *moved]) * asked).tolist()
+    return energies
 
 
-def _twist(pose: _Pose) -> fmpq_mat:
-    return twist_transform(pose.rotation, pose.translation)
-
-
-def _symmetric_product(first: fmpq_mat, second: fmpq_mat) -> Vector:
+def _symmetric_product(a: Vector, b: Vector) -> Vector:
     """Return the 21 entries of a b^T + b a^T."""
-    a, b = first.entries(), second.entries()
     return [a[i] * b[j] + b[i] * a[j] for i, j in PAIRS]
 
 
 def _transformed(A: fmpq_mat, square: Vector) -> Vector:
     """Return the 21 entries of A w A^T."""
-    image = A * _symmetric(square) * A.transpose()
+    w = fmpq_mat(6, 6)
+    for (i, j), value in zip(PAIRS, square, strict=True):
+        w[i, j] = w[j, i] = value
+    image = A * w * A.transpose()
     return [image[i, j] for i, j in PAIRS]
 
 
 def _spans_behind(pose: _Pose, above: Spans, known: Spans) -> Spans:
     """Return the spans of a body, widened by those at one point."""
-    if known.is_full:
-        return known
-    A, rates = _twist(pose), list(pose.rates.values())
-    moved = [A * _column(v) for v in above.velocity]
-    square = [_transformed(A, w) for w in above.square]
-    square += [_symmetric_product(a, b) for a in [*moved, *rates] for b in rates]
-    turned = pose.rotation.transpose()
+    if known.is_full or above.is_full:
+        return known if known.is_full else above
+    placed, rates = _placed_spans(above, pose), [rate.entries() for rate in pose.rates.values()]
+    velocity = [*placed.velocity, *rates]
+    square = [*placed.square, *(_symmetric_product(a, b) for a in velocity for b in rates)]
     return Spans(
-        velocity=_basis([*known.velocity, *(vector.entries() for vector in [*moved, *rates])]),
+        velocity=_basis([*known.velocity, *velocity]),
         square=_basis([*known.square, *square]),
-        gravity=_basis([*known.gravity, *((turned * _column(z)).entries() for z in above.gravity)]),
+        gravity=_basis([*known.gravity, *placed.gravity]),
     )
