@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
 from itertools import chain, islice
-from types import NoneType, UnionType
+from types import NoneType, SimpleNamespace, UnionType
 from typing import (
     Any,
     Literal,
@@ -248,11 +248,9 @@ def checked(
     the function begins. Contents of mappings and names within lists are left to the function.
     """
 
-    def decorate(
-        function: Callable[_Parameters, _Result],
-    ) -> Callable[_Parameters, _Result]:
+    def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
         signature = inspect.signature(function)
-        hints = cache(lambda: hints_of(function))
+        hints = cache(lambda only="": hints_of(function, only=only))
 
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
@@ -262,9 +260,8 @@ def checked(
                 text = _wrong_call(function.__name__, signature, values, named, hints())
                 raise error(text) from None
             for name, value in arguments.items():
-                if not _fits(value, hints().get(name, Any)):
-                    text = _mismatch(function.__name__, name, arguments, hints())
-                    raise error(text, f"{name}=")
+                if not _fits(value, hints(name).get(name, Any)):
+                    raise error(_mismatch(function.__name__, name, arguments, hints()), f"{name}=")
             return function(*values, **named)
 
         return call
@@ -272,13 +269,17 @@ def checked(
     return decorate
 
 
-def hints_of(function: Callable[..., Any], with_limits: bool = False) -> dict[str, Any]:
+def hints_of(function: Any, with_limits: bool = False, only: str = "") -> dict[str, Any]:
     """Return the annotations of a function or a class, if asked for as `Annotated` has them.
 
-    Names that its module imports for types only are those of `seaid`, or of the own package.
+    Names that its module imports for types only are those of `seaid`, or of the own package, which
+    are imported: `only` those of one parameter, if it is named.
     """
     package = sys.modules.get(".".join(function.__module__.split(".")[:2]))
     known: dict[str, Any] = {}
+    if only:
+        part = {only: function.__annotations__.get(only, Any)}
+        function = SimpleNamespace(__annotations__=part, __globals__=function.__globals__)
     while True:
         try:
             return get_type_hints(function, localns=known, include_extras=with_limits)
