@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from itertools import chain, combinations, product
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes, engine
@@ -158,6 +157,8 @@ def _not_following(commanded: Commanded) -> Iterator[Finding]:
 
 def _repeats(commanded: Commanded) -> Iterator[Finding]:
     """Yield commands of which some are logged twice; held ones, all alike, are no finding."""
+    from scipy.ndimage import uniform_filter1d
+
     time, command, joint = commanded.log.time, commanded.command, commanded.joint
     period_s = float(time[-1] - time[0]) / (len(time) - 1)
     changes = np.diff(command)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-import scipy
 
 from seaid._arrays import Array
 from seaid.report.formats import rendered, svg_path
@@ -240,6 +239,8 @@ def _links(posture: Posture, view: _View) -> str:
 
 def _joint(posture: Posture, view: _View, joint: int, center: Array) -> dict[str, Any]:
     """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
+    from scipy.spatial import ConvexHull
+
     size, axis = posture.joint_size, posture.axes[joint]
     # The face towards the eye is drawn over the side.
     axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
@@ -251,7 +252,7 @@ def _joint(posture: Posture, view: _View, joint: int, center: Array) -> dict[str
     near, far = (view.places(center + size * (rim + k * axis)) for k in (0.75, -0.75))
     both = np.concatenate([near, far])
     axle = view.places((center + 0.75 * size * axis)[None])[0]
-    return {"side": both[scipy.spatial.ConvexHull(both).vertices], "face": near, "axle": axle}
+    return {"side": both[ConvexHull(both).vertices], "face": near, "axle": axle}
 
 
 def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[dict[str, Any]]:

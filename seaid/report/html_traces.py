@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import COMMANDS, IDEAL_DRIVE
-from seaid.log import low_pass
 
 if TYPE_CHECKING:
     from seaid.identification import Fit, Identification, Validation
@@ -202,15 +200,19 @@ def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
 
 def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
+    from scipy import fft
+
     centred = np.nan_to_num(trace - np.nanmean(trace))
     # Padded to twice the length: a shorter transform would add the correlation of the wrapped ends.
-    spectrum = np.abs(scipy.fft.rfft(centred, scipy.fft.next_fast_len(2 * len(centred)))) ** 2
-    correlation = scipy.fft.irfft(spectrum)[lags]  # Wiener and Khinchin
+    spectrum = np.abs(fft.rfft(centred, fft.next_fast_len(2 * len(centred)))) ** 2
+    correlation = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
     return np.asarray(correlation / max(float(centred @ centred), 1e-300))
 
 
 def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: IndexArray) -> Array:
     """Return the autocorrelation of white noise behind the low pass of the comparison."""
+    from seaid.log import low_pass
+
     # Filtered white noise has the autocorrelation of the filter's impulse response.
     impulse = np.zeros((count, 1))
     impulse[count // 2] = 1.0

@@ -16,8 +16,6 @@ from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName
 from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, listed
-from seaid.legged import FloatingRobot
-from seaid.log import Log, has_holes
 from seaid.report import formats, tables
 from seaid.report.formats import (
     Column,
@@ -49,6 +47,7 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
+    from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.report.comparison import Comparison
     from seaid.robot import DependentJoint, Robot
@@ -104,7 +103,7 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> T
     for row in rows:
         drawn.add_row(*row)
     text = StringIO()
-    Console(file=text, width=400, markup=False).print(drawn)
+    Console(file=text, width=400, markup=False, emoji=False).print(drawn)
     lines = [title, *(line.rstrip() for line in text.getvalue().splitlines())]
     return Text("\n".join(lines), _html(title, header, rows))
 
@@ -126,6 +125,8 @@ def fields_table(data: Any) -> Text:
 
 def robot_table(robot: Robot) -> Text:
     """Return joints, drives and bodies of a robot."""
+    from seaid.legged import FloatingRobot
+
     kinds = [
         (
             *(joint, is_prismatic),
@@ -135,9 +136,7 @@ def robot_table(robot: Robot) -> Text:
             robot.joint_names, robot.is_prismatic, robot.drives.values(), strict=True
         )
     ]
-    kinds += [
-        (joint.name, joint.is_prismatic, _mimic_text(joint)) for joint in robot.dependent_joints
-    ]
+    kinds += [(x.name, x.is_prismatic, _mimic_text(x)) for x in robot.dependent_joints]
     rows = [
         (name, "prismatic" if slides else "revolute", drive, body, mass)
         for (name, slides, drive), body, mass in zip(
@@ -395,6 +394,8 @@ def setup_table(found: SetupCheck) -> Text:
 
 def _processing_text(identification: Identification) -> list[str]:
     """Return one line on the processing of the first log and the number of logs."""
+    from seaid.log import has_holes
+
     others = len(identification.processing) - 1
     kind = "stretches" if has_holes(identification.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""

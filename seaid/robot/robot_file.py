@@ -14,7 +14,6 @@ import math
 import re
 import warnings
 from contextlib import suppress
-from importlib import metadata
 from pathlib import Path
 from xml.parsers import expat
 
@@ -79,6 +78,8 @@ def _example(name: str) -> Path | None:
     As of example_robot_data.load, which the package on PyPI lacks: 'ur5' is ur5_robot.urdf. Raises
     RobotError if several begin with the name.
     """
+    from importlib import metadata
+
     try:
         files = metadata.files("example-robot-data") or []
     except metadata.PackageNotFoundError:
