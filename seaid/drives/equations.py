@@ -165,11 +165,13 @@ def states(x: Array, width: float) -> tuple[Array, Array]:
     stroke = np.repeat(np.arange(len(starts)), ends - starts)  # of each sample but the first one
     u = np.abs(x[1:] - x[starts][stroke]) / width
     # z and its slope at the start of each stroke, from stroke to stroke
-    at_start, state = np.zeros((2, len(starts))), (0.0, 0.0)
-    for place, (s, travel) in enumerate(zip(toward.tolist(), u[ends - 1].tolist(), strict=True)):
-        at_start[:, place] = state
-        state = _after(*state, s, travel, width)
-    z, slope = at_start[:, stroke]
+    at_start, z, slope = list[tuple[float, float]](), 0.0, 0.0
+    ways = (toward, u[ends - 1] / width, np.exp(-u[ends - 1]))
+    for s, travel, decay in zip(*(way.tolist() for way in ways), strict=True):
+        at_start.append((z, slope))
+        # `_after`, of numbers.
+        z, slope = s + (z - s) * decay, decay * (slope - (s - z) * travel)
+    z, slope = np.array(at_start).T[:, stroke]
     history[:, 1:] = _after(z, slope, toward[stroke], u, width)
     return history[0], history[1]
 
@@ -377,7 +379,7 @@ def dry_friction(drive: Drive) -> sp.Expr:
     return sp.Integer(0) if is_smooth(drive) else friction_level(drive)
 
 
-_W = theta_M.diff(t)
+_W, _ACCELERATION = STATES["theta_M_dot"], STATES["theta_M_ddot"]
 _SMOOTH = {
     "viscous": F_v * _W,
     "offset": F_0,
@@ -401,9 +403,9 @@ def motor_equation(drive: Drive) -> DriveEquation:
     """Return the motor equation (7); a stiff gear has the joint torque in place of the spring."""
     behind_gear = r_M * spring_force(drive) if drive.is_elastic else tau_L  # (4a)
     expression = (
-        I_M * theta_M.diff(t, 2)
+        I_M * _ACCELERATION
         + smooth_friction(drive)
-        + dry_friction(drive) * sp.sign(theta_M.diff(t))
+        + dry_friction(drive) * sp.sign(_W)
         + sum(extra_terms(drive))
         + behind_gear / N
         - _input_torque(drive)
@@ -416,13 +418,14 @@ def spring_equation(drive: Drive) -> DriveEquation:
     return DriveEquation(spring_force(drive) - tau_L / r_L, _known_symbols(drive))
 
 
+_PARALLEL = {"linear": k_P * theta_L, "preload": tau_P}
+_AT_JOINT = {"viscous": b_L * theta_L.diff(t), "coulomb": c_L * sp.sign(theta_L.diff(t))}
+
+
 def joint_equation(drive: Drive) -> DriveEquation:
     """Return the joint terms (parallel spring, joint friction) that act in (8), less `tau_L`."""
-    speed = theta_L.diff(t)
-    spring = {"linear": k_P * theta_L, "preload": tau_P}
-    friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}
-    terms = [spring[term] for term in drive.parallel_spring]
-    terms += [friction[term] for term in drive.joint_friction]
+    terms = [_PARALLEL[term] for term in drive.parallel_spring]
+    terms += [_AT_JOINT[term] for term in drive.joint_friction]
     return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known_symbols(drive))
 
 
@@ -435,11 +438,9 @@ def _input_torque(drive: Drive) -> sp.Expr:
     if drive.is_up_to_scale:
         rate = tau_C.diff(t)
         return s_K * (tau_M - T_0 * rate) - s_0 * (T_C - T_0) * rate
-    return {
-        "torque": tau_M,
-        "current": K_t * i_M,
-        "voltage": K_u * u_M,
-    }.get(drive.motor_input, tau_M - T_C * tau_C.diff(t))
+    inputs = {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}
+    is_command = drive.motor_input not in inputs
+    return tau_M - T_C * tau_C.diff(t) if is_command else inputs[drive.motor_input]
 
 
 def _known_symbols(drive: Drive) -> tuple[sp.Symbol, ...]:

@@ -20,14 +20,7 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives.drives import (
-    Drive,
-    StiffDrive,
-    check_divisors,
-    is_dry,
-    total_ratio,
-    unit_of,
-)
+from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, total_ratio, unit_of
 from seaid.drives.equations import (
     PARAMETER_NAMES,
     Dahl,

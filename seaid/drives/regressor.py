@@ -136,8 +136,8 @@ def _derived(
     if (nonlinear or has_memory) and drive_symbols >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         # zeta is minus the equation without the parameters in which it is linear.
-        linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
-        zeta = -flat_names(equation.expression).subs(linear)
+        linear = [symbol for symbol in equation.unknowns if symbol not in nonlinear]
+        zeta = -flat_names(equation.expression).xreplace(dict.fromkeys(linear, sp.Integer(0)))
         return zeta, equation.unknowns, row, nonlinear
     return *_separated(equation), ()
 
@@ -173,12 +173,17 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
     return tuple(symbol for symbol in slopes if symbol in nonlinear)
 
 
+@cache
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
     """Return the derivative by a parameter, for real signals; the derivative of a step is 0."""
-    flat = flat_names(expression)
-    # Of symbols that may be complex, sympy derives |x| by real and imaginary parts.
+    return _of_real(expression).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+@cache
+def _of_real(expression: sp.Expr) -> sp.Expr:
+    """Return a flat expression of real signals: else sympy derives |x| by real and imaginary x."""
     real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
-    return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+    return flat_names(expression).xreplace(real)
 
 
 def _separated(equation: DriveEquation) -> tuple[sp.Expr, _Row, _Row]:

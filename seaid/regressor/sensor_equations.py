@@ -202,11 +202,13 @@ def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     return replace(drive, controller=None, motor_input=motor_input, nominal=nominal, known=known)
 
 
+@cache  # drives of a kind have the same equations
 def _plain(expression: sp.Expr) -> sp.Expr:
     """Return an expression with the signals as real symbols."""
     return flat_names(expression).xreplace({sp.Symbol(name): s for name, s in _REAL.items()})
 
 
+@cache
 def _rewrite_by_stretch(expression: sp.Expr) -> sp.Expr:
     """Rewrite an expression that depends on both positions only through the deflection."""
     rewritten = expression
