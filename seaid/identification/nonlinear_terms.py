@@ -207,8 +207,8 @@ class _Search:
         values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(by_name, values) for by_name in self.drive.signals]
-        zeta = self.drive.at_rows([part[:, None] for part, _ in pairs])[:, 0]
-        columns = self.drive.at_rows([H[:, places] for _, H in pairs])
+        both = self.drive.at_rows([np.column_stack([part, H[:, places]]) for part, H in pairs])
+        zeta, columns = both[:, 0], both[:, 1:]
         columns[:, self._vanishing(columns)] = 0.0
         columns *= self.weights[:, None]
         return self._projected(self.y + self.weights * zeta), self._projected(columns)
