@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
+from threading import local
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,21 @@ _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
 
 
+_MEMORY = local()
+"""The memory in which Pinocchio computes, for the last tree of each thread."""
+
+
+def _memory_of(model: pin.Model) -> pin.Data:
+    """Return memory for a model: n^3 numbers, shared by models that differ in inertias only."""
+    tree, weightless = model.copy(), pin.Inertia.Zero()
+    for joint in range(model.njoints):
+        tree.inertias[joint] = weightless
+    if tree != getattr(_MEMORY, "tree", None):
+        _MEMORY.data = None  # before other n^3 numbers are there
+        _MEMORY.tree, _MEMORY.data = tree, tree.createData()
+    return _MEMORY.data
+
+
 def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the joint-torque regressor Y of the rigid bodies: Y[t] @ theta = inverse dynamics.
 
@@ -67,7 +83,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     >>> Y = seaid.regressor.rigid_body_regressor(robot, q, v, a)
     >>> torque = Y @ robot.parameters
     """
-    model, data = robot.model, robot.model.createData()
+    model, data = robot.model, _memory_of(robot.model)
     q, v, a = (
         frozen(name, value, (None, robot.n)) for name, value in zip("qva", (q, v, a), strict=True)
     )
@@ -101,7 +117,7 @@ def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
-    model, data = robot.model, robot.model.createData()
+    model, data = robot.model, _memory_of(robot.model)
     moved = robot.joint_states(q, v, a)
     states = (robot.to_model(np.asarray(state, np.float64), k) for k, state in enumerate(moved))
     torques, rnea = np.empty((len(q), model.nv)), pin.rnea
@@ -155,7 +171,7 @@ def incomplete_group(
 
 def slopes_of_model(model: pin.Model, states: Sequence[Array]) -> Array:
     """Return d tau / d (q, v, a), (3, T, N, N), at states (T, N) each in the order of a model."""
-    data, compute = model.createData(), pin.computeRNEADerivatives
+    data, compute = _memory_of(model), pin.computeRNEADerivatives
     q, v, a = (np.ascontiguousarray(state) for state in states)
     compute(model, data, *np.zeros((3, model.nv)))
     # Views of memory that Pinocchio overwrites at every instant.
@@ -413,20 +429,20 @@ def left_to_right(
     """
     norms = np.linalg.norm(H, axis=0)
     zero = norms == 0 if zero is None else zero | (norms == 0)
-    scale = np.where(zero, 1.0, norms)
     if not np.all(np.isfinite(norms)):
         raise RobotError(
             "the torques of unit parameters are not finite: lengths or speeds of the robot are "
             "too large to be squared; check that its file is in metres and radians"
         )
     # not by SciPy, whose import takes longer than all base parameters of a leg
-    R = np.asarray(np.linalg.qr(H / scale, mode="r"))
-    basis = np.zeros((R.shape[0], min(R.shape)))
+    candidates = np.flatnonzero(~zero)
+    R = np.asarray(np.linalg.qr(H[:, candidates] / norms[candidates], mode="r"))
+    basis = np.zeros((R.shape[0], min(R.shape)), order="F")  # filled column by column
     columns: list[int] = []
     # If no column is rejected, the gap is that to rounding.
     accepted, rejected = 1.0, float(np.finfo(float).eps)
-    candidates = np.flatnonzero(~zero)
-    for block in np.split(candidates, range(_BLOCK, len(candidates), _BLOCK)):
+    places = np.arange(len(candidates))
+    for block in np.split(places, range(_BLOCK, len(places), _BLOCK)):
         # R is triangular: further down these columns, and the basis so far, are zero.
         first, rows = len(columns), slice(0, int(block.max(initial=0)) + 1)
         vectors = _projected(R[rows, block], basis[rows, :first])
@@ -440,7 +456,7 @@ def left_to_right(
             else:
                 rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
-    dependent = np.setdiff1d(candidates, columns)
+    dependent = places[~np.isin(places, columns)]
     # R = R_b G: Q^T R_b is triangular up to rounding, and G = (Q^T R_b)^-1 Q^T R.
     solved = safely(
         np.linalg.solve,
@@ -452,10 +468,11 @@ def left_to_right(
     # A column depends on base columns before it only.
     solved[(np.abs(solved) < rounding) | (np.array(columns)[:, None] > dependent)] = 0.0
     grouping = np.zeros((len(columns), H.shape[1]))
+    kept, others = candidates[columns], candidates[dependent]
     # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
-    grouping[:, dependent] = solved * scale[dependent] / scale[columns][:, None]
-    grouping[np.arange(len(columns)), columns] = 1.0
-    return columns, grouping, accepted / rejected
+    grouping[:, others] = solved * norms[others] / norms[kept][:, None]
+    grouping[np.arange(len(kept)), kept] = 1.0
+    return kept.tolist(), grouping, accepted / rejected
 
 
 def _projected(vectors: Array, Q: Array) -> Array:

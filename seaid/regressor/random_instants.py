@@ -20,7 +20,7 @@ from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import PARAMETERS
 from seaid.drives.equations import K_t, K_u, N, r_L, r_M, s_K
 from seaid.errors import SymbolicError
-from seaid.regressor.base import joint_torques, random_states, rigid_body_regressor
+from seaid.regressor.base import joint_torques, random_states, rigid_body_regressor, torque_slopes
 from seaid.regressor.exact.geometry import number
 from seaid.regressor.sensor_equations import (
     BACK_EMF,
@@ -71,11 +71,7 @@ def random_truth(system: System, rng: np.random.Generator) -> Truth:
 
 
 def rows_of_sums(
-    system: System,
-    truth: Truth,
-    rng: np.random.Generator,
-    count: int,
-    payload: Array | None = None,
+    system: System, truth: Truth, rng: np.random.Generator, count: int, payload: Array | None = None
 ) -> list[SumRows]:
     """Return the derivatives of each sum of equations by the unknown parameters.
 
@@ -87,19 +83,21 @@ def rows_of_sums(
     slopes = {
         e: _slopes(system.equations[e], system.terms, drives, starts.tolist()) for e in system.used
     }
-    rows = []
+    rows, felt = [], Y.any(axis=0) & ~system.robot.is_known  # known bodies have no column
     for sums in system.sums:
-        bodies = np.zeros((count, Y.shape[2]))
+        factors = np.zeros(system.robot.n)
         values: dict[int, Array] = {}
         for e, factor in sums.items():
             if system.equations[e].kind == "load":
-                # In (8) the rigid bodies' torque has a minus; known bodies have no column.
-                bodies -= number(factor) * Y[:, system.equations[e].index] * ~system.robot.is_known
+                # In (8) the rigid bodies' torque has a minus.
+                factors[system.equations[e].index] -= number(factor)
             for column, slope in slopes[e].items():
                 values[column] = values.get(column, np.zeros(count)) + number(factor) * slope
-        seen = np.flatnonzero(bodies.any(axis=0))
+        loads = np.flatnonzero(factors)
+        seen = np.flatnonzero(felt[loads].any(axis=0))
+        bodies = np.einsum("tjm,j->tm", Y[:, loads][:, :, seen], factors[loads])
         of_drives = sorted(column for column, value in values.items() if value.any())
-        parts = [bodies[:, seen], *(values[column][:, None] for column in of_drives)]
+        parts = [bodies, *(values[column][:, None] for column in of_drives)]
         rows.append((np.array([*seen, *of_drives], dtype=np.intp), np.hstack(parts)))
     return rows
 
@@ -201,15 +199,10 @@ def _balanced(
     # The robot adds its payloads itself.
     parameters = bodies - system.robot.payload_parameters
     robot = system.robot.with_values(parameters, system.robot.drives)
-    # The torques are affine in a: unit steps of the drives' accelerations give the inertia.
+    # The torques are affine in a, with the inertia as their slope: at the drives C^-T M C^-1.
     C_inv = _inverse(robot)
-    stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
-    tiled_q, tiled_v = (np.tile(x, (1 + len(elastic), 1)) for x in (q, v))
-    torques = joint_torques(robot, tiled_q, tiled_v, stepped)
-    # ((1 + e) T, n) -> (1 + e, T, e): without a step, then one step per elastic drive.
-    loads = (torques @ C_inv)[:, elastic].reshape(1 + len(elastic), len(q), len(elastic))
-    inertia = (loads[1:] - loads[0]).transpose(1, 2, 0)
-    wanted = -loads[0]
+    inertia = (C_inv.T @ torque_slopes(robot, q, v, a)[2] @ C_inv)[:, elastic][:, :, elastic]
+    wanted = -(joint_torques(robot, q, v, a) @ C_inv)[:, elastic]
     for place, i in enumerate(elastic):
         # (8) of elastic drives: r_L F - joint terms = torque of the bodies.
         force = _value(terms[i].spring, drives[i]) * drives[i][r_L]

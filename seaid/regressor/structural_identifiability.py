@@ -381,7 +381,8 @@ def _decision(
 
     def rows_on_true_motions(instants: int) -> list[SumRows]:
         sums = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
-        kept = [(seen, values, np.isin(seen, free.places)) for seen, values in chain(*sums)]
+        is_free = np.isin(np.arange(len(system.names)), free.places)
+        kept = [(seen, values, is_free[seen]) for seen, values in chain(*sums)]
         return [(np.searchsorted(free.places, seen[k]), values[:, k]) for seen, values, k in kept]
 
     free = _confirmed(rows_at_free_instants, count, len(system.names), bodies, rng)
@@ -423,21 +424,22 @@ def _independent(
             if len(pivots) == len(columns):
                 alone[columns] = True
                 gaps.append(gap)
-    others = np.flatnonzero(~alone)
+    left = [(columns[k], values[:, k]) for columns, values in rows if (k := ~alone[columns]).any()]
+    # Instants are for drives, which may be on one side of a dead zone: bodies need fewer of them.
+    enough = 1 + _ROWS_PER_PARAMETER * bodies // max(sum(x[0] < bodies for x, _ in left), 1)
     blocks = [np.zeros((0, width))]
-    for columns, values in rows:
-        if not alone[columns].all():
-            blocks.append(np.zeros((len(values), width)))
-            blocks[-1][:, columns] = values
-    H = np.concatenate(blocks)[:, others]
-    chosen, grouping, gap = left_to_right(H, negligible(H, others < bodies), rounding=_ROUNDED)
-    gaps.append(gap)
-    columns_of_all = np.sort([*others[chosen], *np.flatnonzero(alone)]).tolist()
+    for columns, values in left:
+        needed = values[:enough] if columns[-1] < bodies else values
+        blocks.append(np.zeros((len(needed), width)))
+        blocks[-1][:, columns] = needed
+    H = np.concatenate(blocks)
+    are_bodies = np.arange(width) < bodies
+    chosen, grouping, gap = left_to_right(H, negligible(H, are_bodies), rounding=_ROUNDED)
+    columns_of_all = np.sort([*chosen, *np.flatnonzero(alone)]).tolist()
     whole = np.zeros((len(columns_of_all), width))
-    places = np.searchsorted(columns_of_all, others[chosen])
-    whole[np.ix_(places, others)] = grouping
+    whole[np.searchsorted(columns_of_all, chosen)] = grouping
     whole[np.searchsorted(columns_of_all, np.flatnonzero(alone)), alone] = 1.0
-    return columns_of_all, whole, min(gaps)
+    return columns_of_all, whole, min(*gaps, gap)
 
 
 def _is_confirmed(
