@@ -283,7 +283,8 @@ def _kinematics(model: pin.Model, q: Array) -> tuple[Array, Array, Array, Array]
     """
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nv))
-    screws = np.array([pin.Motion(column).homogeneous for column in data.J.T])[:, None]
+    # the Jacobian (6, n) is (6,) of one joint
+    screws = np.array([pin.Motion(x).homogeneous for x in data.J.reshape(6, -1).T])[:, None]
     places = np.array([place.homogeneous for place in data.oMi.tolist()[1:]])[:, None]
     # exp(K q) = 1 + sin(q) K + (1 - cos(q)) K^2 for a turn, 1 + q K for a shift, of which K^2 = 0
     is_turn = screws[..., :3, :3].any(axis=(2, 3), keepdims=True)

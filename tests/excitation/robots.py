@@ -35,6 +35,7 @@ def robots() -> dict[str, Robot]:
     payload = Payload("wrist_3_link", 2.0, (0.1, 0.0, 0.05))
     return {
         "leg": load_robot(MODELS / "tulip_leg.urdf"),
+        "pendulum": load_robot(MODELS / "xl330_pendulum.urdf"),
         "ur5": example_robot("ur5_robot.urdf", payloads=[payload]),
         "panda_reordered": example_robot("panda.urdf", joints=PANDA[::-1]),
         "tiago_prismatic": example_robot("tiago_no_hand.urdf", joints=TIAGO),
