@@ -269,7 +269,7 @@ def _subject(transform: Transform) -> tuple[Code, str, bool, bool]:
 
 _OF_VALUES = (
     *("encoder-offset", "gear-compliance", "gear-ratio", "geometry", "gravity"),
-    *("nominal-values", "payload", "rotor-inertia", "torque-scale"),
+    *("nominal-values", "payload", "rotor-inertia", "time-unit", "torque-scale"),
 )
 """Mistakes that may be small."""
 
@@ -666,17 +666,19 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
 
 def _times(experiment: Experiment) -> Iterator[Transform]:
     """Yield clocks that run too fast or too slowly, by a round factor or another one."""
-    others = (factor for factor, *_ in best_factors(experiment, _with_clock))
-    for factor in dict.fromkeys([0.1, 0.5, 2.0, 10.0, *others]):
+    round_factors = (0.1, 0.5, 2.0, 10.0) if _is_severe(experiment) else ()
+    fitted = {factor: error for factor, error, _ in best_factors(experiment, _with_clock)}
+    for factor, error in {**dict.fromkeys(round_factors, 0.0), **fitted}.items():
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
-        changed = _with_clock(experiment, math.log(factor))
+        changed, size = _with_clock(experiment, math.log(factor)), max(factor, 1 / factor)
+        spread = f" +- {size * error:.2g}" if error else ""
         yield Transform(
             CODES["time-unit"],
-            f"the time of the log is {max(factor, 1 / factor):.3g} times too {times}, so that "
-            f"speeds are too {speeds}",
+            f"the time of the log is {size:.3g}{spread} times too {times}, so that speeds are too "
+            f"{speeds}",
             changed,
             remedy=f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}",
-            evidence={"factor": factor},
+            evidence={"factor": factor, **({"standard error": size * error} if error else {})},
             penalty=1.0,
         )
 
@@ -761,12 +763,12 @@ MISTAKES: Possible = {
         bodies.zeros: CODES["encoder-offset"],
         _position_scales: CODES["unit"],
         _parallel_springs: CODES["missing-term"],
+        _times: CODES["time-unit"],
         bodies.payloads: CODES["payload"],
     },
     _is_severe: {
         bodies.quarter_turns: CODES["encoder-offset"],
         _all_channels: CODES["unit"],
-        _times: CODES["time-unit"],
         gears.geared_encoders: CODES["unit"],
         _signs: CODES["sign"],
         _positions: CODES["unit"],
@@ -785,10 +787,8 @@ MISTAKES: Possible = {
 
 
 def _contradicts_known_bodies(experiment: Experiment) -> bool:
-    """Whether gravity acts on known bodies whose torques are not those of the joints."""
-    robot = experiment.robot
-    has_gravity = bool(robot.known_bodies) and bool(np.any(robot.model.gravity.linear))
-    return has_gravity and _is_off(experiment, "nominal", tol.POOR)
+    """Whether the torques of known bodies are not those of the joints."""
+    return bool(experiment.robot.known_bodies) and _is_off(experiment, "nominal", tol.POOR)
 
 
 OF_COMMANDS: Possible = {

@@ -87,6 +87,17 @@ def test_a_ratio_an_encoder_and_a_torque_that_are_off_are_told_apart(what: str, 
         assert source[quantity]["scale"] == pytest.approx(1 / factor, abs=0.04)
 
 
+@pytest.mark.parametrize(
+    ("case", "factor"), quick_first([("arm", 1.25), ("leg", 0.9), ("arm", 0.9), ("ur10", 1.25)])
+)
+def test_a_clock_of_another_rate_is_no_length_and_no_drift(case: str, factor: float) -> None:
+    robot, log = rough(CASES[case][0](), 0), CASES[case][1]()
+    finding = the_mistake(robot, replace(log, time=factor * log.time))
+    assert (finding.code, finding.severity) == ("time-unit", "wrong")
+    error = finding.evidence["standard error"]
+    assert abs(finding.evidence["factor"] - factor) < 3 * error < 0.2
+
+
 NEXT_TO_IT = [("leg", "hip_pitch", 1.01), ("arm", "shoulder", 1 / 1.004)]
 
 
