@@ -346,6 +346,15 @@ def test_a_slower_sensor_gives_the_samples_that_are_new() -> None:
     assert off(grid, values[POSITION]) < 0.05 * off(T, slow)
 
 
+def test_a_torque_that_is_held_throughout_lacks_nothing() -> None:
+    """A motor may get it so; parts of it that looked like lost messages had a log refused."""
+    noise = 0.05 * np.random.default_rng(0).normal(size=len(T))
+    torque = (angle(T) + noise)[(np.arange(len(T)) // 10) * 10]
+    grid, values, repairs = repaired([Channel(TORQUE, T, torque)])
+    assert "held values" not in kinds(repairs)
+    np.testing.assert_array_equal(values[TORQUE], np.interp(grid, T, torque))
+
+
 FAST = 3000.0 * np.sin(2 * np.pi * 0.25 * T) ** 2
 """A motor that turns by more than half a period of its encoder in a sample."""
 

@@ -446,10 +446,9 @@ def repaired_channel(
             f"held values), allowed {limits.most_missing:.1%} (Repairs.most_missing): take a part "
             "of the log in which the sensor works, or exclude the column"
         )
-    if len(values) < FEWEST:
-        return time, values
-    _check_saturation(channel, time, values, limits, repairs)
-    _check_gap(channel, time, values, limits)
+    if len(values) >= FEWEST:
+        _check_saturation(channel, time, values, limits, repairs)
+        _check_gap(channel, time, values, limits)
     return time, values
 
 
@@ -468,8 +467,10 @@ def _without_held(
     channel: Channel, time: Array, values: Array, repairs: list[Repair]
 ) -> tuple[Array, Array, int]:
     """Return a channel without samples that repeat the last one, and the number of lost ones."""
-    # A noisy torque repeats a value now and then; two equal ones in a row are no fault.
+    # A noisy torque repeats a value now and then; two equal ones in a row are no fault. A motor may
+    # get torques that are held throughout: whether these are late the motion shows, see `checks`.
     held = held_dropouts(values, 2 if channel.quantity.is_position else 3)
+    held &= channel.quantity.is_position or held_over(time, values) == 1
     is_slower = len(held) > 0 and float(np.mean(held)) > SLOWER
     kind: Fault = "values of a slower sensor" if is_slower else "held values"
     time, values, lost = _without(channel, time, values, held, kind, repairs)
