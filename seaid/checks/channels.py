@@ -599,8 +599,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         if not tol.FEW < share < tol.MOST:
             continue
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
-        rate = experiment.motor[2][:, j]
-        H = np.column_stack([experiment.regressor[:, j], experiment.loads[j], rate])
+        H = np.column_stack([experiment.regressor[:, j], experiment.loads[j]])
         residual, noise = deleted_residual(H, y, at_limit, tol.CORRELATED_ROWS)
         outwards = residual[at_limit] * np.sign(place[at_limit])
         push = float(np.median(outwards)) / max(noise, tol.FEW)

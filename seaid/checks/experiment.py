@@ -306,20 +306,22 @@ class Experiment:
         scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), _LEAST)
         return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
 
-    @derived(*_OF_LOADS)
+    @derived(*_OF_TORQUES)
     def loads(self) -> Array:
         """Columns (n, R, k) of what acts on the load of each joint next to bodies: friction first.
 
         Springs that are declared parallel to a joint have any stiffness and preload; the constant
-        of friction is one of theirs. Columns of springs that do not act on a joint are zero.
+        of friction is one of theirs. Columns of springs that do not act on a joint are zero, and so
+        is that of the rotor, which comes last, where its inertia is known.
         """
         robot = self.robot
         # tau_phi = C^-T tau: a spring at joint i acts on drive j with (C^-T)_ji of its torque.
         at_drives = torques_at_drives(robot.transmission, np.eye(robot.n))[self.sprung]
-        columns = at_drives.T[:, None] * self.joint[0][:, self.sprung]
-        return np.concatenate([self.friction, columns], axis=2)
+        springs = at_drives.T[:, None] * self.joint[0][:, self.sprung]
+        rotors = (self._has_open_rotor * self.motor[2]).T[..., None]
+        return np.concatenate([self.friction, springs, rotors], axis=2)
 
-    @derived(*_OF_LOADS, "counted")
+    @derived(*_SIGNALS)
     def _of_loads(self) -> tuple[Array, Array]:
         """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
         svd = qr_factor.scaled_svd(self.loads * self.counted.T[..., None], "friction")
@@ -344,11 +346,12 @@ class Experiment:
         """
         y = self.lever[j] * self.torque[:, j]
         columns = [self.of_file[:, j], self.loads[j]]
-        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
-        if has_rotor:  # N r_L / r_M I_M theta_M''
+        has_rotor = bool(np.all(np.isfinite(y)) and not self._has_open_rotor[j])
+        if has_rotor:  # N r_L / r_M I_M theta_M'', which is among the loads if I_M is unknown
             columns.append(self.lever[j] * self.motor[2][:, j])
         y = self.sensed[:, j] if np.all(np.isnan(y)) else y
-        H = np.column_stack(columns)
+        rows = self.counted[:, j]
+        H, y = np.column_stack(columns)[rows], y[rows]
         x, covariance = fitted(H, y)
         unexplained = float(np.std(y - H @ x) / max(float(np.std(y)), _LEAST))
         rotor = float(x[-1] / self.inertia[j]) if has_rotor and self.inertia[j] else math.nan
@@ -370,31 +373,21 @@ class Experiment:
         """The base columns (n, R, p) of the regressor, with all that it shows of bodies."""
         return np.ascontiguousarray(self.base.reduce(self.regressor).swapaxes(0, 1))
 
-    @derived(*_OF_TORQUES)
-    def _further(self) -> Array:
-        """Columns (n, R, 2) of what a torque may have besides bodies and `loads`, zero if not.
-
-        A motor torque may be late, which is no mistake of a value, and the rotor inertia of a stiff
-        drive may be unknown.
-        """
-        rates = np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0)
-        return np.stack([rates, self._rotors], axis=-1).swapaxes(0, 1)
-
-    @derived(*_OF_TORQUES)
-    def _rotors(self) -> Array:
-        """Accelerations (R, n) of motors that turn rotors of any inertia, zero of the others."""
-        return np.asarray(self._has_open_rotor * self.motor[2])
+    @derived("torque_rate")
+    def _rates(self) -> Array:
+        """The rates (n, R) of motor torques, zero for others: a torque may be late by any time."""
+        return np.where(np.all(np.isfinite(self.torque_rate), axis=0), self.torque_rate, 0.0).T
 
     @derived(*_SIGNALS)
     def _factors(self) -> Array:
-        """Triangular factors (u, m, p + 3) of the used joints, without their `loads`.
+        """Triangular factors (u, m, p + 2) of the used joints, without their `loads`.
 
-        Their columns are the base columns of bodies, the torque, and what `_further` may be in it.
-        All sums of squares of misfits are in them (Frisch and Waugh 1933).
+        Their columns are the base columns of bodies, the torque, and its rate. All sums of squares
+        of misfits are in them (Frisch and Waugh 1933).
         """
         used, U = self.used, self._of_loads[0][self.used]
-        torques = self.target.T[used, :, None]
-        Z = np.concatenate([self.columns[used], torques, self._further[used]], axis=2)
+        torques = np.stack([self.target.T, self._rates], axis=-1)[used]
+        Z = np.concatenate([self.columns[used], torques], axis=2)
         Z *= self.counted.T[used, :, None]
         return np.asarray(np.linalg.qr(Z - U @ (U.swapaxes(1, 2) @ Z), mode="r"))
 
@@ -408,16 +401,7 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            torques, rotors = (self.regressor @ bodies).T[self.used], self._rotors.T[self.used]
-            left, misfit[self.used] = self._left(torques)
-            if not np.any(rotors):
-                return misfit
-            counted = self.counted.T[self.used]
-            # What friction leaves of the rotors: the fit is linear. None has a negative inertia.
-            apart = left - self._left(torques + rotors)[0]
-            squares = np.maximum(np.sum(counted * apart**2, axis=1), _LEAST)
-            inertia = np.maximum(np.sum(counted * apart * left, axis=1) / squares, 0.0)
-            misfit[self.used] = self._left(torques + inertia[:, None] * rotors)[1]
+            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used], True)[1]
         return misfit
 
     @property
@@ -433,7 +417,7 @@ class Experiment:
         if not used:
             return misfit, per_row
         # Each joint counts alike: its equations are over the size of its torque.
-        R = self._factors[..., :-2] / self._torque_sizes[used, None, None]
+        R = self._factors[..., :-1] / self._torque_sizes[used, None, None]
         factor = qr_factor.triangle(R.reshape(-1, R.shape[2]))
         theta = qr_factor.scaled_svd(factor[:, :-1]).solve(factor[:, -1], qr_factor.RANK_TOLERANCE)
         residual, misfit[used] = self._left(self.columns[used] @ theta)
@@ -441,10 +425,11 @@ class Experiment:
             per_row[j] = max(tol.CORRELATED_ROWS, correlated_rows(rows[self.counted[:, j]]))
         return misfit, per_row
 
-    def _left(self, torques: Array) -> tuple[Array, Array]:
+    def _left(self, torques: Array, is_of_file: bool = False) -> tuple[Array, Array]:
         """Return what torques (u, R) of bodies leave of those of used joints, and misfits.
 
-        The misfits (u,) are those with the friction that explains most.
+        The misfits (u,) are those with the friction that explains most. Next to bodies of the file
+        no rotor has a negative inertia; any bodies may have that of a rotor.
         """
         used, counted = self.used, self.counted.T[self.used]
         y = self.target.T[used] - torques
@@ -453,7 +438,8 @@ class Experiment:
         # The mean is zero, because a constant is among the loads.
         rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
         sizes = np.maximum(self._torque_sizes[used], _LEAST)
-        return residual, np.hypot(rms, self._driving(used, x[:, :2])) / sizes
+        rotors = is_of_file * np.minimum(x[:, -1, 0], 0.0) * np.std(self.loads[used, :, -1], axis=1)
+        return residual, np.hypot(rms, np.hypot(self._driving(used, x[:, :2]), rotors)) / sizes
 
     def _next_to_bodies(
         self, joints: Sequence[int], rows: BoolArray, *columns: Sequence[Array]
@@ -717,22 +703,22 @@ class Experiment:
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        columns = np.concatenate([self.loads, self._further], axis=2)
-        return qr_factor.scaled_svd(columns[self.used]).spans
+        columns = np.concatenate([self.loads, self._rates[..., None]], axis=2)[self.used]
+        return qr_factor.scaled_svd(columns * self.counted.T[self.used, :, None]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
         parts, Q = torques.swapaxes(0, 1)[self.used], self._nuisances
-        columns = parts.reshape(*parts.shape[:2], -1)
+        columns = parts.reshape(*parts.shape[:2], -1) * self.counted.T[self.used, :, None]
         columns = (columns - Q @ (Q.swapaxes(1, 2) @ columns)) / self._noise
         return columns.reshape(-1, *torques.shape[2:])
 
     @derived(*_SIGNALS)
     def _seen(self) -> Array:
         """The triangular factor (p + 1, p + 1) of base columns and torque, `over_noise`."""
-        bodies, further = self._factors[..., :-2], self._factors[..., -2:]
-        further = qr_factor.scaled_svd(further).spans
-        R = (bodies - further @ (further.swapaxes(1, 2) @ bodies)) / self._noise
+        bodies, rates = self._factors[..., :-1], self._factors[..., -1:]
+        rates = qr_factor.scaled_svd(rates).spans
+        R = (bodies - rates @ (rates.swapaxes(1, 2) @ bodies)) / self._noise
         return qr_factor.triangle(R.reshape(-1, R.shape[2]))
 
     @derived(*_SIGNALS)
@@ -820,11 +806,12 @@ class Experiment:
     def in_motion(self) -> Experiment:
         """The experiment whose misfits are taken where the motor of a joint has a direction.
 
-        The friction of a motor that stands is anything up to that of Coulomb. A joint with too few
-        such instants has all.
+        The friction of a motor that stands is anything up to that of Coulomb; a sensor behind it
+        feels none. A joint with too few such instants has all.
         """
-        few = np.sum(self._moving, axis=0) < tol.FEWEST_INSTANTS
-        return self.with_changes(counted=np.asarray(self._moving | few))
+        shown = self.counted & (self._moving | np.isnan(self.torque))
+        few = np.sum(shown, axis=0) < tol.FEWEST_INSTANTS
+        return self.with_changes(counted=np.where(few, self.counted, shown))
 
     @derived(*_OF_TORQUES)
     def _elastic(self) -> list[int]:

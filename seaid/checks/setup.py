@@ -710,7 +710,10 @@ def _exchanges(experiment: Experiment) -> Iterator[Transform]:
             words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
             # the constant of a motor stays with it where columns of currents are exchanged
             factor = _constant(experiment, i) / _constant(experiment, j) if sides == "t" else 1.0
-            changed = experiment.with_channels(sides, partial(np.take, indices=order, axis=-1))
+            both = experiment.both[order] if {"q", "m"} <= {*sides} else experiment.both
+            changed = experiment.with_changes(both=both).with_channels(
+                sides, partial(np.take, indices=order, axis=-1)
+            )
             sources = {first: experiment.entries(j, sides, factor=factor)}
             sources[second] = experiment.entries(i, sides, factor=1 / factor)
             if factor != 1:
@@ -861,6 +864,7 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
     with guarded(CODES["loose-encoder"], notes):
         slips, experiment = gears.without_slips(experiment)
+        experiment = experiment.in_motion
     checks = [Observation(CODES["encoder-offsets-differ"], channels.offset_findings)]
     if not experiment.robot.has_controllers:
         checks += [
