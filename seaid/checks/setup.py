@@ -864,7 +864,6 @@ def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding
     slips, findings, notes = list[Finding](), list[Finding](), list[Finding]()
     with guarded(CODES["loose-encoder"], notes):
         slips, experiment = gears.without_slips(experiment)
-        experiment = experiment.in_motion
     checks = [Observation(CODES["encoder-offsets-differ"], channels.offset_findings)]
     if not experiment.robot.has_controllers:
         checks += [
@@ -886,7 +885,7 @@ def _of_torques(experiment: Experiment, known: Sequence[Finding]) -> list[Findin
     # a torque that ends at a limit has a factor that no sensor has, what holds an output is no body
     hidden = {"saturation", "locked-output"}
     kept = {*experiment.robot.joint_names} - {x.joint for x in known if x.code in hidden}
-    findings, without = mistakes(with_torques_of(experiment, kept))
+    findings, without = mistakes(with_torques_of(experiment, kept).in_motion)
     is_named = any(finding.severity != "note" for finding in findings)
     beyond = [] if is_named else observed([_BEYOND_LIMITS], experiment)
     return [*findings, *beyond, *observed(_OF_REST, without)]
