@@ -14,15 +14,17 @@ from seaid.checks.experiment import (
     Experiment,
     experiment_of,
 )
-from seaid.checks.setup import _all_torque_scales, mistakes
+from seaid.checks.setup import _all_torque_scales, mistakes, setup_findings
 from seaid.errors import Finding
 from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.log.motion import reconstruct_motions
+from seaid.regressor import joint_torques
 from seaid.robot import Payload, Robot
 from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
 from tests.mistakes import CASES as SPRUNG
 from tests.mistakes import lines_of, with_channels
+from tests.plants import log_with
 from tests.representatives import quick_first, quick_only
 
 
@@ -96,6 +98,58 @@ def test_a_clock_of_another_rate_is_no_length_and_no_drift(case: str, factor: fl
     assert (finding.code, finding.severity) == ("time-unit", "wrong")
     error = finding.evidence["standard error"]
     assert abs(finding.evidence["factor"] - factor) < 3 * error < 0.2
+
+
+def resting_arm_log(seed: int) -> Log:
+    """Return the log of a stiff arm that goes from pose to pose and rests in each.
+
+    Its dry friction is three times that of `true_geared_arm`, and anything below while it rests.
+    """
+    robot, rng = true_geared_arm(), np.random.default_rng(seed)
+    rate_hz, poses, period_s, move_s = 250, 12, 2.0, 1.2
+    steps = rng.uniform(-0.45, 0.45, (poses, robot.n))
+    count = round(rate_hz * period_s)
+    s = np.clip(np.arange(count) / rate_hz / move_s, 0.0, 1.0)
+    shapes = (
+        10 * s**3 - 15 * s**4 + 6 * s**5,
+        (30 * s**2 - 60 * s**3 + 30 * s**4) / move_s,
+        (60 * s - 180 * s**2 + 120 * s**3) / move_s**2,
+    )
+    q, v, a = (np.concatenate([np.outer(shape, step) for step in steps]) for shape in shapes)
+    starts = np.cumsum(np.vstack([[0.0, -1.2, 1.0, 0.0, 0.5, 0.0], steps[:-1]]), axis=0)
+    q += np.repeat(starts, count, axis=0)
+    drives = robot.drives.values()
+    rotor, viscous, dry = (
+        np.array([drive.values[name] for drive in drives])
+        for name in ("motor_inertia", "viscous_friction", "coulomb_friction")
+    )
+    at_rest = np.repeat(rng.uniform(-1, 1, (poses, robot.n)), count, axis=0)
+    torque = joint_torques(robot, q, v, a) + rotor * a + viscous * v
+    torque += 3 * dry * np.where(v == 0, at_rest, np.sign(v)) + 0.05 * rng.normal(size=q.shape)
+    positions = q + 1e-5 * rng.normal(size=q.shape)
+    time = np.arange(len(q)) / rate_hz
+    return log_with(robot.joint_names, time, joint_position=positions, motor_torque=torque)
+
+
+@pytest.mark.parametrize("factor", quick_first([1.3, 0.75, 1.0]))
+@pytest.mark.parametrize("seed", quick_first([0, 1]))
+def test_friction_at_rest_hides_no_mistake(factor: float, seed: int) -> None:
+    """The torque of an arm that rests is anything: it left a third of all torques unexplained."""
+    robot, log, elbow = true_geared_arm(), resting_arm_log(seed), 2
+    unknown = {
+        joint: replace(drive, motor_inertia_kg_m2=None) for joint, drive in robot.drives.items()
+    }
+    scaled = log.motor_torque * np.where(np.arange(6) == elbow, factor, 1.0)
+    of_arm = experiment(rough(robot, 0).with_drives(unknown), replace(log, motor_torque=scaled))
+    assert np.nanmedian(of_arm.nominal) > 0.25
+    findings = [x for x in setup_findings(of_arm, []) if x.severity != "note"]
+    if factor == 1:
+        assert findings == []
+        return
+    (finding,) = findings
+    assert finding.joint == "elbow_joint"
+    # with one encoder and an unknown rotor a gear ratio has nearly the same effect
+    assert {finding.code, *finding.evidence} & {"torque-scale", "or torque-scale"}
 
 
 NEXT_TO_IT = [("leg", "hip_pitch", 1.01), ("arm", "shoulder", 1 / 1.004)]
