@@ -177,15 +177,17 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         if experiment.both[j]:
             evidence["slope between the encoders over the gear ratio"] = slope
         for factor, error, penalty in _other_ratios(experiment, j, slope):
-            by = f"+- {ratio * factor * error:.2g}" if error else "by its two encoders"
-            known = {"standard error": ratio * factor * error} if error else {}
+            std = ratio * factor * error
+            by = f"+- {std:.2g}" if error else "by its two encoders"
+            known = {"standard error": std} if error else {}
+            line = f"{key} = {ratio * factor:.6g}" + f"\n{key}_std = {std:.2g}" * bool(error)
             if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
                     codes.CODES["gear-ratio"],
                     f"the gear ratio of {joint} is {ratio * factor:.4g} {by}, not {ratio:.4g}",
                     _with_ratio(j, experiment, math.log(factor)),
                     joint,
-                    codes.in_drives({(joint,): f"{key} = {ratio * factor:.6g}"}),
+                    codes.in_drives({(joint,): line}),
                     evidence={**evidence, **known},
                     penalty=penalty,
                 )

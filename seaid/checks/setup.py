@@ -466,6 +466,7 @@ def _scale(
     spread = f" +- {times * error:.2g}" if error else ""
     off = f"{times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
+    more = f"# torque_scale_std = {error:.2g} in the drives file has its error in all intervals"
     return multiplied(
         CODES["unit"] if is_unit else CODES["torque-scale"],
         experiment,
@@ -475,6 +476,7 @@ def _scale(
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope, **({"standard error": times * error} if error else {})},
         penalty=float(not exact),
+        remedy=more * (error > 0 and not exact),
     )
 
 
