@@ -280,7 +280,8 @@ def _uncertain(joint: str, estimate: Estimate, qr_factor: QRFactor | None) -> It
         if reasons:
             code = CODES["weak-spring"] if is_weak else CODES["poorly-identified"]
             message = f"{text} is poorly identified: {'; '.join(reasons)}"
-            yield code.finding(message, joint, "doubtful" if is_weak else "note", evidence)
+            severity: Severity = "doubtful" if is_weak else "note"
+            yield code.finding(message, joint, severity, evidence, code.advice * is_weak)
 
 
 def _negative(joint: str, estimate: Estimate) -> Iterator[Finding]:
