@@ -320,11 +320,13 @@ def _masses(experiment: Experiment) -> tuple[Array, Array, Array, tuple[float, f
     errors = np.hstack([experiment.widths, experiment.common[:, :1]])
     widths = errors[::10] / mass[:, None]
     change, roots = posterior(effects @ widths / noise, y / noise, widths)
+    spread = np.linalg.norm(roots, axis=1)
     # A torque shows a mass whose standard deviation it halves.
-    is_shown = np.linalg.norm(roots, axis=1) < tol.MOST * np.linalg.norm(widths, axis=1)
+    is_shown = spread < tol.MOST * np.linalg.norm(widths, axis=1)
     misfit = experiment.of_bodies(experiment.bodies + change @ each)
-    is_possible = np.nanmedian(misfit) < tol.SEVERE and np.all(change[is_shown] > -1)
-    if not np.any(is_shown) or not is_possible:
+    # No mass is negative beyond its error.
+    is_possible = np.all((change + tol.SURE * spread)[is_shown] > -1)
+    if not np.any(is_shown) or not is_possible or np.nanmedian(misfit) >= tol.SEVERE:
         return None
     share = np.where(is_shown, mass, 0.0) / np.sum(mass[is_shown])
     torques = experiment.over_noise(experiment.regressor @ errors)

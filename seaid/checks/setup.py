@@ -673,11 +673,10 @@ def _times(experiment: Experiment) -> Iterator[Transform]:
     for factor, error in {**dict.fromkeys(round_factors, 0.0), **fitted}.items():
         times, speeds = ("short", "large") if factor < 1 else ("long", "small")
         changed, size = _with_clock(experiment, math.log(factor)), max(factor, 1 / factor)
-        spread = f" +- {size * error:.2g}" if error else ""
         yield Transform(
             CODES["time-unit"],
-            f"the time of the log is {size:.3g}{spread} times too {times}, so that speeds are too "
-            f"{speeds}",
+            f"the time of the log is {size:.3g}{f' +- {size * error:.2g}' * bool(error)} times too "
+            f"{times}, so that speeds are too {speeds}",
             changed,
             remedy=f"in the description of the log:\ntime = {{ rate_hz = {changed.rate_hz:.6g} }}",
             evidence={"factor": factor, **({"standard error": size * error} if error else {})},
