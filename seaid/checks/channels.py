@@ -298,8 +298,9 @@ def _gear(log: Log, joint: str) -> tuple[float, bool] | None:
     """
     if joint not in log.joint_names:
         return None
-    sides, j = (log.motor_position, log.joint_position), log.joint_names.index(joint)
-    motor, position, torque = (values[:, j] for values in (*sides, log.motor_torque))
+    j = log.joint_names.index(joint)
+    motor, position = log.motor_position[:, j], log.joint_position[:, j]
+    torque = log.motor_torque[:, j]
     moved = float(np.std(position))
     if not np.all(np.isfinite([motor, position])) or not 0 < tol.TWICE * moved <= np.std(motor):
         return None

@@ -362,8 +362,6 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
 
     Their factor is zero, with an error that is far below one, and friction explains the torque.
     """
-    if not experiment.has_bodies:
-        return
     # a payload that is named and not there has no torque, of a joint that measures well
     scales = experiment.with_changes(bodies=experiment.robot.parameters).scales
     shown = [j for j, x in scales.items() if x.factor > max(tol.POOR, tol.SURE * x.error)]
@@ -588,12 +586,12 @@ def torque_limits(experiment: Experiment) -> Iterator[Transform]:
     to friction and rotor inertia, leave least of it at the right one.
     """
     for j, law in _controllers(experiment).items():
-        asked = experiment.lever[j] * np.abs(experiment.torque[:, j])
-        levels = np.quantile(asked, np.linspace(0.3, 0.98, 35)).tolist()
-        changed = {x: _with_limit(experiment, j, x) for x in levels if x > 0}
-        is_explained = experiment.scale(j).unexplained < tol.SLIGHT
-        if np.isfinite(law.torque_limit_Nm) or is_explained or not changed:
+        if np.isfinite(law.torque_limit_Nm) or experiment.scale(j).unexplained < tol.SLIGHT:
             continue
+        asked = experiment.lever[j] * np.abs(experiment.torque[:, j])
+        # the torque of a joint that is used changes, and so some of it is not zero
+        levels = np.quantile(asked[asked > 0], np.linspace(0.3, 0.98, 35)).tolist()
+        changed = {x: _with_limit(experiment, j, x) for x in levels}
         limit = min(changed, key=lambda x: changed[x].scale(j).unexplained)
         joint, line = experiment.robot.joint_names[j], f"torque_limit_Nm = {limit:.3g}"
         yield Transform(

@@ -346,8 +346,9 @@ class Experiment:
         """
         y = self.lever[j] * self.torque[:, j]
         columns = [self.of_file[:, j], self.loads[j]]
-        has_rotor = bool(np.all(np.isfinite(y)) and not self._has_open_rotor[j])
-        if has_rotor:  # N r_L / r_M I_M theta_M'', which is among the loads if I_M is unknown
+        has_rotor = bool(np.all(np.isfinite(y)) and (self.inertia[j] > 0 or self._is_open[j]))
+        # N r_L / r_M I_M theta_M'', which is among the loads of a stiff joint if I_M is unknown.
+        if has_rotor and not self._has_open_rotor[j]:
             columns.append(self.lever[j] * self.motor[2][:, j])
         y = self.sensed[:, j] if np.all(np.isnan(y)) else y
         rows = self.counted[:, j]
@@ -401,7 +402,9 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         if self.used and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used], True)[1]
+            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used], is_of_file=True)[
+                1
+            ]
         return misfit
 
     @property

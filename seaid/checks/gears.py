@@ -179,7 +179,6 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             std = ratio * factor * error
             by = f"+- {std:.2g}" if error else "by its two encoders"
-            known = {"standard error": std} if error else {}
             line = f"{key} = {ratio * factor:.6g}" + f"\n{key}_std = {std:.2g}" * bool(error)
             if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
@@ -188,7 +187,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
                     _with_ratio(j, experiment, math.log(factor)),
                     joint,
                     codes.in_drives({(joint,): line}),
-                    evidence={**evidence, **known},
+                    evidence=evidence | ({"standard error": std} if error else {}),
                     penalty=penalty,
                 )
 

@@ -466,7 +466,8 @@ def _scale(
     spread = f" +- {times * error:.2g}" if error else ""
     off = f"{times:.3g}{spread} times too {'large' if size > 1 else 'small'}"
     off = (f"in {unit}" if exact else off) + ", with the opposite sign" * (sign < 0)
-    more = f"# torque_scale_std = {error:.2g} in the drives file has its error in all intervals"
+    stated = f"# torque_scale_std = {error:.2g} in the drives file: it is in all intervals then"
+    is_of_motors = all(experiment.input(j) in experiment.logged(j, channels) for j in joints)
     return multiplied(
         CODES["unit"] if is_unit else CODES["torque-scale"],
         experiment,
@@ -476,7 +477,7 @@ def _scale(
         severity="wrong" if is_unit else "doubtful",
         evidence={"factor": slope, **({"standard error": times * error} if error else {})},
         penalty=float(not exact),
-        remedy=more * (error > 0 and not exact),
+        remedy=stated * (error > 0 and not exact and is_of_motors),
     )
 
 
@@ -767,7 +768,6 @@ MISTAKES: Possible = {
         bodies.zeros: CODES["encoder-offset"],
         _position_scales: CODES["unit"],
         _parallel_springs: CODES["missing-term"],
-        _times: CODES["time-unit"],
         bodies.payloads: CODES["payload"],
     },
     _is_severe: {
@@ -779,7 +779,7 @@ MISTAKES: Possible = {
         _exchanges: CODES["swapped-joints"],
     },
     _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
-    attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"]},
+    attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},
     _has_encoders_apart: {
         gears.coupled_motors: CODES["coupled-joints"],
         gears.differentials: CODES["coupled-joints"],
