@@ -102,6 +102,13 @@ def test_a_clock_of_another_rate_is_no_length_and_no_drift(case: str, factor: fl
     assert abs(finding.evidence["factor"] - factor) < 3 * error < 0.2
 
 
+@pytest.mark.parametrize("case", ["leg", "arm"])
+def test_a_clock_in_another_unit_needs_no_nominal_bodies(case: str) -> None:
+    robot, log = CASES[case][0]().without_nominal(), CASES[case][1]()
+    finding = the_mistake(robot, replace(log, time=0.1 * log.time))
+    assert (finding.code, finding.evidence["factor"]) == ("time-unit", 0.1)
+
+
 def resting_arm_log(seed: int) -> Log:
     """Return the log of a stiff arm that goes from pose to pose and rests in each.
 
