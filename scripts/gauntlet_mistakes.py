@@ -520,6 +520,8 @@ def _units() -> list[Mistake]:
                scaled(joint, degree, True), scaled(joint, degree, False, False)),
         *forms("motor positions in turns", _UNIT, words,
                scaled(motor, turn, True), scaled(motor, turn, False)),
+        *forms("steps of an encoder counted twice, or half", {*_UNIT, "gear-ratio"}, words,
+               scaled(joint, 2.0, False, False), scaled(motor, 0.5, False, False)),
         *forms("torques in mN m", _UNIT, TORQUE_WORDS,
                scaled(torque, 1e3, True), scaled(torque, 1e3, False)),
         *forms("currents in mA as torques", SCALE, TORQUE_WORDS,

@@ -285,8 +285,7 @@ class Experiment:
     @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
         """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
-        is_fixed = self.robot.base_is_held
-        return np.flatnonzero(self._torque_sizes > 0).tolist() if is_fixed else []
+        return np.flatnonzero(self._torque_sizes > 0).tolist() if self.robot.base_is_held else []
 
     @property
     def has_bodies(self) -> bool:

@@ -325,8 +325,12 @@ _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2}
 """{unit of the position of a sliding joint: the factor that repairs it}."""
 
+_STEPS = {f"steps, {times:g} times as many per turn": 1 / times for times in (0.25, 0.5, 2.0, 4.0)}
+"""{unit of one of two encoders: the factor that repairs it}; an encoder counts one, two or four
+edges of each of its lines."""
 
-def _units_by(slope: float, is_length: bool) -> Mapping[str, float]:
+
+def _units_by(slope: float, is_length: bool) -> dict[str, float]:
     """Return units of positions: with a slope between encoders, also counts of a power of two."""
     if is_length or not slope:
         return _LENGTHS if is_length else _ANGLES
@@ -344,7 +348,8 @@ def _in_units(
     would hardly move. Two turns are the range of a wrist.
     """
     is_length = "q" in channels and experiment.robot.is_prismatic[joints[0]]
-    for unit, factor in _units_by(slope, is_length).items():
+    units = _units_by(slope, is_length) | (_STEPS if slope else {})
+    for unit, factor in units.items():
         moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
         if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
             continue

@@ -161,6 +161,20 @@ def test_friction_at_rest_hides_no_mistake(factor: float, seed: int) -> None:
     assert {finding.code, *finding.evidence} & {"torque-scale", "or torque-scale"}
 
 
+@pytest.mark.parametrize(("case", "joint"), [("leg", "knee_pitch"), ("arm", "shoulder")])
+@pytest.mark.parametrize("side", ["motor", "joint"])
+@pytest.mark.parametrize("factor", quick_first([2.0, 0.25]))
+def test_an_encoder_whose_steps_are_miscounted_is_no_gear_and_no_slip(
+    case: str, joint: str, side: str, factor: float
+) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    factors = np.where(np.isin(log.joint_names, joint), factor, 1.0)
+    positions = {f"{side}_position": factors * getattr(log, f"{side}_position")}
+    finding = the_mistake(rough(robot, 0), replace(log, **positions))
+    assert (finding.code, finding.joint) == ("unit", joint)
+    assert lines_of(finding, joint)[f"{side}_position"]["scale"] == 1 / factor
+
+
 NEXT_TO_IT = [("leg", "hip_pitch", 1.01), ("arm", "shoulder", 1 / 1.004)]
 
 
