@@ -19,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array, is_constant, resolution
 from seaid.checks import codes, engine
 from seaid.checks import tolerances as tol
-from seaid.checks.experiment import Experiment, Transform, left_of, scaled
+from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
@@ -28,7 +28,7 @@ from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import settled_weights
 from seaid.estimation.parameters import Bus, buses_of, is_stated
-from seaid.estimation.qr_factor import qr_factor_of, scaled_svd
+from seaid.estimation.qr_factor import qr_factor_of, residual_of, scaled_svd
 from seaid.log import Log, Motion
 from seaid.log.commands import with_commanded_torque
 from seaid.log.description import changed_source
@@ -368,7 +368,7 @@ def of_friction_alone(experiment: Experiment) -> Iterator[Finding]:
     names = experiment.robot.joint_names
     for j, scale in scales.items() if 2 * len(shown) > len(scales) else ():
         torque, friction = experiment.lever[j] * experiment.torque[:, j], experiment.friction[j]
-        rest = float(np.std(left_of(np.nan_to_num(torque), friction)))
+        rest = float(np.std(residual_of(np.nan_to_num(torque), friction)))
         is_friction = rest < tol.SEVERE * float(np.std(torque))
         if abs(scale.factor) < tol.SURE * scale.error < tol.POOR and is_friction:
             yield codes.CODES["no-measurement"].finding(

@@ -66,20 +66,11 @@ def moved(mass: float, moments: Array) -> Array:
     A mass m at c that moves by e has m e more as first moments, and m (2 (c.e) 1 - e c^T - c e^T)
     more as inertia.
     """
-    return np.asarray(_SHIFTS @ [mass, *moments])
-
-
-def _shift(mass: float, c: Array, e: Array) -> Array:
-    """Return the ten parameters of `moved`, of one axis e."""
-    J = 2 * (c @ e) * np.eye(3) - np.outer(e, c) - np.outer(c, e)
-    # Pinocchio's order of the inertia: Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-    return np.array([0.0, *(mass * e), *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
-
-
-_SHIFTS = np.array([[_shift(x[0], x[1:], e) for x in np.eye(4)] for e in np.eye(3)]).transpose(
-    2, 0, 1
-)
-"""The change (10, 3, 4) by a shift along each axis, per unit of mass and first moments."""
+    # `outer` has e c^T of each axis e. Pinocchio's order of J: Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    outer = np.eye(3)[:, :, None] * moments
+    J = 2 * moments[:, None, None] * np.eye(3) - outer - outer.swapaxes(1, 2)
+    inertias = J[:, [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return np.vstack([np.zeros(3), mass * np.eye(3), inertias.T])
 
 
 @dataclass(frozen=True, eq=False)
@@ -481,7 +472,7 @@ class Experiment:
         """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.both).tolist():
-            apart = left_of(self.apart[:, j], with_constant(self.deflection(j)))
+            apart = qr_factor.residual_of(self.apart[:, j], with_constant(self.deflection(j)))
             misfit[j] = float(np.std(apart)) / max(float(np.std(self.turned[0][:, j])), _LEAST)
         return misfit
 
@@ -504,7 +495,7 @@ class Experiment:
         misfit = np.full(self.robot.n, np.nan)
         for j in np.flatnonzero(self.has_both_torques).tolist():
             target, sensed, columns = self._of_sensor(j)
-            apart = left_of(target - sensed, columns)
+            apart = qr_factor.residual_of(target - sensed, columns)
             misfit[j] = float(np.std(apart)) / max(float(np.std(sensed)), _LEAST)
         return misfit
 
@@ -854,11 +845,6 @@ class Experiment:
 def fitted(columns: Array, y: Array, count: int = 1) -> tuple[Array, Array]:
     """Return the parameters of `fitted_columns`, and their covariance, at instants far apart."""
     return qr_factor.fitted_columns(columns, y, tol.CORRELATED_ERRORS, count)
-
-
-def left_of(y: Array, columns: Array) -> Array:
-    """Return what columns (R, k) leave of y (R,)."""
-    return np.asarray(y - columns @ qr_factor.scaled_svd(columns).solve(y))
 
 
 Change = Callable[[Experiment, float], Experiment]

@@ -446,14 +446,17 @@ def _varied(q: Array, apart: Array, deflection: Array) -> Array:
     return np.asarray(-np.array(x) / k)
 
 
-def _late(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what a late torque, or a late position of the joint, adds to the equation.
-
-    A torque that is late by d is tau - d tau' to first order. To (7) a late joint position adds
-    -(r_M/N) k r_L d theta_L', with the coefficient k d: the stiffness k changes with the delay.
-    """
+def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
     if channel := _torque_channel(side, joint):
         yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
+
+
+def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a late position of the joint adds to (7): -(r_M/N) k r_L d theta_L'.
+
+    Its coefficient is k d, because the stiffness k changes with the delay.
+    """
     encoders = {"motor_position", "joint_position"}
     if side.is_motor and encoders <= side.sources.get(joint, {}).keys():
         factor = _lever(side, joint) * side.robot.drives[joint].load_radius
@@ -611,14 +614,17 @@ def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float,
     """Return the delay of a joint position [s] and its error, None if it may be damping.
 
     The speed of the joint is that of the motor less that of the deflection. Next to viscous
-    friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2.
+    friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2. An
+    early position, d < 0, looks like a late torque with as much more friction: where no friction
+    is left next to the position, it is the torque that is late.
     """
     refitted = side.next_to(late)
     stiffness, _ = refitted.get("stiffness", (0.0, 0.0))
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
     damping, error = float(late.coefficients[0]), float(late.errors[0])
     is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
-    if stiffness <= 0 or (damping > 0 and is_damping):
+    is_late_torque = viscous < tol.SURE * tolerance
+    if stiffness <= 0 or (is_damping if damping > 0 else is_late_torque):
         return None
     return damping / stiffness, error / stiffness
 
@@ -713,12 +719,15 @@ GEAR_CHECKS = (
         "both encoders of a joint that is slowly turned without a load show the errors of its gear",
         "an error of the gear (order {term} of the {field})",
     ),
-    engine.ColumnCheck(
-        codes.CODES["delay"],
-        _late,
-        _is_late,
-        "channels that are stamped by one clock have no delay",
-        "a channel that is late or early",
+    *(
+        engine.ColumnCheck(
+            codes.CODES["delay"],
+            candidates,
+            _is_late,
+            "channels that are stamped by one clock have no delay",
+            f"a {channel} that is late or early",
+        )
+        for channel, candidates in (("torque", _late_torque), ("position", _late_position))
     ),
     engine.ColumnCheck(
         codes.CODES["encoder-offset"],

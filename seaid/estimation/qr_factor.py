@@ -389,6 +389,11 @@ def first_term(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name.split(' ')[0]} + ..."
 
 
+def residual_of(y: Array, columns: Array) -> Array:
+    """Return what columns (R, k) leave of y (R,) by least squares."""
+    return np.asarray(y - columns @ scaled_svd(columns).solve(y))
+
+
 def deleted_residual(
     H: Array, y: Array, apart: BoolArray, correlated: float
 ) -> tuple[Array, float]:

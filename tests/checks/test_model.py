@@ -398,6 +398,19 @@ def test_a_joint_position_that_is_late_is_named_and_not_as_damping(delay_s: floa
     assert f"delay_s = {round(finding.evidence['delay [s]'], 5)}" in finding.remedy
 
 
+def test_a_late_torque_that_looks_like_an_early_position_leaves_friction() -> None:
+    """Next to an early position of the joint its motor would have less friction than none."""
+    robot, log, delay_s = CASES["arm"][0](), CASES["arm"][1](), 0.01
+    late = with_channels(
+        log, "telescope", motor_torque=lambda x: np.interp(log.time - delay_s, log.time, x)
+    )
+    found = identify(robot.without_nominal(), late).warnings
+    (finding,) = (x for x in found if x.code == "delay")
+    assert finding.message.startswith("the torques of telescope are ")
+    error = finding.evidence["standard error [s]"]
+    assert abs(finding.evidence["delay [s]"] - delay_s) < 3 * error < 0.006
+
+
 def test_damping_names_the_late_encoder_that_looks_like_it_next_to_friction() -> None:
     true, delay_s = with_knee(leg(TEST_MASS)), 0.01
     knee = true.drives["knee_pitch"]
