@@ -589,7 +589,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
     such a prediction.
     """
     robot = experiment.robot
-    for j in experiment.used if not robot.has_controllers else ():
+    for j in experiment.on_bodies if not robot.has_controllers else ():
         joint, (low, high) = robot.joint_names[j], robot.position_range(robot.joint_names[j])
         if not np.isfinite(high - low):
             continue

@@ -275,13 +275,18 @@ class Experiment:
 
     @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
-        """Joints with a torque that changes; none on a floating base, whose forces are unknown."""
-        return np.flatnonzero(self._torque_sizes > 0).tolist() if self.robot.base_is_held else []
+        """Joints with a torque that changes."""
+        return np.flatnonzero(self._torque_sizes > 0).tolist()
+
+    @property
+    def on_bodies(self) -> list[int]:
+        """Used joints whose torque bodies explain: none on a base that unknown forces move."""
+        return self.used if self.robot.base_is_held else []
 
     @property
     def has_bodies(self) -> bool:
         """Whether torques can be compared with those of bodies in the robot file."""
-        return bool(self.used) and bool(np.all(np.isfinite(self.bodies)))
+        return bool(self.on_bodies) and bool(np.all(np.isfinite(self.bodies)))
 
     @derived("robot", "joint")
     def regressor(self) -> Array:
@@ -351,7 +356,7 @@ class Experiment:
     @derived(*_SIGNALS, "bodies")
     def scales(self) -> dict[int, TorqueScale]:
         """The scale of each used joint, none without bodies."""
-        return {j: self.scale(j) for j in self.used if self.has_bodies}
+        return {j: self.scale(j) for j in self.on_bodies if self.has_bodies}
 
     @property
     def clear_scales(self) -> dict[int, TorqueScale]:
@@ -376,7 +381,7 @@ class Experiment:
         Their columns are the base columns of bodies, the torque, and its rate. All sums of squares
         of misfits are in them (Frisch and Waugh 1933).
         """
-        used, U = self.used, self._of_loads[0][self.used]
+        used, U = self.on_bodies, self._of_loads[0][self.on_bodies]
         torques = np.stack([self.target.T, self._rates], axis=-1)[used]
         Z = np.concatenate([self.columns[used], torques], axis=2)
         Z *= self.counted.T[used, :, None]
@@ -389,12 +394,11 @@ class Experiment:
 
     def of_bodies(self, bodies: Array) -> Array:
         """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
-        misfit = np.full(self.robot.n, np.nan)
-        if self.used and np.all(np.isfinite(bodies)):
+        misfit, joints = np.full(self.robot.n, np.nan), self.on_bodies
+        if joints and np.all(np.isfinite(bodies)):
             # not by `columns`, which most transforms of a set-up need for nothing else
-            misfit[self.used] = self._left((self.regressor @ bodies).T[self.used], is_of_file=True)[
-                1
-            ]
+            torques = (self.regressor @ bodies).T[joints]
+            misfit[joints] = self._left(torques, is_of_file=True)[1]
         return misfit
 
     @property
@@ -405,7 +409,7 @@ class Experiment:
     @derived(*_SIGNALS)
     def _by_any_bodies(self) -> tuple[Array, Array]:
         """Misfit (n,) of any bodies with any friction, and rows per independent one of it."""
-        misfit, used = np.full(self.robot.n, np.nan), self.used
+        misfit, used = np.full(self.robot.n, np.nan), self.on_bodies
         per_row = np.full_like(misfit, tol.CORRELATED_ROWS)
         if not used:
             return misfit, per_row
@@ -424,7 +428,7 @@ class Experiment:
         The misfits (u,) are those with the friction that explains most. Next to bodies of the file
         no rotor has a negative inertia; any bodies may have that of a rotor.
         """
-        used, counted = self.used, self.counted.T[self.used]
+        used, counted = self.on_bodies, self.counted.T[self.on_bodies]
         y = self.target.T[used] - torques
         x = self._of_loads[1][used] @ y[..., None]
         residual = y - (self.loads[used] @ x)[..., 0]
@@ -553,7 +557,7 @@ class Experiment:
             x, covariance = self._by_motor_equation(j)
             if x.size:  # A torque that is late by d is tau - d tau': the coefficient of tau' is -d.
                 delays[j] = -float(x[0]), float(np.sqrt(covariance[0, 0]))
-        stiff = [j for j in driven if j not in self._elastic]
+        stiff = [j for j in driven if j in self.on_bodies and j not in self._elastic]
         if stiff:
             rates = [self.lever[j] * self.torque_rate[:, [j]] for j in stiff]
             friction = [self._any_friction(j, bool(self._is_open[j])) for j in stiff]
@@ -691,18 +695,18 @@ class Experiment:
         misfit, per_row = self._by_any_bodies
         # R rows with a noise that is sqrt(r) times as large have the information of R / r rows.
         noise = np.maximum(misfit, tol.FEW) * np.sqrt(per_row) * self._torque_sizes
-        return noise[self.used, None, None]
+        return noise[self.on_bodies, None, None]
 
     @derived(*_SIGNALS)
     def _nuisances(self) -> Array:
         """Orthonormal columns (u, R, k) of each used joint: what a torque has besides bodies."""
-        columns = np.concatenate([self.loads, self._rates[..., None]], axis=2)[self.used]
-        return qr_factor.scaled_svd(columns * self.counted.T[self.used, :, None]).spans
+        columns = np.concatenate([self.loads, self._rates[..., None]], axis=2)[self.on_bodies]
+        return qr_factor.scaled_svd(columns * self.counted.T[self.on_bodies, :, None]).spans
 
     def over_noise(self, torques: Array) -> Array:
         """Return torques (R, n, ...) without nuisances over their noise, joint by joint."""
-        parts, Q = torques.swapaxes(0, 1)[self.used], self._nuisances
-        columns = parts.reshape(*parts.shape[:2], -1) * self.counted.T[self.used, :, None]
+        parts, Q = torques.swapaxes(0, 1)[self.on_bodies], self._nuisances
+        columns = parts.reshape(*parts.shape[:2], -1) * self.counted.T[self.on_bodies, :, None]
         columns = (columns - Q @ (Q.swapaxes(1, 2) @ columns)) / self._noise
         return columns.reshape(-1, *torques.shape[2:])
 

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 from operator import attrgetter
 
 import numpy as np
@@ -88,7 +88,7 @@ class _Trial:
         # two joints of an exchange
         misfit = np.fmin(changed.nominal, changed.free)
         known = misfit[np.isfinite(misfit)]
-        middle = float(np.median(known)) if len(known) else math.nan
+        middle = float(np.median(known)) if len(known) else 0.0
         names = transform.joints or (transform.joint,) * bool(transform.joint)
         of_joints = misfit[[changed.robot.index(name) for name in names]]
         remaining = float(np.nanmin(of_joints)) if np.any(np.isfinite(of_joints)) else middle
@@ -924,13 +924,11 @@ def joint_checks(
     names = experiment.robot.joint_names
     checks = dict(zip(names, map(JointCheck, swings), strict=True))
     with guarded(CODES["gear-ratio"], findings):
-        moving = experiment.in_motion
+        moving, unknown = experiment.in_motion, (math.nan, math.nan)
+        pairs = experiment.encoder_ratios, experiment.torque_delays
         for j, joint in enumerate(names):
             slope = gears.encoder_slope(experiment, j) if experiment.both[j] else math.nan
             misfits = float(moving.nominal[j]), float(moving.free[j]), float(moving.of_motors[j])
-            ratio, delay = (
-                values.get(j, (math.nan, math.nan))
-                for values in (experiment.encoder_ratios, experiment.torque_delays)
-            )
-            checks[joint] = JointCheck(swings[j], slope, *misfits, *ratio, *delay)
+            measured = chain.from_iterable(pair.get(j, unknown) for pair in pairs)
+            checks[joint] = JointCheck(swings[j], slope, *misfits, *measured)
     return FrozenMapping(checks, "joint")

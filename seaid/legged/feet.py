@@ -29,7 +29,8 @@ from seaid._arrays import Array, BoolArray, IndexArray, runs, safely
 from seaid._files import toml_table
 from seaid.checks import CODES
 from seaid.checks.codes import Observation, in_description, observed, only_joint
-from seaid.checks.tolerances import FEW, MOST, RARE, SURE, TWICE
+from seaid.checks.engine import Alternative, equation_of
+from seaid.checks.tolerances import FEW, MATTERS, MOST, RARE, SURE, TWICE
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.fitting import with_further_columns
@@ -571,11 +572,12 @@ class LeggedFit:
 
     def sure_columns(
         self, regress: Callable[[Motion], Regression], names: Sequence[str], least: float
-    ) -> list[tuple[str, float, float]]:
-        """Return name, value and standard error of further columns that the rows do not refuse.
+    ) -> list[tuple[str, float, float, float]]:
+        """Return name, value, standard error and share of further columns that the rows show.
 
-        The value is beyond chance and larger than the `least` one that matters, of either sign.
-        Without the orientation of each base there are none.
+        The value is beyond chance and larger than the `least` one that matters, of either sign. The
+        share is the part of the squared residual that all columns explain at the rows on which they
+        act. Without the orientation of each base there are none.
         """
         if any(base.up is None for base in self.bases):
             return []
@@ -589,8 +591,14 @@ class LeggedFit:
             return []
         values, errors = larger.values[-count:], larger.standard_errors[-count:]
         sure = np.abs(values) > np.maximum(_beyond_chance(larger) * errors, least)
+        known = equation_of(self.fit).with_alternatives([Alternative(self.sensor_errors, 0)])
+        acts, after = (
+            np.any(columns != 0, axis=1),
+            known.with_alternatives([Alternative(columns, 0)]),
+        )
+        share = 1 - after.squares(acts) / max(known.squares(acts), 1e-300)
         named = zip(names, values.tolist(), errors.tolist(), strict=True)
-        return [column for column, is_sure in zip(named, sure, strict=True) if is_sure]
+        return [(*column, share) for column, is_sure in zip(named, sure, strict=True) if is_sure]
 
 
 def _beyond_chance(estimate: Estimate) -> float:
@@ -615,15 +623,21 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     def regress(motion: Motion) -> Regression:
         return radius_rows(fit.robot, motion, fit.model, fit.springs, fit.theta, fit.bodies)
 
-    for _, change_m, error_m in fit.sure_columns(regress, ("radius",), LENGTH_M):
+    for _, change_m, error_m, share in fit.sure_columns(regress, ("radius",), LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if 0 < fitted_m < largest_m:
             yield GEOMETRY.finding(
                 f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
                 f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
-                "of the contact forces would go into the bodies",
-                evidence={"radius [m]": fitted_m, "standard error [m]": error_m},
+                f"of the contact forces would go into the bodies; that explains {share:.0%} of the "
+                "squared residual",
+                severity="doubtful" if share >= MATTERS else "note",
+                evidence={
+                    "radius [m]": fitted_m,
+                    "standard error [m]": error_m,
+                    "explained": share,
+                },
                 remedy=f"load the robot with contacts of radius_m = {fitted_m:.4g}, also if the "
                 "foot is larger: a soft one touches nearer to its centre",
             )
@@ -638,12 +652,12 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
     times, least_N = ("before a landing", "after it leaves"), FEW * fit.weight_N
     pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
-        texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error in pushes]
+        texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error, _ in pushes]
         yield CONTACT_FLAGS.finding(
             f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
             f"fading within {FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
             "total mass",
-            evidence={f"{when} [N]": value for when, value, _ in pushes},
+            evidence={f"{when} [N]": value for when, value, *_ in pushes},
             remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
             "... in the description of the log), or make each flag longer by "
             f"{FOOT_TOUCHES_S:g} s at both ends",

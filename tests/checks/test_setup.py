@@ -3,6 +3,7 @@
 import ast
 import inspect
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -21,10 +22,19 @@ from seaid.log import Log
 from seaid.log.motion import reconstruct_motions
 from seaid.regressor import joint_torques
 from seaid.robot import Payload, Robot
-from tests.experiments import TEST_MASS, arm, arm_log, geared_arm_log, leg, leg_log, true_geared_arm
+from tests.experiments import (
+    MODELS,
+    TEST_MASS,
+    arm,
+    arm_log,
+    geared_arm_log,
+    leg,
+    leg_log,
+    true_geared_arm,
+)
 from tests.mistakes import CASES as SPRUNG
 from tests.mistakes import lines_of, with_channels
-from tests.plants import log_with
+from tests.plants import body, log_with
 from tests.representatives import quick_first, quick_only
 
 
@@ -46,8 +56,8 @@ def experiment(robot: Robot, log: Log) -> Experiment:
 def rough(robot: Robot, seed: int, common: float = 1.0) -> Robot:
     """Return a robot whose file is as rough as public ones: masses, centres and inertias."""
     rng, bodies = np.random.default_rng(seed), robot.parameters.reshape(-1, 10).copy()
-    for place, body in enumerate(bodies):
-        inertia = pin.Inertia.FromDynamicParameters(body)
+    for place, values in enumerate(bodies):
+        inertia = pin.Inertia.FromDynamicParameters(values)
         factor = common * np.exp(rng.normal(0, 0.3)) * (2.0 if place == len(bodies) - 1 else 1.0)
         size = max(0.02, 0.2 * float(np.linalg.norm(inertia.lever)))
         centre = inertia.lever + rng.normal(0, size, 3)
@@ -173,6 +183,30 @@ def test_an_encoder_whose_steps_are_miscounted_is_no_gear_and_no_slip(
     finding = the_mistake(rough(robot, 0), replace(log, **positions))
     assert (finding.code, finding.joint) == ("unit", joint)
     assert lines_of(finding, joint)[f"{side}_position"]["scale"] == 1 / factor
+
+
+BODY_OF_TRUNK = f'<link name="trunk">{body(0)}'
+OF_DRIVES = {"motor_torque": (-1.0, "sign"), "joint_position": (57.3, "unit"), "": (1.0, "")}
+
+
+@pytest.mark.parametrize("channel", OF_DRIVES)
+def test_a_base_that_moves_hides_no_mistake_of_a_drive_with_a_spring(
+    channel: str, tmp_path: Path
+) -> None:
+    """What acts on the load is unknown there, and the motor equation and both encoders are not."""
+    (factor, code), log, joint = OF_DRIVES[channel], leg_log(), "knee_pitch"
+    at_joint = np.where(np.isin(log.joint_names, joint), factor, 1.0)
+    if channel:
+        log = replace(log, **{channel: at_joint * getattr(log, channel)})
+    held = experiment(leg(TEST_MASS), log)
+    trunk = tmp_path / "leg.urdf"
+    text = (MODELS / "tulip_leg.urdf").read_text().replace('<link name="trunk">', BODY_OF_TRUNK)
+    trunk.write_text(text)
+    floating = load_robot(trunk, MODELS / "tulip_leg.toml", base="floating")
+    moving = replace(held, robot=floating)
+    findings = [x for x in setup_findings(moving, []) if x.severity != "note"]
+    assert [(x.code, x.joint) for x in findings] == [(code, joint)] * bool(code)
+    assert np.all(np.isnan([*moving.free, *moving.nominal]))
 
 
 NEXT_TO_IT = [("leg", "hip_pitch", 1.01), ("arm", "shoulder", 1 / 1.004)]

@@ -318,7 +318,7 @@ def test_a_ball_that_reaches_the_joint_above_it_is_no_foot(
     change_m: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The calves are 213 mm long, and their feet are balls of 22 mm."""
-    column = [("radius", change_m, 0.001)]
+    column = [("radius", change_m, 0.001, 0.9)]
     monkeypatch.setattr(LeggedFit, "sure_columns", lambda *_: column)
     nothing = np.zeros(0)
     rows: Any = None  # those of the column, which is given
