@@ -306,6 +306,24 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 
+def undecided(finding: Finding, rivals: Mapping[Finding, float]) -> Finding:
+    """Return a finding with `rivals` that explain as much {rival: how much less it explains}.
+
+    No lines are printed that only one of them supports: a measurement decides first.
+    """
+    causes = [(x.message, CODES[x.code]) for x in (finding, *rivals)]
+    texts = (f"{text} ({code.implies})" if code.implies else text for text, code in causes)
+    measures = dict.fromkeys(filter(None, (code.measurement for _, code in causes)))
+    evidence = {f"or {rival.code}": less for rival, less in rivals.items()}
+    return replace(
+        finding,
+        message="; or ".join(texts),
+        evidence={**finding.evidence, **evidence},
+        remedy=f"the log does not decide between these: {' or '.join([*measures][:2])} first",
+        certainty="possible",
+    )
+
+
 def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings in the order of `by_severity`, those of one code at many joints as one.
 

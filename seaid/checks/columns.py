@@ -279,34 +279,18 @@ def _missing_terms(
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    is_spring, rival = field == "spring", _late_instead(side, joint, accepted)
-    or_late = "; or its joint position is late, by {:.3g} s: one clock for both encoders decides"
-    or_late = "".join(map(or_late.format, rival.values()))
+    is_spring = field == "spring"
     return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
         f"{lacking}: {names} in its {field} would explain "
         # Next to other weights the residual may be larger than before.
         f"{max(share, 0.0):.0%} of the squared residual of its "
         f"{'motor' if side.is_motor else 'torque'} equation and improve the prediction of excluded "
-        f"blocks by {comparison.improvement:.0%}{or_late}",
+        f"blocks by {comparison.improvement:.0%}",
         joint,
         "doubtful" if is_spring or _matters(side, joint, trials, share) else "note",
-        {**comparison.evidence, **values, **rival, "explained": share},
+        {**comparison.evidence, **values, "explained": share},
         _lines_of_terms(side, joint, field, terms, values),
     )
-
-
-def _late_instead(side: Side, joint: str, accepted: Sequence[engine.Accepted]) -> dict[str, float]:
-    """Return the delay of a joint position that looks like damping next to more friction, if any.
-
-    A position that is late by d adds -k d times the speed of the joint, see `gears`, and damping c
-    adds c times that of the motor at the spring less that of the joint: k d = c.
-    """
-    first, encoders = accepted[0], {"motor_position", "joint_position"}
-    if first.trial.candidate.term != "damping" or not encoders <= {*side.sources.get(joint, {})}:
-        return {}
-    stiffness, _ = side.next_to(first).get("stiffness", (0.0, 0.0))
-    delay_s = float(first.coefficients[-1]) / max(stiffness, 1e-300)
-    return {"delay of the joint position instead [s]": delay_s} if stiffness > 0 else {}
 
 
 def _lines_of_terms(
@@ -441,28 +425,12 @@ def _contradicting(side: Side, joint: str) -> list[str]:
     return [name for name, is_apart in zip(alike, apart, strict=False) if is_apart]
 
 
-_AT_SPEEDS = "torques at several constant speeds show friction"
-_AT_ANGLES = "torques that hold the joint at several angles show springs and masses"
-_AT_LOADS = "deflections of the locked joint under slow loads show the law of its spring"
-
 DRIVE_CHECKS = (
-    engine.ColumnCheck(CODES["missing-term"], _friction, _missing_terms, _AT_SPEEDS),
-    engine.ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms, _AT_ANGLES),
-    engine.ColumnCheck(
-        CODES["gain-scale"],
-        _gain_scales,
-        _gain_is_scaled,
-        "a link on a scale shows whether gains or masses are wrong",
-        "gains of the controller in another unit",
-    ),
-    engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms, _AT_LOADS),
-    engine.ColumnCheck(
-        CODES["rotor-inertia"],
-        _known_rotors,
-        _rotor_is_other,
-        CODES["rotor-inertia"].measurement,
-        "another rotor inertia, or another scale of the torque",
-    ),
+    engine.ColumnCheck(CODES["missing-term"], _friction, _missing_terms),
+    engine.ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms),
+    engine.ColumnCheck(CODES["gain-scale"], _gain_scales, _gain_is_scaled),
+    engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms),
+    engine.ColumnCheck(CODES["rotor-inertia"], _known_rotors, _rotor_is_other),
 )
 """The checks of a drive, in the order in which their findings are listed."""
 

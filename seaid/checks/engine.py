@@ -359,15 +359,12 @@ class ColumnCheck(Generic[Fit]):
     """A check of an equation: `candidates` are its columns for a joint.
 
     `finding` words what was accepted of a joint, with the part of the squared residual that it
-    explains; it may find that it is nothing. `cause` names a candidate as the rival of another, by
-    its field and term, and `decision` is the measurement that separates it from its rivals.
+    explains; it may find that it is nothing.
     """
 
     code: Code
     candidates: Callable[[Fit, str], Iterable[Candidate]]
     finding: Callable[[Fit, str, Sequence[Accepted], float], Finding | None]
-    decision: str
-    cause: str = "'{term}' in its {field}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -611,7 +611,7 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
 
 
 def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float, float] | None:
-    """Return the delay of a joint position [s] and its error, None if it may be damping.
+    """Return the delay of a joint position [s] and its error, None if the torque is late instead.
 
     The speed of the joint is that of the motor less that of the deflection. Next to viscous
     friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2. An
@@ -622,9 +622,7 @@ def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float,
     stiffness, _ = refitted.get("stiffness", (0.0, 0.0))
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
     damping, error = float(late.coefficients[0]), float(late.errors[0])
-    is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
-    is_late_torque = viscous < tol.SURE * tolerance
-    if stiffness <= 0 or (is_damping if damping > 0 else is_late_torque):
+    if stiffness <= 0 or (damping < 0 and viscous < tol.SURE * tolerance):
         return None
     return damping / stiffness, error / stiffness
 
@@ -712,29 +710,9 @@ def _zero_is_off(
 
 
 GEAR_CHECKS = (
-    engine.ColumnCheck(
-        codes.CODES["transmission-error"],
-        _orders,
-        _periodic,
-        "both encoders of a joint that is slowly turned without a load show the errors of its gear",
-        "an error of the gear (order {term} of the {field})",
-    ),
-    *(
-        engine.ColumnCheck(
-            codes.CODES["delay"],
-            candidates,
-            _is_late,
-            "channels that are stamped by one clock have no delay",
-            f"a {channel} that is late or early",
-        )
-        for channel, candidates in (("torque", _late_torque), ("position", _late_position))
-    ),
-    engine.ColumnCheck(
-        codes.CODES["encoder-offset"],
-        _zeros,
-        _zero_is_off,
-        "a spirit level or a stop shows the zero of a joint",
-        "a zero of the joint that is not that of the robot file",
-    ),
+    engine.ColumnCheck(codes.CODES["transmission-error"], _orders, _periodic),
+    engine.ColumnCheck(codes.CODES["delay"], _late_torque, _is_late),
+    engine.ColumnCheck(codes.CODES["delay"], _late_position, _is_late),
+    engine.ColumnCheck(codes.CODES["encoder-offset"], _zeros, _zero_is_off),
 )
 """The checks of a gear and its sensors, in the order in which their findings are listed."""

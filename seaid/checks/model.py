@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import engine
-from seaid.checks.codes import CODES, as_note, guarded, joints_of
+from seaid.checks.codes import CODES, as_note, guarded, joints_of, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
@@ -83,13 +83,7 @@ def _is_another_set_up(
 
 COLUMN_CHECKS = (
     *(*DRIVE_CHECKS, *GEAR_CHECKS),
-    engine.ColumnCheck(
-        CODES["logs-differ"],
-        _other_set_ups,
-        _is_another_set_up,
-        "each log identified alone shows its set-up",
-        "log {term} of another set-up",
-    ),
+    engine.ColumnCheck(CODES["logs-differ"], _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""
 
@@ -151,35 +145,27 @@ def _with_effect(side: Side, finding: Finding, accepted: Sequence[engine.Accepte
 
 
 def _with_rivals(side: Side, finding: Finding, accepted: Sequence[engine.Accepted]) -> Finding:
-    """Return a finding with the causes that explain as much, and what decides between them.
+    """Return a finding with the causes that explain as much, and what decides between them."""
+    rivals = dict[Finding, float]()
+    for best in accepted:
+        for trial in best.rivals:
+            if other := _found_alone(side, trial):
+                rivals[other] = best.trial.comparison.bic - trial.comparison.bic
+    return undecided(finding, rivals) if rivals else finding
 
-    Lines that only one of the causes supports would mislead. What would be nothing if it were
-    accepted in place of the others is no cause.
+
+def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
+    """Return the finding of a candidate that alone is accepted into the equation of the fit.
+
+    What would be nothing in place of the others is no rival of them.
     """
-    rivals = [rival for x in accepted for rival in x.rivals if _would_be_named(side, rival)]
-    if not rivals:
-        return finding
-    causes, decisions = dict[tuple[str, str, str], str](), dict[str, None]()
-    for trial in [*(x.trial for x in accepted), *rivals]:
-        candidate = trial.candidate
-        field = candidate.field.replace("_", " ")
-        causes[candidate.name] = candidate.about.cause.format(term=candidate.term, field=field)
-        decisions[candidate.about.decision] = None
-    return replace(
-        finding,
-        message=f"{finding.message}. The log does not decide between "
-        f"{' and '.join(causes.values())}: each explains as much",
-        remedy=f"a measurement decides: {'; '.join(decisions)}",
-    )
-
-
-def _would_be_named(side: Side, trial: engine.Trial) -> bool:
-    """Whether a candidate is a finding if it alone is accepted into the equation of the fit."""
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     alone = engine.Accepted(trial, *larger.last(alternative.columns.shape[1]))
-    finding = candidate.about.finding(side, candidate.joint, [alone], trial.comparison.share)
-    return finding is not None
+    finding: Finding | None = candidate.about.finding(
+        side, candidate.joint, [alone], trial.comparison.share
+    )
+    return finding
 
 
 def without_setup_echoes(

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, combinations
 from operator import attrgetter
@@ -25,7 +25,16 @@ from scipy.special import chdtri
 from seaid._arrays import Array, FrozenMapping
 from seaid.checks import bodies, channels, commands, gears
 from seaid.checks import tolerances as tol
-from seaid.checks.codes import AS_GIVEN, CODES, Code, Observation, guarded, in_drives, observed
+from seaid.checks.codes import (
+    AS_GIVEN,
+    CODES,
+    Code,
+    Observation,
+    guarded,
+    in_drives,
+    observed,
+    undecided,
+)
 from seaid.checks.experiment import (
     KINDS,
     Experiment,
@@ -229,23 +238,17 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
         )
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
-    remedy = transform.lines
-    if rivals:
-        evidence |= {f"or {x.transform.code.name}": best.total - x.total for x in rivals}
-        causes = [replace(transform, message=message), *(rival.transform for rival in rivals)]
-        message = "; or ".join(map(_with_implication, causes))
-        measures = list(dict.fromkeys(cause.code.measurement for cause in causes))
-        remedy = f"the log does not decide between these: {' or '.join(measures[:2])} first"
-        certainty = "possible"
-    return transform.code.finding(
-        message, transform.joint, severity, evidence, remedy, certainty, transform.joints
+    finding = transform.code.finding(
+        message,
+        transform.joint,
+        severity,
+        evidence,
+        transform.lines,
+        certainty,
+        transform.joints,
     )
-
-
-def _with_implication(transform: Transform) -> str:
-    """Return the message of a mistake with what follows if it is the cause."""
-    implies = transform.code.implies
-    return f"{transform.message} ({implies})" if implies else transform.message
+    others = {x.transform.code.finding(x.transform.message): best.total - x.total for x in rivals}
+    return undecided(finding, others) if others else finding
 
 
 def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
