@@ -97,6 +97,12 @@ _OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed"
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
+_OF_INSTANTS = (
+    *("time", "motor", "joint", "direction", "torque", "torque_rate", "sensed", "unscaled"),
+    "counted",
+)
+"""Fields (..., R, k) with a value for each instant."""
+
 Value = TypeVar("Value")
 
 _FIELDS_OF: dict[str, frozenset[str]] = {}
@@ -186,13 +192,33 @@ class Experiment:
         vars(changed).update(stays)
         return changed
 
-    def described_as(self, sources: Sources) -> Experiment:
-        """Return the experiment whose descriptions have other sources of some quantities."""
+    def described_as(self, sources: Sources, number: int | None = None) -> Experiment:
+        """Return the experiment whose description has other sources of some quantities.
+
+        That is the description of one log by its number, or that of all.
+        """
         described = (
             {joint: {**entries, **sources.get(joint, {})} for joint, entries in log.items()}
-            for log in self.sources
+            if number in (None, place)
+            else log
+            for place, log in enumerate(self.sources)
         )
         return self.with_changes(sources=tuple(described))
+
+    def of_log(self, number: int) -> Experiment:
+        """Return the experiment at the instants of one log."""
+        rows = self.log == number
+        parts = {name: getattr(self, name)[..., rows, :] for name in _OF_INSTANTS}
+        return self.with_changes(log=self.log[rows], sources=(self.sources[number],), **parts)
+
+    def with_log(self, before: Experiment, after: Experiment) -> Experiment:
+        """Return the experiment after a change of one log, whose instants are those `before`."""
+        changes, rows = dict[str, Array](), self.log == before.log[0]
+        for name in _OF_INSTANTS:
+            if getattr(before, name) is not getattr(after, name):
+                changes[name] = getattr(self, name).copy()
+                changes[name][..., rows, :] = getattr(after, name)
+        return self.with_changes(**changes)
 
     def with_channels(self, channels: str, change: Callable[[Array], Array]) -> Experiment:
         """Return the experiment after a change of the arrays (..., n) of channels q, m, t and s."""
@@ -1007,7 +1033,8 @@ class Transform:
     `penalty`: number of fitted values, of the log likelihood as Akaike counts them, and less than
     one for what is unusual. `joints`: all that are concerned, where it names none or several.
     `channels`: q, m, t and s that it multiplies. `sources` are what changes in the description of
-    the log; its lines stand before the `remedy`.
+    the log; its lines stand before the `remedy`. `log` is the number of the log, from 0, of a
+    mistake that the others do not have.
     """
 
     code: Code
@@ -1021,11 +1048,13 @@ class Transform:
     joints: tuple[str, ...] = ()
     channels: str = ""
     sources: Sources = field(default_factory=dict)
+    log: int | None = None
 
     @property
     def lines(self) -> str:
         """The whole remedy as text."""
-        described = in_description(self.sources) if self.sources else ""
+        log = "the log" if self.log is None else f"log {self.log + 1}"
+        described = in_description(self.sources, log) if self.sources else ""
         return "\n".join(filter(None, [described, self.remedy]))
 
 

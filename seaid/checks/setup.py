@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
 from operator import attrgetter
@@ -171,7 +171,7 @@ def mistakes(
         findings.append(_finding(best, rivals))
         experiment = best.transform.changed
         if not rivals:  # the lines of the next mistake in a channel then contain those of this one
-            experiment = experiment.described_as(best.transform.sources)
+            experiment = experiment.described_as(best.transform.sources, best.transform.log)
         # The file is contradicted as a whole: nothing else is compared with its bodies.
         if best.transform.code == CODES["nominal-values"]:
             experiment = experiment.with_changes(bodies=np.full_like(experiment.bodies, np.nan))
@@ -187,6 +187,23 @@ def transforms(
             with guarded(code, notes):
                 if is_shown(experiment):
                     yield from generator(experiment)
+                    yield from _in_single_logs(experiment, generator)
+
+
+def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Transform]:
+    """Yield mistakes in the description of a log that the other logs do not have.
+
+    With these the log has another model, so that any bodies, a spring or a gear leave something.
+    """
+    logs = np.unique(experiment.log).tolist()
+    is_apart = any(_is_off(experiment, kind, tol.SLIGHT) for kind in _DIRECT)
+    for number in logs if len(logs) > 1 and is_apart else ():
+        alone = experiment.of_log(number)
+        for transform in generator(alone) if len(alone.log) >= tol.FEWEST_INSTANTS else ():
+            if transform.sources:
+                message = f"in log {number + 1} {transform.message}"
+                changed = experiment.with_log(alone, transform.changed)
+                yield replace(transform, message=message, changed=changed, log=number)
 
 
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
@@ -265,9 +282,10 @@ def _rivals(trials: Sequence[_Trial]) -> list[_Trial]:
     return list(rivals.values())
 
 
-def _subject(transform: Transform) -> tuple[Code, str, bool, bool]:
-    """Return code, joint, and whether a transform changes a torque sensor, or places, alone."""
-    return transform.code, transform.joint, transform.channels == "s", not transform.channels
+def _subject(transform: Transform) -> tuple[Code, str, int | None, bool, bool]:
+    """Return code, joint, log, and whether a transform changes torque sensors, or places, alone."""
+    channels = transform.channels
+    return transform.code, transform.joint, transform.log, channels == "s", not channels
 
 
 _OF_VALUES = (

@@ -33,7 +33,7 @@ from tests.experiments import (
     true_geared_arm,
 )
 from tests.mistakes import CASES as SPRUNG
-from tests.mistakes import lines_of, with_channels
+from tests.mistakes import lines_of, of_joint, with_channels
 from tests.plants import body, log_with
 from tests.representatives import quick_first, quick_only
 
@@ -183,6 +183,31 @@ def test_an_encoder_whose_steps_are_miscounted_is_no_gear_and_no_slip(
     finding = the_mistake(rough(robot, 0), replace(log, **positions))
     assert (finding.code, finding.joint) == ("unit", joint)
     assert lines_of(finding, joint)[f"{side}_position"]["scale"] == 1 / factor
+
+
+IN_ONE_LOG = {
+    "sign": {"motor_torque": -1.0},
+    "torque-scale": {"motor_torque": 1.3},
+    "unit": {"motor_position": 180 / np.pi, "joint_position": 180 / np.pi},
+    "": {},
+}
+"""{code: factors on the channels of a joint in the second of two logs}."""
+
+
+@pytest.mark.parametrize(("case", "joint"), [("leg", "knee_pitch"), ("arm", "shoulder")])
+@pytest.mark.parametrize("code", quick_first([*IN_ONE_LOG]))
+def test_a_mistake_in_one_of_two_logs_is_named_with_its_number(
+    case: str, joint: str, code: str
+) -> None:
+    robot = rough(CASES[case][0](), 0)
+    logs = [CASES[case][1](seed) for seed in (1, 2)]
+    wrong = of_joint(logs[1], robot.index(joint), **IN_ONE_LOG[code])
+    both = experiment_of(robot, [reconstruct_motions(robot, log) for log in (logs[0], wrong)])
+    findings = [x for x in mistakes(both)[0] if x.severity != "note"]
+    assert [(x.code, x.joint) for x in findings] == [(code, joint)] * bool(code)
+    for finding in findings:
+        assert finding.message.startswith("in log 2 ")
+        assert "in the description of log 2:" in finding.remedy
 
 
 BODY_OF_TRUNK = f'<link name="trunk">{body(0)}'
