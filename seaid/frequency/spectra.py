@@ -363,7 +363,7 @@ def _by_segments(
             signals[:, None], signals[None], 1 / record.step_s, nperseg=length, detrend="linear"
         )
         sums.append(cross)
-    # csd(x, y) is the mean of conj(X) Y; S_uu^T G^T = S_uy
+    # csd(x, y) is the mean of conj(X) Y: S_uu G^T = S_uy, and G S_yu^T is the explained power.
     S = np.moveaxis(np.sum(sums, axis=0), -1, 0)
     kept = (hz >= spectra.hz[0]) & (hz <= spectra.hz[-1]) & (hz > 0)
     S = S[kept]
@@ -371,7 +371,7 @@ def _by_segments(
     G = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, y]), 1, 2)
     joint = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, q]), 1, 2)
     power = np.real(np.einsum("fii->fi", S[:, y, y]))
-    explained = np.real(np.einsum("fij,fji->fi", G, S[:, u, y]))
+    explained = np.real(np.einsum("fij,fij->fi", G, S[:, y, u]))
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
     averages = len(records) * _SEGMENTS * 0.6  # of half overlapping Hann windows (Welch 1967)
     inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
