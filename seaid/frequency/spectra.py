@@ -373,7 +373,9 @@ def _by_segments(
     power = np.real(np.einsum("fii->fi", S[:, y, y]))
     explained = np.real(np.einsum("fij,fij->fi", G, S[:, y, u]))
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
-    averages = len(records) * _SEGMENTS * 0.6  # of half overlapping Hann windows (Welch 1967)
+    # Hann windows that overlap by half correlate by 1/6, which leaves 0.95 of the averages: of K
+    # segments K / (1 + 2 (1 - 1/K) / 6^2) count (Welch 1967).
+    averages = len(records) * _SEGMENTS / (1 + 2 * (1 - 1 / _SEGMENTS) / 6**2)
     inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
     unexplained = power * (1 - coherence) / max(averages - n, 1.0)
     total = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])

@@ -31,3 +31,17 @@ def test_the_coherence_does_not_depend_on_the_phase_of_the_response(delay: int) 
     response = approximation(record(torque, np.roll(torque, delay)))
     assert np.abs(response.motor) == pytest.approx(1.0, abs=0.05)
     assert np.all(response.coherence > 0.99)
+
+
+@pytest.mark.parametrize(("logs", "n"), [(1, 1), (1, 3), (3, 2)])
+def test_total_std_of_segments_is_the_spread_of_the_response(logs: int, n: int) -> None:
+    rng = np.random.default_rng(logs + 10 * n)
+    truth = np.eye(n) + 0.3 * rng.normal(size=(n, n))
+    errors, variances = [], []
+    for _ in range(60):
+        torques = rng.normal(size=(logs, 1152, n))
+        motors = torques @ truth.T + rng.normal(size=torques.shape)
+        response = approximation(*map(record, torques, motors))
+        errors.append(np.abs(response.motor - truth) ** 2)
+        variances.append(response.total**2)
+    assert 0.93 < np.sqrt(np.mean(variances) / np.mean(errors)) < 1.1
