@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 import scipy  # reports import this module, and `scipy.signal` takes half a second
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from seaid._arrays import Array, BoolArray, safely
@@ -43,8 +43,9 @@ STICKS, _STILL = 0.01, 1e-3
 rounding."""
 
 _QUIET = 0.02
-"""Noise of the differences of the angle, over their standard deviation, up to which they show the
-reversals; above, a smoothed speed does, which is late since speeds have a kink at a reversal."""
+"""Share of the standard deviation of the speed. Up to this noise the differences of the angle show
+the reversals. Above it a smoothed speed does, which shows them late, since speeds have a kink at a
+reversal; what it has below the same share is taken as noise."""
 
 _SEGMENTS = 8
 """Segments of a log without periods, half overlapping (Welch)."""
@@ -89,13 +90,17 @@ class Spectra:
 
 @dataclass(frozen=True, eq=False)
 class Approximation:
-    """Responses (F, n, n) at the joints, their standard deviations, and the coherence (F, n)."""
+    """Responses (F, n, n) at the joints, their standard deviations, and the coherence (F, n).
+
+    `noise_std` is from what differs between periods, `total_std` has the nonlinear distortion too.
+    They are NaN where the logs do not show them.
+    """
 
     hz: Array
     motor: Array
     joint: Array | None
-    noise: Array
-    total: Array
+    noise_std: Array
+    total_std: Array
     coherence: Array
 
 
@@ -106,35 +111,51 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
     """
     time = log.time
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    torque = log.motor_torque * ratio
     motor = log.motor_position / ratio
     joint = at_drives(robot.transmission, log.joint_position)
-    values = np.stack([torque, motor, joint])
+    values = np.stack([log.motor_torque * ratio, motor, joint])
     uneven = float(np.max(np.abs(np.diff(time) - step))) > 1e-3 * step
     if period_s is None:
-        if uneven:
-            values = _resampled(time, values, np.linspace(time[0], time[-1], len(time)))
-        shaped = values[:, None].copy()
-        # a jump from the end to the start would alias; a line acts as 1/s does
-        line = np.linspace(0.0, 1.0, len(time))[:, None]
-        shaped[1:] -= shaped[1:, :, :1] + line * (shaped[1:, :, -1:] - shaped[1:, :, :1])
+        shaped = _detrended(time, values, uneven)
     else:
-        count = round(period_s / step)
-        periods = round_down((len(time) * step) / period_s)
-        kept = periods - 1 if periods >= 3 else periods
-        if uneven or abs(count * step - period_s) > 1e-6 * period_s:
-            step = period_s / count
-            end = time[-1] + (0.0 if len(time) * step > periods * period_s else step)
-            values = _resampled(time, values, end - step * np.arange(kept * count, 0, -1))
-        else:
-            spare = len(time) - periods * count  # one sample: the end, which is the start again
-            first = (0 if spare <= 1 else spare) + (periods - kept) * count
-            values = values[:, first : first + kept * count]
-        shaped = values.reshape(3, kept, count, -1)
-    flat = np.nan_to_num((motor if period_s is None else shaped[1]).reshape(-1, shaped.shape[-1]))
+        shaped, step = _whole_periods(time, values, period_s, step, uneven)
+    # The reversals are those of the measured angle, not of the angle without its line.
+    angles = motor if period_s is None else shaped[1]
+    flat = np.nan_to_num(angles.reshape(-1, shaped.shape[-1]))
     sign = np.stack([_friction_sign(angle) for angle in flat.T], axis=1).reshape(shaped[1].shape)
     posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
     return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
+
+
+def _detrended(time: Array, values: Array, uneven: bool) -> Array:
+    """Return values (3, T, n) as one period (3, 1, T, n), angles less the line between their ends.
+
+    A jump of an angle from its end to its start would alias; a line acts as 1/s does.
+    """
+    if uneven:
+        values = _resampled(time, values, np.linspace(time[0], time[-1], len(time)))
+    shaped = values[:, None].copy()
+    line = np.linspace(0.0, 1.0, len(time))[:, None]
+    shaped[1:] -= shaped[1:, :, :1] + line * (shaped[1:, :, -1:] - shaped[1:, :, :1])
+    return shaped
+
+
+def _whole_periods(
+    time: Array, values: Array, period_s: float, step: float, uneven: bool
+) -> tuple[Array, float]:
+    """Return values (3, T, n) in whole periods (3, P, N, n) up to the end, and their step [s]."""
+    count = round(period_s / step)
+    periods = round_down((len(time) * step) / period_s)
+    kept = periods - 1 if periods >= 3 else periods
+    if uneven or abs(count * step - period_s) > 1e-6 * period_s:
+        step = period_s / count
+        end = time[-1] + (0.0 if len(time) * step > periods * period_s else step)
+        values = _resampled(time, values, end - step * np.arange(kept * count, 0, -1))
+    else:
+        spare = len(time) - periods * count  # one sample: the end, which is the start again
+        first = (0 if spare <= 1 else spare) + (periods - kept) * count
+        values = values[:, first : first + kept * count]
+    return values.reshape(3, kept, count, -1), step
 
 
 def motor_rates(angle: Array) -> tuple[Array, Array]:
@@ -149,7 +170,8 @@ def _friction_sign(angle: Array) -> Array:
     Each sample has the mean of the intervals before and after it.
     """
     moved = np.diff(angle)
-    noise = np.sqrt(2 / 70) * np.std(np.diff(angle, 4))  # 70: sum of the squares of 1 4 6 4 1
+    # Of white noise of variance v the fourth differences have 70 v, the first ones 2 v.
+    noise = np.sqrt(2 / 70) * np.std(np.diff(angle, 4))
     if noise > _QUIET * np.std(moved):
         speed = motor_rates(angle)[0]
         moved = 0.5 * (speed[1:] + speed[:-1])
@@ -286,19 +308,20 @@ def approximation_of(
     measured = bool(np.all(np.isfinite(spectra.joint)))
     joint = _responses(U, spectra.joint.mean(axis=1), few)[0] if measured else None
     residual = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
-    noise = np.full((L, n), np.nan)
+    noise_variance = np.full((L, n), np.nan)
     if P > 1:
         # of the mean over P periods, from what differs between them
         differs = residual - residual.mean(axis=1, keepdims=True)
         power = np.sum(np.abs(differs) ** 2, axis=(0, 1)) / (E * (P - 1) * P)
-        noise = uniform_filter1d(power, NEAR, axis=0)
-    total = _total(spectra, motor, residual.mean(axis=1), E - n if not few else 0)
+        noise_variance = uniform_filter1d(power, NEAR, axis=0)
+    total_variance = _total_variance(spectra, motor, residual.mean(axis=1), max(E - n, 0))
+    total_variance = np.fmax(total_variance, noise_variance)  # the larger one that is not NaN
     with np.errstate(invalid="ignore"):
-        total = np.where(np.isnan(total), noise, np.fmax(total, np.nan_to_num(noise)))
         power = np.mean(np.abs(Y) ** 2, axis=0)
-        coherence = np.clip(1 - total / np.maximum(power, 1e-300), 0.0, 1.0)
-        spread = [np.sqrt(power[:, :, None] * gram[:, None, :]) for power in (noise, total)]
-    return Approximation(spectra.hz, motor, joint, spread[0], spread[1], coherence)
+        coherence = np.clip(1 - total_variance / np.maximum(power, 1e-300), 0.0, 1.0)
+        variances = noise_variance, total_variance
+        noise_std, total_std = (np.sqrt(x[:, :, None] * gram[:, None, :]) for x in variances)
+    return Approximation(spectra.hz, motor, joint, noise_std, total_std, coherence)
 
 
 def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
@@ -320,7 +343,7 @@ def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
     return G, gram
 
 
-def _total(spectra: Spectra, motor: Array, residual: Array, spare: int) -> Array:
+def _total_variance(spectra: Spectra, motor: Array, residual: Array, spare: int) -> Array:
     """Return the variance (L, n) of what the linear response leaves, averaged over near lines.
 
     `residual` is (E, L, n). With logs to spare it is that between realisations, else that at lines
@@ -332,21 +355,16 @@ def _total(spectra: Spectra, motor: Array, residual: Array, spare: int) -> Array
     if len(spectra.unexcited_hz) < _FEWEST_LINES:
         return np.full((L, n), np.nan)
     U, Y = spectra.unexcited.mean(axis=2)
-    index = np.arange(L)
-    between = np.stack(
-        [
-            np.interp(spectra.unexcited_hz, spectra.hz, part[:, i, j])
-            for part in (motor.real, motor.imag)
-            for i in index[:n]
-            for j in index[:n]
-        ]
-    ).reshape(2, n, n, -1)
-    G = np.moveaxis(between[0] + 1j * between[1], -1, 0)
+    G = _at_lines(spectra.unexcited_hz, spectra.hz, motor)
     # Distortion is what the torque at these lines does not cause linearly.
     power = np.mean(np.abs(Y - np.einsum("fij,efj->efi", G, U)) ** 2, axis=0)
     smooth = uniform_filter1d(power, 2 * NEAR, axis=0)
-    columns = [np.interp(spectra.hz, spectra.unexcited_hz, smooth[:, i]) for i in range(n)]
-    return np.stack(columns, axis=1)
+    return _at_lines(spectra.hz, spectra.unexcited_hz, smooth)
+
+
+def _at_lines(wanted: Array, hz: Array, values: Array) -> Array:
+    """Return values (L, ...) at other frequencies: linear between lines, constant beyond them."""
+    return np.asarray(make_interp_spline(hz, values, k=1)(np.clip(wanted, hz[0], hz[-1])))
 
 
 def _by_segments(
@@ -378,8 +396,8 @@ def _by_segments(
     averages = len(records) * _SEGMENTS / (1 + 2 * (1 - 1 / _SEGMENTS) / 6**2)
     inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
     unexplained = power * (1 - coherence) / max(averages - n, 1.0)
-    total = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])
+    total_std = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])
     measured = bool(np.all(np.isfinite(spectra.joint)))
     return Approximation(
-        hz[kept], G, joint if measured else None, np.full_like(total, np.nan), total, coherence
+        hz[kept], G, joint if measured else None, np.nan * total_std, total_std, coherence
     )

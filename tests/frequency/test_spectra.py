@@ -43,5 +43,5 @@ def test_total_std_of_segments_is_the_spread_of_the_response(logs: int, n: int) 
         motors = torques @ truth.T + rng.normal(size=torques.shape)
         response = approximation(*map(record, torques, motors))
         errors.append(np.abs(response.motor - truth) ** 2)
-        variances.append(response.total**2)
+        variances.append(response.total_std**2)
     assert 0.93 < np.sqrt(np.mean(variances) / np.mean(errors)) < 1.1
