@@ -46,7 +46,11 @@ _PER_DEGREE = math.pi / 180.0
 
 @dataclass(frozen=True)
 class _Request:
-    """What is written where: the robot at one temperature, and its actuators."""
+    """What is written where.
+
+    The robot is at its own temperature, because `write_mjcf` and `write_urdf` convert it; the
+    actuators are those at `temperature_degC`.
+    """
 
     robot: Robot
     actuators: tuple[JointActuator, ...]
@@ -79,11 +83,16 @@ class WrittenModel(Display):
 
 
 _Written = tuple[Path | None, tuple[str, ...]]
+"""The TOML of the drives, or None, and the notes."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its title, the suffix of its files, its writer, and the `EFFECTS` it can hold."""
+    """A format: its title, the suffix of its files, its writer, and the `EFFECTS` it can hold.
+
+    Where it `has_bodies`, these are in the file too. A delay `in_steps` is a whole number of time
+    steps. Where it `limits_offsets`, its torque limit cuts off a friction offset too.
+    """
 
     title: str
     suffix: str
@@ -150,9 +159,7 @@ def write_model(
     robot = reference.at_temperature(at_temperature_degC)
     kind = FORMATS[format or by_suffix(path)]
     # The TOML has drives with unknown values as they are; every other format needs numbers.
-    actuators = actuators_of(robot, is_complete=kind.holds != _IN_TOML)
-    # The robot at its own temperature, because write_mjcf and write_urdf change it themselves,
-    # while the actuators are already those at the temperature that was asked for.
+    actuators = actuators_of(robot, is_complete=kind.write is not _urdf)
     request = _Request(reference, actuators, path, time_step_s, force, at_temperature_degC)
     drives, notes = kind.write(request)
     lost = lost_effects(robot, actuators, kind.title, kind.holds)
@@ -166,7 +173,7 @@ def write_model(
 
 
 def by_suffix(path: Path) -> FormatName:
-    """Return the format of a file that no one named."""
+    """Return the format that the suffix of a path stands for."""
     suffixes: Mapping[str, FormatName] = {".xml": "mjcf", ".usda": "usd"}
     return suffixes.get(path.suffix.lower(), "urdf")
 
@@ -232,10 +239,6 @@ def _mjcf(request: _Request) -> _Written:
     return None, written.notes
 
 
-def _name_of(element: Element) -> str:
-    return element.attributes.get("name", "")
-
-
 def _rigid_dynamics(text: bytes, root: Element, request: _Request) -> list[Edit]:
     """Return the edits that write the friction of elastic drives as of rigid ones."""
     joints, edits = root.named("joint"), []
@@ -251,11 +254,10 @@ def _drake(request: _Request) -> _Written:
     """Write the URDF with the transmissions of Drake: gear ratio, rotor inertia, gains."""
 
     def more(text: bytes, root: Element) -> list[Edit]:
-        names, edits = {actuator.joint for actuator in request.actuators}, []
-        for old in (child for child in root.children if child.tag == "transmission"):
-            moved = [_name_of(child) for child in old.children if child.tag == "joint"]
-            # A second transmission of a joint would be a second actuator.
-            edits += [without(text, old)] if {*moved} & names else []
+        names = {actuator.joint for actuator in request.actuators}
+        transmissions = [child for child in root.children if child.tag == "transmission"]
+        # A second transmission of a joint would be a second actuator.
+        edits = [without(text, x) for x in transmissions if x.named("joint").keys() & names]
         # expat resolves namespaces and reports no xmlns attributes: only the text has them.
         if "xmlns:drake" not in root.attributes and b"xmlns:drake" not in text[: root.inside]:
             edits.append(with_start(text, root, {"xmlns:drake": "http://drake.mit.edu"}))
@@ -280,14 +282,14 @@ def _drake_transmission(actuator: JointActuator) -> bytes:
 _PASSIVE = frozenset({"armature", "viscous friction", "dry friction"})
 _ACTIVE = _PASSIVE | {"gains", "torque limit"}
 _CONSTANT = frozenset({"friction offset", "feed-forward"})
-_MOST = _ACTIVE | _CONSTANT | {"delay", "spring", "parallel spring", "coupled drives"}
-_IN_TOML = _MOST | {"Stribeck friction", "other terms"}
-"""Of a URDF, whose drives are whole in the TOML next to it, for seaid."""
+_IN_MJCF = _ACTIVE | _CONSTANT | {"delay", "spring", "parallel spring", "coupled drives"}
+_IN_TOML = _IN_MJCF | {"Stribeck friction", "other terms"}
+"""Effects of a URDF together with the TOML of its drives, which seaid reads."""
 
 _OF_DRAKE = frozenset({"armature", "viscous friction", "gains"})
 
 FORMATS: Mapping[FormatName, Format] = {
-    "mjcf": Format("MuJoCo", ".xml", _mjcf, _MOST, has_bodies=True),
+    "mjcf": Format("MuJoCo", ".xml", _mjcf, _IN_MJCF, has_bodies=True),
     "urdf": Format("URDF with the TOML of its drives", ".urdf", _urdf, _IN_TOML, has_bodies=True),
     "isaaclab": Format(
         "Isaac Lab", ".py", _by_template("isaaclab.py.j2"), _ACTIVE | {"delay"}, in_steps=True
