@@ -213,20 +213,20 @@ class Constraints:
         rows += [unit[bus.places[0]] for bus in stated]
         return cls(groups, np.reshape(rows, (len(rows), p)), b, stds)
 
-    def solution(self, white: Array) -> tuple[Array, Array]:
+    def solution(self, covariance: Array) -> tuple[Array, Array]:
         """Return P (p, p) and G (p, c) for a covariance (p, p)."""
         A = self.A
-        variance = A @ white @ A.T
+        variance = A @ covariance @ A.T
         # Stiffness and rotor inertia differ by many powers of ten: the rank is that of scaled rows.
         scale = np.sqrt(np.maximum(np.diag(variance), np.finfo(float).tiny))
         scaled = variance / np.outer(scale, scale)
         inverse = safely(np.linalg.pinv, scaled, what="the shared parameters", hermitian=True)
-        G = white @ A.T @ (inverse / np.outer(scale, scale))
-        return np.eye(len(white)) - G @ A, G
+        G = covariance @ A.T @ (inverse / np.outer(scale, scale))
+        return np.eye(len(covariance)) - G @ A, G
 
-    def applied(self, estimate: Estimate, white: Array) -> Estimate:
+    def applied(self, estimate: Estimate, white_covariance: Array) -> Estimate:
         """Return an estimate under the constraints."""
-        P, G = self.solution(white)
+        P, G = self.solution(white_covariance)
         of_data, spread = P @ estimate.covariance @ P.T, G * self.stds
         covariance = of_data + spread @ spread.T
         freedom, errors = estimate.degrees_of_freedom, estimate.white_standard_errors
@@ -236,14 +236,22 @@ class Constraints:
                 freedom = freedom * (np.diag(covariance) / np.diag(of_data)) ** 2
             freedom = np.where(np.isfinite(freedom), freedom, np.inf)
         if errors is not None:
-            ratio = np.diag(P @ white @ P.T) / np.maximum(np.diag(white), 1e-300)
+            white = np.diag(P @ white_covariance @ P.T)
+            ratio = white / np.maximum(np.diag(white_covariance), 1e-300)
             errors = errors * np.sqrt(np.maximum(ratio, 0.0))
-        values, stated = P @ estimate.values + G @ self.b, np.count_nonzero(self.A, axis=1) == 1
+        values = P @ estimate.values + G @ self.b
+        # A row with one entry states a value (that of a bus), one with two entries an equality.
+        stated = np.count_nonzero(self.A, axis=1) == 1
         values[np.argmax(self.A[stated], axis=1)] = self.b[stated]
         for places in self.equal:  # the same, and not only but for rounding
             values[places] = values[places[0]]
-            if freedom is not None:  # the mean of several has at least that of the best one
-                freedom[places] = np.max(freedom[places])
+            if freedom is not None:
+                # Parts v of the variance have errors of v sqrt(2 / freedom). Their sum has at most
+                # the sum of these, exactly so if all are of one fit. Welch and Satterthwaite, for
+                # parts that do not depend on each other, would have more degrees of freedom.
+                parts = P[places[0], places] ** 2 * np.diag(estimate.covariance)[places]
+                error = np.sum(parts / np.sqrt(freedom[places]))
+                freedom[places] = (np.sum(parts) / error) ** 2 if error > 0 else np.inf
         return replace(
             estimate,
             values=values,
@@ -256,8 +264,9 @@ class Constraints:
 def shared_parameters(
     estimate: Estimate, groups: Mapping[ParameterName, Sequence[int]], independent: float
 ) -> tuple[SharedParameter, ...]:
-    """Return what {shared parameter: its places} of an estimate without constraints show.
+    """Return the values of each group before they are made equal, with a test of their equality.
 
+    `groups` are {shared parameter: its places} in an estimate without constraints.
     `independent` is the number of independent rows of the estimate.
     """
     shared, p = [], len(estimate.names)
