@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 import re
 import subprocess
 import sys
@@ -51,6 +52,7 @@ MAKES_ITS_FILES = ("README.md", "docs/first_result.md", "docs/paper.md")
 MAKES_THE_LOGS = "docs/first_result.md"
 LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
 TITLE = re.compile(r"^#{1,4} (.+)$", re.MULTILINE)
+PLACE = re.compile(r"`(seaid(?:\.[A-Za-z_]\w*)+)`")
 REFERENCE = re.compile(r"^\.\. auto\w+:: seaid\.(\S+)$", re.MULTILINE)
 
 
@@ -201,6 +203,14 @@ def test_links_and_pictures_are_there(name: str) -> None:
         assert there.exists(), f"{name}: {target}"
         if anchor:
             assert anchor in anchors(there), f"{name}: {target}"
+
+
+def test_places_in_the_code_that_pages_name_exist() -> None:
+    """`seaid.drives.drives.deflection` is an attribute of a module, or of a type in one."""
+    texts = [page.read_text("utf-8") for page in (*PAGES.values(), ROOT / "CONTRIBUTING.md")]
+    named = {name for text in texts for name in PLACE.findall(text)} - {"seaid.toml"}
+    for name in named:
+        pkgutil.resolve_name(name)
 
 
 def test_everything_public_is_in_the_reference() -> None:

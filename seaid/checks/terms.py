@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, Drive, ParameterName, unit_of
-from seaid.drives.drives import term_fields
+from seaid.drives.drives import deflection, term_fields
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, key_of
 from seaid.errors import IdentificationError, RobotError
@@ -318,9 +318,8 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
         signals = [regression.actuator_equation(robot, motion, joint)[1] for motion in motions]
         angles = ([x[name] for x in signals] for name in ("theta_M", "theta_L"))
         motor, load = map(np.concatenate, angles)
-        # The deflection of (3), r_M / N theta_M - r_L theta_L.
-        stretch = drive.motor_radius / drive.ratio * motor - drive.load_radius * load
-        low, high = float(np.min(stretch)), float(np.max(stretch))
+        reached = deflection(drive, motor, load)
+        low, high = float(np.min(reached)), float(np.max(reached))
         middle, reach = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
     return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), middle, reach)
 

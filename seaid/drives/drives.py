@@ -12,9 +12,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from itertools import chain, product
-from typing import Any, ClassVar, Self, TypeVar, get_args
+from typing import Any, ClassVar, Self, get_args
 
-from seaid._arrays import FrozenMapping, number
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping, number
 from seaid._progress import Display
 from seaid.drives.angle_ratio import AngleRatio
 from seaid.drives.controller import DELAY_PARAMETER, Controller
@@ -187,9 +189,7 @@ def _check_motor_input(drive: Drive) -> None:
     inputs = get_args(MotorInput)
     if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
-    if drive.controller is not None:
-        law = _record_of(Controller, "controller", drive.controller)
-        object.__setattr__(drive, "controller", law)
+    _make_record(drive, "controller", Controller)
     _check_controller(drive)
 
 
@@ -265,28 +265,25 @@ def _check_harmonics(drive: Drive) -> None:
         )
 
 
-Record = TypeVar("Record", Controller, AngleRatio)
-
-
-def _record_of(kind: type[Record], field: str, value: Any) -> Record:
-    """Return the record in a field of a drive, or that of its table. Raises RobotError."""
-    if isinstance(value, kind):
-        return value
+def _make_record(drive: Drive, field: str, kind: type[Controller] | type[AngleRatio]) -> None:
+    """Put the record of a table in its place in a field of a drive. Raises RobotError."""
+    value = getattr(drive, field)
+    if value is None or isinstance(value, kind):
+        return
     if not isinstance(value, Mapping):
         raise RobotError(f"{field} must be a table of its values, found {shown(value)}")
     allowed = [x.name for x in fields(kind)]
     for key in value:
         if key not in allowed:
             raise RobotError(f"{field}: {unknown_name('key', key, allowed)}")
-    return kind(**value)
+    object.__setattr__(drive, field, kind(**value))
 
 
 def _check_angle_ratio(drive: Drive) -> None:
     """Check the ratio that depends on the angle. Raises RobotError."""
+    _make_record(drive, "angle_ratio", AngleRatio)
     if drive.angle_ratio is None:
         return
-    ratio = _record_of(AngleRatio, "angle_ratio", drive.angle_ratio)
-    object.__setattr__(drive, "angle_ratio", ratio)
     for field in ("transmission", "parallel_spring", "joint_friction"):
         if getattr(drive, field):
             raise RobotError(
@@ -750,6 +747,11 @@ Drive = StiffDrive | SeriesElasticDrive
 def total_ratio(drive: Drive) -> float:
     """Return N r_L / r_M, motor angle per position of the joint with a rigid spring."""
     return float(drive.ratio * drive.load_radius / drive.motor_radius)
+
+
+def deflection(drive: Drive, motor: Array, joint: Array) -> Array:
+    """Return the deflection d = r_M/N theta_M - r_L theta_L of (3) from the two positions."""
+    return np.asarray(drive.motor_radius / drive.ratio * motor - drive.load_radius * joint)
 
 
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())

@@ -13,6 +13,7 @@ import scipy.linalg
 from seaid._arrays import safely, spaced
 from seaid._files import write_whole
 from seaid._progress import Display
+from seaid.drives.drives import deflection
 from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
@@ -51,10 +52,10 @@ def _rates(robot: Robot) -> np.ndarray:
         at_joint, at_motor = np.zeros(2 * n), np.zeros(2 * n)
         at_joint[:n], at_motor[n + index] = C[index], 1.0
         if drive.is_elastic:
-            # deflection = r_M / N theta_M - r_L theta_L (3), so its stiffness matrix is k d d^T
-            deflection = drive.motor_radius / drive.ratio * at_motor - drive.load_radius * at_joint
-            spring += values.get("stiffness", 0.0) * np.outer(deflection, deflection)
-            damping += values.get("spring_damping", 0.0) * np.outer(deflection, deflection)
+            # The row d by which the spring sees x; its stiffness matrix is k d d^T.
+            d = deflection(drive, at_motor, at_joint)
+            spring += values.get("stiffness", 0.0) * np.outer(d, d)
+            damping += values.get("spring_damping", 0.0) * np.outer(d, d)
         else:
             # That row of K and D is zero, so the placeholder has two eigenvalues of zero.
             mass[n + index, n + index] = 1.0  # a placeholder: the motor is no coordinate

@@ -11,6 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._progress import Display
+from seaid.drives.drives import deflection
 from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation.covariance import newey_west
 from seaid.estimation.qr_factor import scaled_svd
@@ -260,9 +261,8 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
         if np.all(np.isfinite(force)):
             if drive.is_elastic:
                 # (4b): a constant and k times the deflection.
-                stretch = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
-                stretch = stretch - drive.load_radius * by_name["theta_L"]
-                columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"
+                d = deflection(drive, motion.motor_position[:, index], by_name["theta_L"])
+                columns, against = np.column_stack([nothing + 1, d]), "its deflection"
             else:
                 drive_columns = motor_regressor(robot, joint).evaluate(by_name)[1]
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]

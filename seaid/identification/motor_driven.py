@@ -22,7 +22,7 @@ import scipy
 
 from seaid._arrays import Array, BoolArray, white_noise
 from seaid.drives import is_dry, total_ratio
-from seaid.drives.drives import DefaultTerms
+from seaid.drives.drives import DefaultTerms, deflection
 from seaid.drives.equations import states
 from seaid.errors import IdentificationError
 from seaid.estimation import Parameter
@@ -488,6 +488,5 @@ def with_hysteresis(robot: Robot, joints: Sequence[str]) -> list[str]:
 
 
 def _deflection(robot: Robot, motion: Motion, joint: str) -> Array:
-    index, drive = robot.index(joint), robot.drives[joint]
-    turned = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
-    return np.asarray(turned - drive.load_radius * motion.joint_position[:, index])
+    positions = motion.motor_position, motion.joint_position
+    return deflection(robot.drives[joint], *(x[:, robot.index(joint)] for x in positions))

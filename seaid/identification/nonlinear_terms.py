@@ -32,6 +32,7 @@ from seaid.checks.terms import (
     size_of,
 )
 from seaid.drives import PARAMETERS, Drive, ParameterName
+from seaid.drives.drives import deflection
 from seaid.drives.regressor import DriveRegressor
 from seaid.drives.terms import COULOMB, LEVEL_OF, WARM_UP, parameter_named
 from seaid.errors import IdentificationError
@@ -345,10 +346,7 @@ def check_reversals(robot: Robot, motions: Sequence[Motion], joints: Sequence[st
                 by_name = regression.signals(robot, motion, index)
                 x = by_name["theta_M"]
                 if field == "spring":
-                    x = (
-                        drive.motor_radius / drive.ratio * x
-                        - drive.load_radius * by_name["theta_L"]
-                    )
+                    x = deflection(drive, x, by_name["theta_L"])
                 # Fall below the running maximum and rise above the running minimum: a motion in one
                 # direction has only one of them, so that the smaller is the return.
                 down = float(np.max(np.maximum.accumulate(x) - x))

@@ -20,6 +20,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._files import write_whole
 from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive, friction_curve, spring_curve
+from seaid.drives.drives import deflection
 from seaid.drives.equations import states
 from seaid.drives.terms import parameter_named
 from seaid.errors import SeaidError
@@ -158,11 +159,10 @@ def _elastic_side(
     # (7) has the spring as r_M/N F_s, a torque at the motor; a sensor behind the spring has F_s.
     lever = drive.ratio / drive.motor_radius if is_motor else 1.0
     by_name = signals(identification.known, motion, identification.known.index(joint))
-    turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
-    deflection = turned - drive.load_radius * by_name["theta_L"]
+    measured = deflection(drive, by_name["theta_M"], by_name["theta_L"])
     friction = in_band(motion, torques["friction"]) if is_motor else np.full_like(residual, np.nan)
     zero = _spring_zero(drive, estimate.by_name)
-    return friction, in_band(motion, deflection) - zero, lever * in_band(motion, torques["spring"])
+    return friction, in_band(motion, measured) - zero, lever * in_band(motion, torques["spring"])
 
 
 def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
@@ -233,17 +233,17 @@ def _friction_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) ->
 
 def _spring_figure(joint: str, samples: Array, drives: Mapping[str, Drive]) -> Any:
     """Return the force of a spring over its deflection."""
-    speeds, _, deflection, force = samples
+    speeds, _, deflections, force = samples
     if not np.any(np.isfinite(force)):
         return None
     # Two directions of the motor, because hysteresis of spring and gear separates them.
     ways = {"sample up": speeds > 0, "sample down": ~(speeds > 0)}
-    x = np.linspace(float(np.min(deflection)), float(np.max(deflection)), _CURVE)
+    x = np.linspace(float(np.min(deflections)), float(np.max(deflections)), _CURVE)
     if "dahl" in drives["identified"].spring:
         x = np.concatenate([x, x[::-1]])  # around the loop
     unit, length = drives["identified"].spring_units
     return _with_curves(
-        [Layer(deflection[way], force[way], name) for name, way in ways.items()],
+        [Layer(deflections[way], force[way], name) for name, way in ways.items()],
         x,
         lambda drive: _spring_force(drive, x),
         drives,
