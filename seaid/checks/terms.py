@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
-from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, Drive, ParameterName, unit_of
+from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, unit_of
 from seaid.drives.drives import deflection, term_fields
 from seaid.drives.regressor import DriveRegressor
-from seaid.drives.terms import COULOMB, key_of
+from seaid.drives.terms import COULOMB, DRY, joint_of, key_of, parameter_of
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
 from seaid.log import Motion
@@ -26,11 +26,7 @@ from seaid.log.rows import in_band_at
 from seaid.regressor import Regression, joint_regressor, motor_regressor, regression
 from seaid.robot import Robot, torques_at_drives
 
-_DIRECTED = (
-    *("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed"),
-    *("coulomb_position_slope", "coulomb_position_curvature"),
-    *("coulomb_temperature_slope", "cold_coulomb_friction"),
-)
+_DIRECTED = tuple(chain.from_iterable(PARAMETERS_OF["friction"][term] for term in DRY))
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
 
@@ -41,10 +37,9 @@ def with_term(drive: Drive, field: str, term: str) -> Drive:
     A Coulomb term takes the place of another one, and so do dead zones.
     Raises RobotError for a term that the drive cannot have.
     """
-    alike = [*map(set, (COULOMB, DEAD_ZONES))]
-    kept = (
-        name for name in getattr(drive, field) if not any({name, term} <= some for some in alike)
-    )
+    exclusive = set(COULOMB), set(DEAD_ZONES)  # a drive has at most one of each
+    current = getattr(drive, field)
+    kept = [x for x in current if not any({x, term} <= terms for terms in exclusive)]
     # In two steps: a drive refuses values, and known names, of parameters that it does not have.
     bare = replace(drive, nominal={}, known=(), **{field: (*kept, term)})  # type: ignore[arg-type]
     names = bare.parameter_names
@@ -54,14 +49,14 @@ def with_term(drive: Drive, field: str, term: str) -> Drive:
 
 def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
     """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
-    for field, terms in asked.items():
-        known = getattr(drive, field) if field in term_fields(drive) else terms
-        # Next to a law that is smooth the other shapes are no further terms, but for a shifted one,
-        # which has its shift more.
-        smooth = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
-        for term in terms:
-            instead = {*smooth, "coulomb"} - {"shifted_coulomb"} if {*smooth} & {*known} else ()
-            if term in known or term in instead:
+    for field in [x for x in asked if x in term_fields(drive)]:
+        current = {*getattr(drive, field)}
+        # A drive that has one of these shapes gets none of the others as a further term, except
+        # `shifted_coulomb`, which adds a shift.
+        shapes = {"friction": COULOMB[1:], "spring": (*DEAD_ZONES, "dahl")}.get(field, ())
+        excluded = {*shapes, "coulomb"} - {"shifted_coulomb"} if current & {*shapes} else set()
+        for term in asked[field]:
+            if term in current | excluded:
                 continue
             try:
                 with_term(drive, field, term)
@@ -73,7 +68,8 @@ def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator
 def reference_position(motions: Sequence[Motion], place: int) -> float:
     """Return the middle of the positions [rad or m] of a joint, of two digits.
 
-    There the level of Coulomb friction is positive, even if its slope is large.
+    It is the origin of `coulomb_position`: about the middle of the range the Coulomb level is
+    positive even if its slope is large.
     """
     positions = np.concatenate([motion.joint_position[:, place] for motion in motions])
     return float(f"{0.5 * (np.min(positions) + np.max(positions)):.2g}")
@@ -111,8 +107,8 @@ class DriveRows:
     @cached_property
     def _parameters(self) -> dict[int, str]:
         """The parameters of the drive by their places among those of the rows."""
-        names = enumerate(map(ParameterName.of, self.rows.names))
-        return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
+        names = enumerate(self.rows.names)
+        return {place: parameter_of(x) for place, x in names if joint_of(x) in ("", self.joint)}
 
     def terms(
         self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})
@@ -121,16 +117,16 @@ class DriveRows:
         drive = self.robot.drives[self.joint]
         larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
         old, new = (self.regressor(robot, self.joint) for robot in (self.robot, larger))
-        extra = [name for name in new.names if name not in old.names]
+        new_names = [name for name in new.names if name not in old.names]
         # What the fit lacks is zero: the column of a nonlinear parameter is the derivative there.
         values = dict.fromkeys(new.names, 0.0) | dict(self.values)
-        zero = _deflection_zero(values, grids) if "deflection_zero" in extra else {}
-        if zero is None:
+        zero_value = _deflection_zero(values, grids) if "deflection_zero" in new_names else {}
+        if zero_value is None:
             return
-        values |= zero
-        grid = self._grid(extra, grids)
-        changed = _changed(term, old, new, extra)
-        added = [name for name in extra if name not in (*grid, "deflection_zero")]
+        values |= zero_value
+        grid = self._grid(new_names, grids)
+        changed = _changed(term, old, new, new_names)
+        added = [name for name in new_names if name not in (*grid, "deflection_zero")]
         if not added and not grid:  # no part of this equation
             return
         # A law that replaces the sign of the speed replaces the columns of the fit that have it.
@@ -139,14 +135,15 @@ class DriveRows:
         # The columns of all points (T, points c) are filtered at once.
         points = [dict(zip(grid, values_at, strict=True)) for values_at in product(*grid.values())]
         parts = [
-            np.hstack([new.columns(signals, values | at, names) for at in points])
+            np.hstack([new.columns(signals, values | point, names) for point in points])
             for signals in self.signals
         ]
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
-        more = len(added) + len(grid)
-        for at, H in zip(points, columns, strict=True):
-            yield engine.Alternative(H, more, places, FrozenMapping(at | zero), names)
+        parameter_count = len(added) + len(grid)
+        for point, H in zip(points, columns, strict=True):
+            at = FrozenMapping(point | zero_value)
+            yield engine.Alternative(H, parameter_count, places, at, names)
 
     def _places(self, names: Sequence[str]) -> tuple[int, ...]:
         """Return the places of parameters of the drive among those of the rows."""
@@ -195,9 +192,10 @@ class DriveRows:
 
     @cached_property
     def _by_equation(self) -> list[tuple[float, int, Array, IndexArray, IndexArray]]:
-        """Factor, motion, where friction is known (T,), rows, and their samples, of each equation.
+        """One entry per equation and motion: how its columns get from samples to rows.
 
-        They are of each motion apart.
+        It has the factor, the number of the motion, 1 where friction is known (T,), the rows, and
+        their samples.
         """
         places = []
         is_elastic = self.robot.drives[self.joint].is_elastic
@@ -234,11 +232,11 @@ def _dense(starts: Sequence[float]) -> list[float]:
 
 
 def _changed(
-    term: str, old: DriveRegressor, new: DriveRegressor, extra: Sequence[str]
+    term: str, old: DriveRegressor, new: DriveRegressor, new_names: Sequence[str]
 ) -> list[str]:
     """Return the parameters of the drive whose columns a term changes."""
     names: Sequence[str] = ()
-    if {"coulomb_width", "presliding_angle"} & {*extra}:  # in place of the sign in all friction
+    if {"coulomb_width", "presliding_angle"} & {*new_names}:  # in place of the sign in all friction
         names = _DIRECTED
     elif term in DEAD_ZONES:
         names = ("stiffness",)
@@ -297,31 +295,33 @@ def term_candidates(
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest motor speed [rad/s], half range of its angle, duration of the longest log [s], and
-    middle and half range of the deflection.
+    """What starts of nonlinear parameters are multiples of, at one joint.
+
+    Largest motor speed [rad/s], half range of the motor angle [rad], duration of the longest log
+    [s], and middle and half range of the deflection.
     """
 
-    speed: float
-    turn: float
+    largest_speed: float
+    half_angle: float
     duration: float
-    middle: float
-    reach: float
+    middle_deflection: float
+    half_deflection: float
 
 
 def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     """Return the scale of a joint, with that of the deflection of an elastic one."""
     index, drive = robot.index(joint), robot.drives[joint]
     speed = max(float(np.max(np.abs(motion.motor_velocity[:, index]))) for motion in motions)
-    turn = max(float(np.ptp(motion.motor_position[:, index])) for motion in motions) / 2
-    middle, reach = 0.0, 1.0
+    angle = max(float(np.ptp(motion.motor_position[:, index])) for motion in motions) / 2
+    middle, half = 0.0, 1.0
     if drive.is_elastic:
         signals = [regression.actuator_equation(robot, motion, joint)[1] for motion in motions]
         angles = ([x[name] for x in signals] for name in ("theta_M", "theta_L"))
         motor, load = map(np.concatenate, angles)
         reached = deflection(drive, motor, load)
         low, high = float(np.min(reached)), float(np.max(reached))
-        middle, reach = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
-    return Scale(max(speed, 1e-9), max(turn, 1e-12), duration_s(motions), middle, reach)
+        middle, half = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
+    return Scale(max(speed, 1e-9), max(angle, 1e-12), duration_s(motions), middle, half)
 
 
 def duration_s(motions: Sequence[Motion]) -> float:
@@ -330,9 +330,9 @@ def duration_s(motions: Sequence[Motion]) -> float:
 
 
 def size_of(name: str, scale: Scale) -> float:
-    """Return the unit of the starts of a nonlinear parameter."""
-    sizes = {"rad/s": scale.speed, "rad": scale.turn, "s": scale.duration}
-    return sizes.get(PARAMETERS[name].unit, scale.reach)
+    """Return the size that the `starts` of a nonlinear parameter are multiples of."""
+    sizes = {"rad/s": scale.largest_speed, "rad": scale.half_angle, "s": scale.duration}
+    return sizes.get(PARAMETERS[name].unit, scale.half_deflection)
 
 
 @dataclass(frozen=True, eq=False)

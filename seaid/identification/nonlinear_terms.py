@@ -303,7 +303,7 @@ def starts_of(
     if name in drive.values:
         return (drive.values[name],)
     if name == "deflection_zero":
-        return (start[name], scale.middle)
+        return (start[name], scale.middle_deflection)
     parts = tuple(part * size_of(name, scale) for part in parameter_named(name).starts)
     return parts or (start.get(name, 0.0),)
 
@@ -318,7 +318,7 @@ def bounds_of(name: str, scale: Scale, starts: Sequence[float]) -> tuple[float, 
     if not parameter_named(name).starts:
         return (0.0 if parameter_named(name).is_positive else -np.inf), np.inf
     size = size_of(name, scale)
-    middle = scale.middle if name == "deflection_zero" else 0.0
+    middle = scale.middle_deflection if name == "deflection_zero" else 0.0
     if name == "deflection_zero":
         size = max(size, *(_ORDER / _MOST * abs(start - middle) for start in starts))
     if parameter_named(name).is_positive:
