@@ -146,7 +146,7 @@ ONE_IMPORTER = {
         *("view.panel", "view.playback"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
-        "checks.bodies",
+        *("checks.bodies", "legged.contacts"),
         "regressor.random_instants",
     ),
     "one stage of reading each, which most logs do not pass": (

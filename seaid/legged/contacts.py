@@ -1,4 +1,4 @@
-"""Contacts of a robot with the ground: their forces, and when its feet stand.
+"""Contacts of a robot with the ground by a fit: their forces, and what contradicts the feet.
 
 With the parameters of the bodies the rows of base and joints, Y theta - tau = sum J_c^T f_c, are
 linear equations of the contact forces at each instant, solved by least squares in the metric in
@@ -9,69 +9,80 @@ four only, and of several points of one foot never more than their sum.
 A mass at a place of contact that always stands hides in the force there: the force is determined by
 the identified parameters only if that mass is, too.
 
-`find_contacts` computes these forces with the bodies of the robot file, where a log does not say
-when feet stand. `with_leg_order` takes the order of legs and flags in which standing feet rest.
+If the radius of a foot is wrong by d, its force f acts d away from its true point: J_c^T f changes
+by the moment of f about that vertical shift. With the f of the fit that is one more column of its
+rows, as are forces on feet that are flagged as in the air.
+
+Feet on hard ground keep their heights: h_k = up . r_k of two of them differ by a constant, by the
+slope of the ground, and, if they sink in by c N under the normal force N, by -c (N_i - N_j). With
+the contact forces of the fit that is a linear regression for c. Without the orientation of the base
+the plane through four or more feet takes the place of the vertical.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid._progress import Display
-from seaid.errors import IdentificationError, LogError, checked
-from seaid.estimation import FittedRows
+from seaid.checks import CODES
+from seaid.checks.codes import Observation
+from seaid.checks.engine import Alternative, equation_of
+from seaid.checks.tolerances import FEW, MATTERS, SURE
+from seaid.errors import ExcitationError, Finding, listed
+from seaid.estimation import Estimate, FittedRows
+from seaid.estimation.fitting import with_further_columns
+from seaid.estimation.least_squares import ordinary
+from seaid.estimation.qr_factor import scaled_svd
 from seaid.identification.datasets import Dataset
 from seaid.identification.result import SensorErrors
 from seaid.identification.validation import for_sensors
 from seaid.legged.base import bodies_of_fit, whole_body
-from seaid.legged.feet import (
-    FeetInMotion,
-    LeggedFit,
-    LegOrder,
-    LoadedFeet,
-    best_order,
-    smoothed_where,
-)
+from seaid.legged.feet import CONTACT_FLAGS, FREE, LOADED, foot_places
 from seaid.legged.floating import (
     FloatingRobot,
     contact_equations,
-    contact_map,
     contact_rotations,
     floating,
-    floating_regressor,
     guided,
     measured_contact,
     row_scale,
 )
-from seaid.legged.load_side import contact_force_columns, contact_force_rows
-from seaid.log import (
-    FOUND_CONTACT,
-    Description,
-    Log,
-    LogDescription,
-    Motion,
-    Repair,
-    in_band,
-    low_pass,
-    reconstruct_motion,
+from seaid.legged.load_side import (
+    contact_force_columns,
+    contact_force_rows,
+    late_flag_rows,
+    radius_rows,
 )
+from seaid.log import Motion, in_band
 from seaid.log.base_log import BaseMotion
-from seaid.log.describe.inference import Doubt
-from seaid.log.describe.names import meaning_of
 from seaid.log.filtering import decimation
 from seaid.log.motion import decimated
 from seaid.log.rows import inside_transients
+from seaid.regressor import Regression
 from seaid.regressor.load import LoadModel
-from seaid.robot import Contact, Robot, torques_at_joints
+from seaid.regressor.regression import stacked
+from seaid.robot import Contact
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
 
+GEOMETRY = CODES["geometry"]
+SOFT_FEET = CODES["soft-feet"]
+
+FOOT_TOUCHES_S = 0.06
+"""Time [s] in which the force of a foot that lands or leaves is less than a threshold of 20 N, on
+soft feet of a simulated Go2 that trots (`scripts/benchmarks/legged_findings.py`)."""
+
+LENGTH_M = 0.001
+"""Error [m] of the place of a contact that matters: 1 mm is 0.2 % of the mass of a Go2."""
 
 CONTACT_NUMBERS = (
     *("rms_force", "rms_error", "relative_error", "scale"),
@@ -187,6 +198,93 @@ def contact_forces(identification: Identification, *motions: Motion) -> ContactF
     whole = _Instants(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
     basis, variance = _basis(identification, sensed[0], contacts, whole, is_whole)
     return _summary(identification, contacts, whole, basis, variance)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedFeet:
+    """The forces of a fit on the feet that stand, at the instants of a motion.
+
+    `forces` (T, k, 3) are those of the contacts at `links` in the frame of the base, NaN where they
+    are not determined; `counts` (T, k) are the feet that stand.
+    """
+
+    motion: Motion
+    links: tuple[str, ...]
+    forces: Array
+    counts: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class LeggedFit:
+    """A fit of a robot with a floating base, whose motions are in memory.
+
+    Attributes
+    ----------
+    robot : FloatingRobot
+        With the bodies that count as known.
+    motions, fit, model, springs
+        The motions, the rows of the fit, their columns, and the springs of its drives.
+    theta, bodies : arrays (p,) and (10 N,)
+        Parameters of the fit, and standard parameters that have them.
+    sensor_errors : array (R, k)
+        Columns of errors of sensors that were subtracted: they may come of a wrong radius, and are
+        identified again.
+    mass_kg : float
+        That of the whole robot, NaN where it is not determined.
+    loads : sequence of LoadedFeet
+        Empty if feet have force sensors, or no flags.
+    """
+
+    robot: FloatingRobot
+    motions: Sequence[Motion]
+    fit: FittedRows
+    model: LoadModel
+    springs: Mapping[str, Array]
+    theta: Array
+    bodies: Array
+    sensor_errors: Array
+    mass_kg: float
+    loads: Sequence[LoadedFeet] = ()
+
+    @property
+    def bases(self) -> list[BaseMotion]:
+        """The motions of the base."""
+        return [motion.base for motion in self.motions if motion.base is not None]
+
+    @property
+    def weight_N(self) -> float:
+        """The weight of the robot, NaN where its mass is not determined."""
+        # The specific force of a base that comes to rest again is about g on average.
+        forces = [np.linalg.norm(base.specific_force, axis=1).mean() for base in self.bases]
+        return self.mass_kg * float(np.mean(forces))
+
+    def sure_columns(
+        self, regress: Callable[[Motion], Regression], names: Sequence[str], least: float
+    ) -> list[tuple[str, float, float, float]]:
+        """Return name, value, standard error and share of further columns that the rows show.
+
+        The value is beyond chance and larger than the `least` one that matters, of either sign. The
+        share is the part of the squared residual that all columns explain at the rows on which they
+        act. Without the orientation of each base there are none.
+        """
+        if any(base.up is None for base in self.bases):
+            return []
+        columns, count = stacked([regress(motion) for motion in self.motions]).H, len(names)
+        larger = with_further_columns(
+            self.fit,
+            np.hstack([self.sensor_errors, columns]),
+            lambda values: bool(np.any(np.abs(values[-count:]) > least)),
+        )
+        if larger is None:
+            return []
+        values, errors = larger.values[-count:], larger.standard_errors[-count:]
+        sure = np.abs(values) > np.maximum(_beyond_chance(larger) * errors, least)
+        known = equation_of(self.fit).with_alternatives([Alternative(self.sensor_errors, 0)])
+        after = known.with_alternatives([Alternative(columns, 0)])
+        acts = np.any(columns != 0, axis=1)
+        share = 1 - after.squares(acts) / max(known.squares(acts), 1e-300)
+        named = zip(names, values.tolist(), errors.tolist(), strict=True)
+        return [(*column, share) for column, is_sure in zip(named, sure, strict=True) if is_sure]
 
 
 def legged_fit(
@@ -466,199 +564,182 @@ _PULLS = 3.0
 """Standard errors below zero from which the force of a foot that stands is a pull."""
 
 
-LOADED, FREE = 0.03, 0.015
-"""Parts of the weight on a foot above which it stands, and below which it is in the air; between
-them it stays what it was. A foot said to stand costs information only, one said to be in the air
-biases the bodies, so both are small: in walks of a simulated Go2 whose bodies are wrong by 20 % and
-that were used to select them, 99 % of the samples are right (docs/results.md)."""
-
-_LOAD_HZ = 15.0
-"""Low pass of the forces: a foot lands within a few hundredths of a second."""
+# What the forces of a fit, and its rows, contradict in the feet
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FoundContacts(Display):
-    """The contacts found in a log.
+def _beyond_chance(estimate: Estimate) -> float:
+    """Return the standard errors of Student's t that are as rare as sure ones of a normal value."""
+    freedom = estimate.degrees_of_freedom
+    return SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(SURE)))
 
-    Attributes
-    ----------
-    log : Log
-        With the flags of all contacts; its report names those that were found.
-    certainty : mapping {link: float}
-        The share of the samples in which the force of a foot is clearly that of a standing foot, or
-        of one in the air.
+
+def _radius(fit: LeggedFit) -> Iterator[Finding]:
+    """Yield a radius of the feet, one for all of them, that the rows of a fit contradict.
+
+    A ball that would reach the joint above it is none: something else is in its moments.
     """
+    base = fit.robot.floating_base
+    radii = {x.link: x.radius_m for x in base.contacts if not x.is_flat}
+    above_m = np.array([np.linalg.norm(base.frame(link)[2]) for link in radii])
+    largest_m = float(np.min(above_m[above_m > 0], initial=math.inf))
+    flagged = all(radii.keys() <= base.contacts.keys() for base in fit.bases)
+    if len({*radii.values()}) != 1 or not flagged:
+        return
 
-    log: Log
-    certainty: Mapping[str, float]
+    def regress(motion: Motion) -> Regression:
+        return radius_rows(fit.robot, motion, fit.model, fit.springs, fit.theta, fit.bodies)
 
-    def _in_short(self) -> str:
-        texts = (f"{link} {share:.1%} certain" for link, share in self.certainty.items())
-        return ", ".join(texts)
+    for _, change_m, error_m, share in fit.sure_columns(regress, ("radius",), LENGTH_M):
+        radius_m = max(radii.values())
+        fitted_m = radius_m + change_m
+        if 0 < fitted_m < largest_m:
+            yield GEOMETRY.finding(
+                f"the feet touch the ground as balls of {1e3 * fitted_m:.3g} mm, with a standard "
+                f"error of {1e3 * error_m:.2g} mm, and have {1e3 * radius_m:.3g} mm: the moments "
+                f"of the contact forces would go into the bodies; that explains {share:.0%} of the "
+                "squared residual",
+                severity="doubtful" if share >= MATTERS else "note",
+                evidence={
+                    "radius [m]": fitted_m,
+                    "standard error [m]": error_m,
+                    "explained": share,
+                },
+                remedy=f"load the robot with contacts of radius_m = {fitted_m:.4g}, also if the "
+                "foot is larger: a soft one touches nearer to its centre",
+            )
 
 
-@checked(IdentificationError)
-def find_contacts(robot: Robot, log: Log) -> FoundContacts:
-    """Return a log with the contacts of a legged robot, found from its torques and its motion.
+def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
+    """Yield feet that push at the ground before or after their flag, by the rows of a fit."""
+    flags = (flag for base in fit.bases for flag in base.contacts.values())
+    if all(map(np.all, flags)) or not np.isfinite(fit.mass_kg):
+        return
+    regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=FOOT_TOUCHES_S)
+    times, least_N = ("before a landing", "after it leaves"), FEW * fit.weight_N
+    pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
+    if pushes:
+        texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error, _ in pushes]
+        yield CONTACT_FLAGS.finding(
+            f"a foot pushes at the ground while it is flagged as in the air, with {listed(texts)}, "
+            f"fading within {FOOT_TOUCHES_S:g} s: these forces go into the bodies and the "
+            "total mass",
+            evidence={f"{when} [N]": value for when, value, *_ in pushes},
+            remedy="flag a foot from the first touch on: lower the threshold of its force (above = "
+            "... in the description of the log), or make each flag longer by "
+            f"{FOOT_TOUCHES_S:g} s at both ends",
+        )
 
-    Use flags or force sensors if there are any: a foot that carries little is not seen.
 
-    Parameters
-    ----------
-    robot : Robot
-        With a floating base, contacts, and inertial parameters, which may be wrong by a fifth.
-    log : Log
-        With the torques of all joints; flags that it has stay.
+def _sinking_feet(fit: LeggedFit) -> Iterator[Finding]:
+    """Yield the sinking of feet under their load, if the heights of standing feet show one."""
+    parts = [part for part in (_heights(fit.robot, feet) for feet in fit.loads) if part is not None]
+    if not parts:
+        return
+    try:
+        estimate = ordinary(stacked([rows for rows, _ in parts]))
+    except ExcitationError:  # the load is always the same
+        return
+    compliance, error = float(estimate.values[0]), float(estimate.standard_errors[0])
+    load_N = float(np.concatenate([forces for _, forces in parts]).mean())
+    sinking_m = compliance * load_N
+    if compliance < _beyond_chance(estimate) * error or sinking_m < LENGTH_M:
+        return
+    evidence = {"compliance [m/N]": compliance, "standard error [m/N]": error}
+    yield SOFT_FEET.finding(
+        f"the feet sink in by {1e3 * sinking_m:.2g} mm under their mean load of {load_N:.3g} N, by "
+        f"{1e3 * compliance:.3g} +- {1e3 * error:.1g} mm/N: the contact forces act elsewhere than "
+        "at rigid feet, which makes the mass some tenths of a per cent wrong, and no standard "
+        "error contains that",
+        evidence={**evidence, "mean load [N]": load_N},
+        remedy="put the robot on hard ground, or harder feet on it; else load it with the radius "
+        "of the feet under their mean load (radius_m), or check that the joints do not give way",
+    )
 
-    Returns
-    -------
-    FoundContacts
 
-    Raises
-    ------
-    IdentificationError
-        For a robot without contacts or without inertial parameters, and a log without torques.
+def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array] | None:
+    """Return the heights of standing feet as rows of their load, and the loads (R,); None without.
 
-    Examples
-    --------
-    >>> found = seaid.legged.find_contacts(robot, log)
-    >>> found.certainty
-    >>> seaid.identify(robot, found.log)
+    Both are about the mean of the feet, and less what their own heights and the slope of the ground
+    explain (Frisch and Waugh 1933). Without an orientation the height of a foot over the plane of
+    the others counts.
     """
-    if not isinstance(robot, FloatingRobot) or not robot.floating_base.contacts:
-        raise IdentificationError(
-            "find_contacts needs a robot with a floating base and contacts=", "contacts="
-        )
-    if log.base is None or not np.all(np.isfinite(robot.parameters)):
-        raise IdentificationError(
-            "find_contacts needs the motion of the base in the log, and the inertial parameters of "
-            "the robot file, also if they are not exact"
-        )
-    logged, base = log.base, robot.floating_base
-    missing = logged.unflagged(base.contact_links)
-    flying = dict.fromkeys(missing, np.zeros(len(log.time)))
-    unloaded = replace(log, base=replace(logged, contacts={**logged.contacts, **flying}))
-    loads = _loads(robot, unloaded)
-    flags, certainty, report = dict(logged.contacts), {}, list(log.report)
-    for link in missing:
-        load = loads[:, base.contact_links.index(link)]
-        flags[link] = _standing(load).astype(float)
-        unclear = (load >= 0.5 * LOADED) & (load <= 1.5 * LOADED)
-        certainty[link] = float(np.mean(~unclear))
-        report.append(_as_repair(link, log.time, unclear))
-    base_log = replace(logged, contacts=flags)
-    return FoundContacts(replace(log, base=base_log, report=tuple(report)), certainty)
-
-
-def _as_repair(link: str, time: Array, unclear: BoolArray) -> Repair:
-    """Return what the report of a log has about a contact that was found."""
-    first = float(time[np.argmax(unclear)])
-    action = f"found from torques and motion, {np.mean(~unclear):.1%} of the samples are clear"
-    return Repair(f"{link}.contact", FOUND_CONTACT, int(np.sum(unclear)), first, action)
-
-
-def _loads(robot: FloatingRobot, log: Log) -> Array:
-    """Return the part of the weight (T, k) that each contact carries at the times of the log."""
-    motion = reconstruct_motion(robot, log)
-    base = motion.base
+    motion, base = feet.motion, feet.motion.base
     assert base is not None
-    bodies = robot.parameters + robot.payload_parameters
-    rows = floating_regressor(robot, *motion.joint_states, base.states) @ bodies
-    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
-    torque = torques_at_joints(robot.transmission, motion.motor_torque * ratio)
-    torque = np.where(np.isfinite(motion.joint_torque), motion.joint_torque, torque)
-    if not np.all(np.isfinite(torque)):
-        raise IdentificationError("find_contacts needs the torque of each joint in the log")
-    rows[:, 6:] -= low_pass(torque, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    points = [replace(contact, is_flat=False) for contact in robot.floating_base.contacts]
-    A = contact_map(robot, motion.joint_position, points, base.up)
-    held = ~guided(robot, base.guided).free_axes
-    rows[:, :6][:, held] = A[:, :6][:, held] = 0.0
-    # All feet count as on the ground. Forces between two feet along their line act on nothing: the
-    # small ridge makes them zero.
-    normal = A.swapaxes(1, 2) @ A + 1e-9 * np.eye(A.shape[2])
-    right = np.einsum("trk,tr->tk", A, rows)[:, :, None]
-    forces = safely(
-        np.linalg.solve, normal, right, what="the contact forces", error=IdentificationError
-    )
-    up = base.up
-    if up is None:  # the mean specific force
-        mean = base.specific_force.mean(axis=0)
-        up = np.tile(mean / np.linalg.norm(mean), (len(forces), 1))
-    support = np.einsum("tki,ti->tk", forces.reshape(len(forces), -1, 3), up)
-    weight = bodies.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(robot.model.gravity.linear)
-    smooth = low_pass(support / weight, motion.rate_hz, min(_LOAD_HZ, 0.4 * motion.rate_hz))
-    return np.column_stack([np.interp(log.time, motion.time, load) for load in smooth.T])
-
-
-def _standing(load: Array) -> BoolArray:
-    """Return whether a foot with this part (T,) of the weight stands, with hysteresis."""
-    sure = np.where(load > LOADED, 1, np.where(load < FREE, 0, -1))
-    last = np.maximum.accumulate(np.where(sure >= 0, np.arange(len(sure)), 0))
-    # Between the limits a foot stays what it was; before the first clear sample it is in the air.
-    return np.asarray(sure[last] == 1)
-
-
-@checked(LogError)
-def with_leg_order(guess: Description, robot: Robot, log: Log) -> Description:
-    """Return an inferred description with the legs and flags in the order in which feet rest.
-
-    Only where the joints were taken in the order of the columns: names count more than samples.
-
-    Parameters
-    ----------
-    guess : Description
-        As `describe_log` returns it.
-    robot : Robot
-        With a floating base and contacts.
-    log : Log
-        The log by this description.
-
-    Returns
-    -------
-    Description
-        The same without a floating base, without flags, or if no other order is clearly better.
-
-    Examples
-    --------
-    >>> guess = seaid.describe_log("walk.npz", robot)
-    >>> log = seaid.read_log("walk.npz", robot, description=guess.description)
-    >>> guess = with_leg_order(guess, robot, log)
-    """
-    described, names = guess.description, robot.joint_names
-    order = _better_order(described, robot, log)
-    if order is None:
-        return guess
-    joints = {x: described.joints[names[j]] for x, j in zip(names, order.joints, strict=True)}
-    contacts = {x: described.contacts[order.contacts.get(x, x)] for x in described.contacts}
-    positions = (joints[joint].get("joint_position") for joint in names)
-    first = [position.column for position in positions if position is not None]
-    doubt = Doubt.of(
-        "leg_order",
-        speed=order.speed,
-        as_given=order.speed_as_given,
-        joints=", ".join(names),
-        columns=", ".join(first),
-    )
-    # Limits that a joint exceeded were those of a joint of another leg.
-    unsure = [x for x in guess.unsure if x.code != "beyond_limits"]
-    return replace(
-        guess,
-        description=replace(described, joints=joints, contacts=contacts),
-        unsure=(doubt.about(["joints", "contacts"]), *unsure),
-    )
-
-
-def _better_order(described: LogDescription, robot: Robot, log: Log) -> LegOrder | None:
-    """Return the order of legs in which feet rest, None if names of columns have another one."""
-    names = robot.joint_names
-    if not isinstance(robot, FloatingRobot) or log.base is None or not log.base.contacts:
+    up = _upwards(motion, base)
+    # Two feet have a difference in height. A plane goes through any three: it needs a fourth.
+    fewest = 4 if base.up is None else 2
+    places = foot_places(robot, motion.joint_position, feet.links)
+    places = smoothed_where(motion, places, feet.counts)
+    height, *aside = (np.einsum("tki,ti->tk", places, axis) for axis in (up, *_level(up)))
+    load = np.einsum("tki,ti->tk", feet.forces, up)
+    counts, k = feet.counts & np.isfinite(height) & np.isfinite(load), len(feet.links)
+    # feet have heights of their own, but for the first one
+    offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
+    # h_k = c_0(t) + offset_k + slope . (x_k, y_k) - c N_k: the column of the compliance c is -N_k.
+    values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
+    hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
+    about_mean = np.full_like(values, np.nan)
+    for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
+        at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
+        inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
+        # (t, feet, columns) at all instants with the same standing feet: at each one less what the
+        # height of the base, or the plane of the feet, explains.
+        about_mean[at] = values[at] - hidden[at] @ inverse @ values[at]
+    rows = np.isfinite(about_mean[:, :, 0])
+    if not np.any(rows):
         return None
-    named = (
-        meaning_of(source.column, names).joint == joint
-        for joint, sources in described.joints.items()
-        for source in sources.values()
+    pairs, columns = np.split(about_mean[rows], [2], axis=1)
+    span = scaled_svd(columns).span()
+    y, H = (pairs - span @ (span.T @ pairs)).T
+    regression = Regression(
+        names=("compliance",),
+        units=("m/N",),
+        H=H[:, None],
+        y=y,
+        joint=np.zeros(len(y)),
+        time=motion.time[np.nonzero(rows)[0]],
+        run=np.zeros(len(y)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
     )
-    if not {*names} <= {*described.joints} or any(named):
-        return None
-    return best_order(FeetInMotion(robot, reconstruct_motion(robot, log), [log]))
+    return regression, load[rows]
+
+
+def _upwards(motion: Motion, base: BaseMotion) -> Array:
+    """Return the vertical (T, 3) in the frame of the base, as the mean specific force if needed."""
+    if base.up is not None:
+        return base.up
+    mean = in_band(motion, base.specific_force)
+    return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
+
+
+def _level(up: Array) -> tuple[Array, Array]:
+    """Return two level directions (T, 3) in the frame of the base, as near to its x and y."""
+    # y x z = x, and z x x = y
+    first = np.cross([0.0, 1.0, 0.0], up)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-9)
+    return first, np.cross(up, first)
+
+
+FEET_CHECKS = (
+    Observation(GEOMETRY, _radius),
+    Observation(CONTACT_FLAGS, _pushing_feet),
+    Observation(SOFT_FEET, _sinking_feet),
+)
+"""What the rows of a fit contradict in the feet."""
+
+
+def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
+    """Return the low-passed values (T, k, 3) over the samples that count, NaN at the others."""
+    # Normalised convolution (Knutsson and Westin 1993): the low pass of the counted samples over
+    # that of their mask, so that the values at a boundary are not drawn to zero.
+    weight = in_band(motion, counts.astype(float))[:, :, None]
+    counted = np.where(counts[:, :, None] & np.isfinite(values), values, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        smooth = in_band(motion, counted) / weight
+    kept = counts & inside_transients(motion)[:, None] & (weight[:, :, 0] > _WEIGHT)
+    return np.where(kept[:, :, None] & np.isfinite(values), smooth, np.nan)
+
+
+_WEIGHT = 0.25
+"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""

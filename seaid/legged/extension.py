@@ -16,8 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._files import toml_table
+from seaid.checks import CODES
 from seaid.checks.codes import is_wrong, observed
 from seaid.checks.predictions import unseen_motion
+from seaid.checks.tolerances import FEW, RARE, SURE, TWICE
 from seaid.errors import Finding
 from seaid.estimation import FittedRows
 from seaid.excitation.stance import standing_robot
@@ -32,14 +35,14 @@ from seaid.legged.base import (
     sensor_bias,
     whole_body,
 )
-from seaid.legged.contacts import ContactForces, contact_forces, legged_fit
-from seaid.legged.feet import (
+from seaid.legged.contacts import (
     FEET_CHECKS,
-    feet_findings,
-    force_findings,
-    mass_findings,
+    ContactForces,
+    contact_forces,
+    legged_fit,
     smoothed_where,
 )
+from seaid.legged.feet import feet_findings
 from seaid.legged.floating import FloatingRobot, floating, row_scale
 from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
 from seaid.log import Log, Motion
@@ -53,6 +56,9 @@ if TYPE_CHECKING:
     from seaid.excitation import Limits, Stance
     from seaid.excitation.limits import JointLimits
     from seaid.excitation.stance import StandingRobot
+
+CONTACT_FORCES = CODES["contact-forces"]
+TOTAL_MASS = CODES["total-mass"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,6 +141,78 @@ class LeggedExtension(Extension):
         findings = [*comparison.warnings, *_contradictions(identification, comparison)]
         findings += [] if contacts is None else force_findings(contacts.to_dict()["feet"])
         return replace(comparison, warnings=tuple(findings), contacts=contacts)
+
+
+def mass_findings(
+    robot: Robot, motions: Sequence[Motion], mass_kg: float, error_kg: float
+) -> Iterator[Finding]:
+    """Yield a total mass that no force of the ground can come from, or far from the nominal one.
+
+    `robot` has that of its file. The mass is NaN where it is not determined.
+    """
+    nominal_kg = float(np.sum((robot.parameters + robot.payload_parameters)[::10]))
+    sure_kg, ratio = SURE * error_kg, mass_kg / nominal_kg if nominal_kg > 0 else 1.0
+    evidence = {"mass [kg]": mass_kg, "standard error [kg]": error_kg}
+    evidence["robot file [kg]"] = nominal_kg
+    if mass_kg < -sure_kg:
+        yield TOTAL_MASS.wrong(
+            f"the mass of the whole robot is negative, {mass_kg:.3g} kg",
+            evidence=evidence,
+            remedy="force sensors have the force of the ground on the robot, and torques act on "
+            f"the robot along its joint angles: turn their signs round{_turned_forces(motions)}",
+            certainty="certain",
+        )
+    elif mass_kg > 0 and not 1 / TWICE < ratio < TWICE and abs(mass_kg - nominal_kg) > sure_kg:
+        yield TOTAL_MASS.finding(
+            f"the mass of the whole robot is {mass_kg:.3g} kg, {ratio:.2g} of that "
+            f"of the robot file, {nominal_kg:.3g} kg",
+            evidence=evidence,
+            remedy="weigh the robot; is a force sensor or a torque in another unit (1 kgf is 9.81 "
+            "N), or does a force act that is not in the log?",
+        )
+
+
+def _turned_forces(motions: Sequence[Motion]) -> str:
+    """Return the lines that change the signs of measured forces, "" without any."""
+    bases = (motion.base for motion in motions if motion.base is not None)
+    sensors = sorted({link for base in bases for link in base.wrenches})
+    lines = [f"{toml_table('contacts', link)}\nforce = {{ ..., scale = -1 }}" for link in sensors]
+    header = "; in the description of the log, and so for each moment:"
+    return "\n".join([header, *lines]) if sensors else ""
+
+
+def force_findings(feet: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
+    """Yield feet whose predicted force is not that measured, or pulls at the ground.
+
+    `feet` {link: numbers} are those of `ContactForces.to_dict`, None where they are not known.
+    """
+    for link, foot in feet.items():
+        error, scale = foot["relative_error"], foot["scale"]
+        if error is not None and error > RARE:
+            yield CONTACT_FORCES.finding(
+                f"the measured force at {link} is not that of torques and motion: they differ by "
+                f"{error:.0%}, and least with the measured one times {scale:.2g}",
+                link,
+                evidence={"error": error, "scale": scale},
+                remedy="check sign, unit and frame of the force sensor (the force of the ground on "
+                "the link, in the frame of the link), and its zero in the air",
+            )
+        pulled = foot["pulled"]
+        if pulled is not None and pulled > FEW:
+            least_N, error_N = foot["least_normal"], foot["standard_error"]
+            yield CONTACT_FORCES.finding(
+                f"{link} would have to pull at the ground: its predicted normal force is clearly "
+                f"below zero in {pulled:.0%} of its stance, and is {least_N:.3g} N at least, with "
+                f"a standard error of {error_N:.2g} N",
+                link,
+                evidence={
+                    "least normal force [N]": least_N,
+                    "standard error [N]": error_N,
+                    "share of the stance": pulled,
+                },
+                remedy="check the flag of this foot, and that nothing else touches or carries the "
+                "robot",
+            )
 
 
 def _base_fit(motions: Sequence[Motion], rows: Sequence[Array]) -> Fit | None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_erosion
 
 import seaid
 from scripts.benchmarks.legged import noisy
@@ -23,13 +22,7 @@ from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.identification.result import extension_of
 from seaid.legged import whole_body, with_leg_order
 from seaid.legged.base import turned_to_world
-from seaid.legged.feet import (
-    FEET_CHECKS,
-    MOTION_CHECKS,
-    FeetInMotion,
-    LeggedFit,
-    foot_places,
-)
+from seaid.legged.feet import MOTION_CHECKS, FeetInMotion, foot_places
 from seaid.legged.floating import contact_map
 from seaid.log import BaseLog, Description, LogDescription
 from seaid.log.describe.inference import Doubt
@@ -311,36 +304,6 @@ def test_late_flags_have_their_delay(late_s: float, word: str, places: Sequence[
         assert finding.remedy.count("delay_s") == len(places)
         line = f'{{ columns = "flag[{places[0]}]", delay_s = {round(delay_s, 3)} }}'
         assert f"contact = {line}" in finding.remedy
-
-
-@pytest.mark.parametrize(("change_m", "is_named"), [(0.02, True), (0.18, True), (0.21, False)])
-def test_a_ball_that_reaches_the_joint_above_it_is_no_foot(
-    change_m: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The calves are 213 mm long, and their feet are balls of 22 mm."""
-    column = [("radius", change_m, 0.001, 0.9)]
-    monkeypatch.setattr(LeggedFit, "sure_columns", lambda *_: column)
-    nothing = np.zeros(0)
-    rows: Any = None  # those of the column, which is given
-    legged = LeggedFit(go2(), [], rows, rows, {}, nothing, nothing, nothing, 15.0)
-    found = [x for x in observed(FEET_CHECKS[:1], legged) if x.severity != "note"]
-    assert [finding.code for finding in found] == ["geometry"] * is_named
-
-
-@pytest.mark.slow  # two identifications of a walk of 8 s
-def test_feet_that_push_while_flagged_in_the_air_are_named() -> None:
-    """A threshold of the force of a foot that is too high goes into the bodies."""
-    text, log = "pushes at the ground while it is flagged as in the air", walked().between(0, 8)
-    contacts = {foot: np.array(x) for foot, x in base_of(log).contacts.items()}
-    late = {foot: binary_erosion(x[:, 0] > 0.5, iterations=12) for foot, x in contacts.items()}
-    shorter = with_base(log, contacts=late)
-    robot = go2().without_nominal()
-    own, other = (seaid.identify(robot, one, cutoff_hz=15.0) for one in (log, shorter))
-    assert not any(text in str(one) for one in own.warnings)
-    finding = next(one for one in other.warnings if text in str(one))
-    assert finding.severity == "doubtful"
-    assert "lower the threshold" in finding.remedy
-    assert max(finding.evidence.values()) > 2.0
 
 
 # The whole robot, and contacts that no flags name

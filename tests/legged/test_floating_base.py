@@ -514,31 +514,6 @@ def test_force_and_moment_on_the_base_are_validated_on_another_motion() -> None:
     assert validated(found, flagged).base is None
 
 
-@kept
-def on_soft_feet(soft: bool, lifted: bool) -> seaid.Log:
-    """Ten seconds of a walk, or of a sway, on feet that sink in by 4 mm or by 0.2 mm."""
-    targets = plan(go2(), GO2, 10.0, 71, lifted=lifted)
-    model = plant(go2(), 0.001, soft=soft)
-    return noisy(simulate(go2(), model, 10.0, targets=targets), 71)
-
-
-@pytest.mark.slow  # fits of a whole quadruped
-@pytest.mark.parametrize("lifted", [True, False])
-def test_feet_that_sink_in_under_their_load_are_named(lifted: bool) -> None:
-    """Of four feet that stand also without the orientation of the base."""
-    found = seaid.identify(go2(), on_soft_feet(True, lifted))
-    (finding,) = (one for one in found.warnings if one.code == "soft-feet")
-    assert finding.severity == "doubtful"
-    # MuJoCo's own contacts give way by 4 mm under a quarter of the weight of a Go2
-    assert finding.evidence["compliance [m/N]"] == pytest.approx(9.4e-5, rel=0.06)
-    assert finding.evidence["mean load [N]"] == pytest.approx(41.0, rel=0.06)
-    hard = seaid.identify(go2(), on_soft_feet(False, lifted))
-    assert "soft-feet" not in {one.code for one in hard.warnings}
-    for soft in () if lifted else (True, False):
-        blind = seaid.identify(STANDING, with_base(on_soft_feet(soft, False), orientation=None))
-        assert ("soft-feet" in {one.code for one in blind.warnings}) == soft
-
-
 def test_contacts_that_change_too_often_for_the_cutoff_are_an_error_of_ours() -> None:
     flags = (np.arange(len(swayed().time)) // 15 % 2).astype(float)
     flickering = with_base(swayed(), contacts=dict.fromkeys(GO2.feet, flags))
