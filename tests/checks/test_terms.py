@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def test_a_smooth_law_replaces_the_columns_that_it_changes(
     dry: str, law: str, tmp_path: Path
 ) -> None:
     """These are the columns with the sign of the speed, those by a nonlinear parameter too."""
-    terms = tuple(dict.fromkeys(("viscous", "coulomb", dry)))
+    terms: Any = tuple(dict.fromkeys(("viscous", "coulomb", dry)))
     robot = one_joint(tmp_path).with_drives({"arm": replace(STIFF, friction=terms)})
     smooth = robot.with_drives({"arm": with_term(robot.drives["arm"], "friction", law)})
     old, new = (motor_regressor(x, "arm") for x in (robot, smooth))
