@@ -205,13 +205,13 @@ class LoadedFeet:
     """The forces of a fit on the feet that stand, at the instants of a motion.
 
     `forces` (T, k, 3) are those of the contacts at `links` in the frame of the base, NaN where they
-    are not determined; `counts` (T, k) are the feet that stand.
+    are not determined; `stands` (T, k): the foot stands.
     """
 
     motion: Motion
     links: tuple[str, ...]
     forces: Array
-    counts: BoolArray
+    stands: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,14 +254,15 @@ class LeggedFit:
     @property
     def weight_N(self) -> float:
         """The weight of the robot, NaN where its mass is not determined."""
-        # The specific force of a base that comes to rest again is about g on average.
+        # The mean of |f| is at least |mean f|, which is g for a base that comes to rest again: this
+        # is an upper bound of the weight.
         forces = [np.linalg.norm(base.specific_force, axis=1).mean() for base in self.bases]
         return self.mass_kg * float(np.mean(forces))
 
-    def sure_columns(
+    def significant_columns(
         self, regress: Callable[[Motion], Regression], names: Sequence[str], least: float
     ) -> list[tuple[str, float, float, float]]:
-        """Return name, value, standard error and share of further columns that the rows show.
+        """Return name, value, standard error and share of further columns that are significant.
 
         The value is beyond chance and larger than the `least` one that matters, of either sign. The
         share is the part of the squared residual that all columns explain at the rows on which they
@@ -568,7 +569,7 @@ _PULLS = 3.0
 
 
 def _beyond_chance(estimate: Estimate) -> float:
-    """Return the standard errors of Student's t that are as rare as sure ones of a normal value."""
+    """Return the quantile of Student's t with the tail probability of `SURE` standard errors."""
     freedom = estimate.degrees_of_freedom
     return SURE if freedom is None else float(stdtrit(np.min(freedom), ndtr(SURE)))
 
@@ -576,7 +577,7 @@ def _beyond_chance(estimate: Estimate) -> float:
 def _radius(fit: LeggedFit) -> Iterator[Finding]:
     """Yield a radius of the feet, one for all of them, that the rows of a fit contradict.
 
-    A ball that would reach the joint above it is none: something else is in its moments.
+    A fitted radius beyond the next joint is not reported: it stands for another error.
     """
     base = fit.robot.floating_base
     radii = {x.link: x.radius_m for x in base.contacts if not x.is_flat}
@@ -589,7 +590,7 @@ def _radius(fit: LeggedFit) -> Iterator[Finding]:
     def regress(motion: Motion) -> Regression:
         return radius_rows(fit.robot, motion, fit.model, fit.springs, fit.theta, fit.bodies)
 
-    for _, change_m, error_m, share in fit.sure_columns(regress, ("radius",), LENGTH_M):
+    for _, change_m, error_m, share in fit.significant_columns(regress, ("radius",), LENGTH_M):
         radius_m = max(radii.values())
         fitted_m = radius_m + change_m
         if 0 < fitted_m < largest_m:
@@ -616,7 +617,7 @@ def _pushing_feet(fit: LeggedFit) -> Iterator[Finding]:
         return
     regress = partial(late_flag_rows, fit.robot, model=fit.model, reach_s=FOOT_TOUCHES_S)
     times, least_N = ("before a landing", "after it leaves"), FEW * fit.weight_N
-    pushes = [push for push in fit.sure_columns(regress, times, least_N) if push[1] > 0]
+    pushes = [push for push in fit.significant_columns(regress, times, least_N) if push[1] > 0]
     if pushes:
         texts = [f"{value:.2g} +- {error:.1g} N {when}" for when, value, error, _ in pushes]
         yield CONTACT_FLAGS.finding(
@@ -660,7 +661,8 @@ def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array]
     """Return the heights of standing feet as rows of their load, and the loads (R,); None without.
 
     Both are about the mean of the feet, and less what their own heights and the slope of the ground
-    explain (Frisch and Waugh 1933). Without an orientation the height of a foot over the plane of
+    explain. The slope has constant coefficients along the heading of the base: a robot that turns
+    on sloping ground violates that. Without an orientation the height of a foot over the plane of
     the others counts.
     """
     motion, base = feet.motion, feet.motion.base
@@ -669,40 +671,57 @@ def _heights(robot: FloatingRobot, feet: LoadedFeet) -> tuple[Regression, Array]
     # Two feet have a difference in height. A plane goes through any three: it needs a fourth.
     fewest = 4 if base.up is None else 2
     places = foot_places(robot, motion.joint_position, feet.links)
-    places = smoothed_where(motion, places, feet.counts)
-    height, *aside = (np.einsum("tki,ti->tk", places, axis) for axis in (up, *_level(up)))
+    places = smoothed_where(motion, places, feet.stands)
+    height, *level = (np.einsum("tki,ti->tk", places, axis) for axis in (up, *_level(up)))
     load = np.einsum("tki,ti->tk", feet.forces, up)
-    counts, k = feet.counts & np.isfinite(height) & np.isfinite(load), len(feet.links)
+    counts, k = feet.stands & np.isfinite(height) & np.isfinite(load), len(feet.links)
     # feet have heights of their own, but for the first one
     offsets = np.broadcast_to(np.eye(k)[:, 1:], (*height.shape, k - 1))
     # h_k = c_0(t) + offset_k + slope . (x_k, y_k) - c N_k: the column of the compliance c is -N_k.
-    values = np.concatenate([np.stack([height, -load, *aside], axis=2), offsets], axis=2)
-    hidden = np.stack([np.ones_like(height), *(aside if base.up is None else ())], axis=2)
-    about_mean = np.full_like(values, np.nan)
-    for pattern in np.unique(counts[np.sum(counts, axis=1) >= fewest], axis=0):
-        at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
-        inverse = safely(np.linalg.pinv, hidden[at], what="the places of standing feet")
-        # (t, feet, columns) at all instants with the same standing feet: at each one less what the
-        # height of the base, or the plane of the feet, explains.
-        about_mean[at] = values[at] - hidden[at] @ inverse @ values[at]
+    values = np.concatenate([np.stack([height, -load, *level], axis=2), offsets], axis=2)
+    # At each instant the height of the base, or the plane of the feet, is free.
+    per_instant = np.stack([np.ones_like(height), *(level if base.up is None else ())], axis=2)
+    counts &= np.sum(counts, axis=1, keepdims=True) >= fewest
+    about_mean = _unexplained(per_instant, values, counts)
     rows = np.isfinite(about_mean[:, :, 0])
     if not np.any(rows):
         return None
-    pairs, columns = np.split(about_mean[rows], [2], axis=1)
+    return _compliance_rows(about_mean[rows], motion.time[np.nonzero(rows)[0]]), load[rows]
+
+
+def _unexplained(per_instant: Array, values: Array, counts: BoolArray) -> Array:
+    """Return values (T, feet, columns) of counted feet less what columns of each instant explain.
+
+    They are NaN for other feet.
+    """
+    remaining = np.full_like(values, np.nan)
+    for pattern in np.unique(counts[np.any(counts, axis=1)], axis=0):
+        # (t, feet, columns) at all instants with the same counted feet
+        at = np.ix_(np.flatnonzero(np.all(counts == pattern, axis=1)), np.flatnonzero(pattern))
+        inverse = safely(np.linalg.pinv, per_instant[at], what="the places of standing feet")
+        remaining[at] = values[at] - per_instant[at] @ inverse @ values[at]
+    return remaining
+
+
+def _compliance_rows(about_mean: Array, time: Array) -> Regression:
+    """Return the rows of the compliance from columns (R, 2 + c): height, its column, and others.
+
+    What the others explain, slope and heights of the feet, is subtracted (Frisch and Waugh 1933).
+    """
+    pairs, columns = np.split(about_mean, [2], axis=1)
     span = scaled_svd(columns).span()
     y, H = (pairs - span @ (span.T @ pairs)).T
-    regression = Regression(
+    return Regression(
         names=("compliance",),
         units=("m/N",),
         H=H[:, None],
         y=y,
         joint=np.zeros(len(y)),
-        time=motion.time[np.nonzero(rows)[0]],
+        time=time,
         run=np.zeros(len(y)),
         excluded=0,
         propagated=np.empty((len(y), 0)),
     )
-    return regression, load[rows]
 
 
 def _upwards(motion: Motion, base: BaseMotion) -> Array:
@@ -742,4 +761,4 @@ def smoothed_where(motion: Motion, values: Array, counts: BoolArray) -> Array:
 
 
 _WEIGHT = 0.25
-"""Least part of the low pass of a sample that counting samples have: at a boundary it is a half."""
+"""Least share of counted samples under the low pass: at a boundary it is one half."""

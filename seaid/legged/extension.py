@@ -146,9 +146,9 @@ class LeggedExtension(Extension):
 def mass_findings(
     robot: Robot, motions: Sequence[Motion], mass_kg: float, error_kg: float
 ) -> Iterator[Finding]:
-    """Yield a total mass that no force of the ground can come from, or far from the nominal one.
+    """Yield a negative total mass, or one far from the nominal mass.
 
-    `robot` has that of its file. The mass is NaN where it is not determined.
+    `robot` has the bodies of its file. The mass is NaN where it is not determined.
     """
     nominal_kg = float(np.sum((robot.parameters + robot.payload_parameters)[::10]))
     sure_kg, ratio = SURE * error_kg, mass_kg / nominal_kg if nominal_kg > 0 else 1.0

@@ -173,7 +173,10 @@ def _median_of_standing(values: Array, flags: BoolArray, of_none: float) -> Arra
 
 
 def _contradicted_flags(feet: FeetInMotion) -> Iterator[Finding]:
-    """Yield contacts, or legs, whose flags the motion contradicts."""
+    """Yield exchanged flags or legs, else late flags, else single contacts.
+
+    Each explains those after it. A new check of flags belongs here, not in `MOTION_CHECKS`.
+    """
     if not np.any(feet.flags):
         return
     misread = [*_exchanges(feet)] or [*_late(feet)]
@@ -190,12 +193,12 @@ MOTION_CHECKS = (Observation(CONTACT_FLAGS, _contradicted_flags),)
 
 def _moving(feet: FeetInMotion, k: int, link: str) -> Iterator[Finding]:
     """Yield a contact that moves while its flag says that it stands."""
-    vertical, along = (speed[:, k] for speed in feet.speeds)
+    vertical, horizontal = (speed[:, k] for speed in feet.speeds)
     standing, has_vertical = feet.flags[:, k] & feet.judged, feet.base.up is not None
-    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), along > FOOT_SLIDES_M_S
+    rises, slides = lifted(vertical, standing, feet.motion.rate_hz), horizontal > FOOT_SLIDES_M_S
     for moving, speed, how, is_doubtful in (
         (rises, vertical, "is in the air: it rises and falls", True),
-        (slides & standing, along, "slips" if has_vertical else "moves", not has_vertical),
+        (slides & standing, horizontal, "slips" if has_vertical else "moves", not has_vertical),
     ):
         share = float(moving.sum()) / max(int(standing.sum()), 1)
         if share >= FEW:
@@ -267,9 +270,9 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
         flagged = _flagged(link, motions)
-        lifts = [~moved.contacts[link] for _, moved in flagged]
+        lifts = [~base_motion.contacts[link] for _, base_motion in flagged]
         count = sum(map(len, map(runs, lifts)))
-        used = [moved.used for _, moved in flagged]
+        used = [base_motion.used for _, base_motion in flagged]
         if count == 0 or np.any(np.concatenate(used) & np.concatenate(lifts)):
             continue
         rates = np.array([(motion.rate_hz, motion.cutoff_hz) for motion, _ in flagged])
@@ -371,8 +374,8 @@ def _late(feet: FeetInMotion) -> Iterator[Finding]:
     yield _late_flags(feet, readings[0].speed, readings[1])
 
 
-def _late_flags(feet: FeetInMotion, now: float, best: _Reading) -> Finding:
-    """Return the finding of flags that are late as in the `best` reading; `now` is a speed."""
+def _late_flags(feet: FeetInMotion, speed_as_given: float, best: _Reading) -> Finding:
+    """Return the finding of flags that are late as in the `best` reading."""
     late_s, late = float(best.late / feet.motion.rate_hz), [feet.links[k] for k in best.flags]
     sources = {}
     for link in late:
@@ -382,10 +385,10 @@ def _late_flags(feet: FeetInMotion, now: float, best: _Reading) -> Finding:
     return CONTACT_FLAGS.wrong(
         f"the {f'flag of {late[0]} is' if len(late) == 1 else 'flags of the contacts are'} "
         f"{'late' if late_s > 0 else 'early'} by about "
-        f"{abs(late_s):.2g} s: standing feet move with {now:.2g} m/s (rms), and with "
+        f"{abs(late_s):.2g} s: standing feet move with {speed_as_given:.2g} m/s (rms), and with "
         f"{best.speed:.2g} m/s without this delay",
         only_joint(late),
-        evidence={"delay [s]": late_s, "speed [m/s]": now},
+        evidence={"delay [s]": late_s, "speed [m/s]": speed_as_given},
         remedy=in_description(sources, table="contacts"),
     )
 
@@ -405,7 +408,7 @@ class LegOrder:
 
 
 def best_order(feet: FeetInMotion) -> LegOrder | None:
-    """Return the order of legs and of contact flags in which standing feet rest, None for the own.
+    """Return the order of legs and flags in which standing feet rest, None if the log's is best.
 
     All orders of legs with equal kinds of joints count, also those of logs that have the first
     joints of all legs, then the second ones, and so on; each with all orders of the flags. None

@@ -194,7 +194,7 @@ def floating_columns(
 ) -> LoadColumns:
     """Return the `load_columns` of a floating base, without contact forces, block by block.
 
-    With `thetas` (p + p_d, k) its products with H are in place of H.
+    With `thetas` (p + p_d, k) the field `H` has no columns but torques H @ thetas (T, rows, k).
     """
     base, q = motion.base, motion.joint_position
     assert base is not None
@@ -297,13 +297,13 @@ def stances_of(robot: FloatingRobot, motions: Sequence[Motion]) -> tuple[Stances
     """Return the sets of contacts that touch the ground together in motions of a floating base.
 
     The second result are those among them with measured wrenches: flat feet that have one in each
-    log, of which one that always stands shows its weight only.
+    log. A flat foot that never lifts determines only its weight.
     """
     bases = [motion.base for motion in motions]
     flat = _measured_feet(robot, bases)
     stances = dict.fromkeys(chain(*(_base_stances(base, flat) for base in bases)))
     if not any(x.base is None or np.any(x.base.used[row_samples(x)]) for x in motions):
-        raise _without_stance(motions)
+        raise _no_used_sample(motions)
     return tuple(stances), flat
 
 
@@ -327,7 +327,7 @@ def _base_stances(base: BaseMotion | None, flat: Sequence[str]) -> list[tuple[st
     return [(*compress(touching, pattern), *base.guided) for pattern in stances]
 
 
-def _without_stance(motions: Sequence[Motion]) -> LogError:
+def _no_used_sample(motions: Sequence[Motion]) -> LogError:
     """Return the error of motions whose contacts change too often for their cutoff."""
     longest_s = 0.0
     for motion in motions:

@@ -22,7 +22,7 @@ def test_a_ball_that_reaches_the_joint_above_it_is_no_foot(
 ) -> None:
     """The calves are 213 mm long, and their feet are balls of 22 mm."""
     column = [("radius", change_m, 0.001, 0.9)]
-    monkeypatch.setattr(LeggedFit, "sure_columns", lambda *_: column)
+    monkeypatch.setattr(LeggedFit, "significant_columns", lambda *_: column)
     nothing = np.zeros(0)
     rows: Any = None  # those of the column, which is given
     legged = LeggedFit(go2(), [], rows, rows, {}, nothing, nothing, nothing, 15.0)
