@@ -6,9 +6,8 @@ measured ones. Motor encoders see the joint through a gear, so that their noise 
 the joint encoders: as inputs they cost little accuracy, prevent drift, and need no controller. Each
 window of the log has its own initial state.
 
-Hysteresis of springs and dry friction of joints, which are sharp, are corrections {joint: (T, 1 +
-p)} of what the equations of the drives have at the samples of the simulated motion: of the torque
-at the joint, and of its derivatives by the parameters.
+Hysteresis of springs and dry friction of joints are not smooth. They enter as corrections (T, 1 +
+p) per joint: what is added to the torque on the joint, and to its derivatives by the p parameters.
 """
 
 from __future__ import annotations
@@ -42,10 +41,10 @@ from seaid.simulation.plant import Response, TorqueJacobians, torque_jacobians
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
-It is that of the identification where no encoder is behind a spring and the noise of the motor's,
-twice differentiated, would exceed that of the torque, or the rotor inertia is unknown; and where a
-spring has hysteresis, whose states add up the travel of the noise: at three times that cutoff
-widths were 12 to 23 % large."""
+The cutoff is not raised where no encoder is behind a spring and either the noise of the motor's
+encoder, twice differentiated, exceeds that of its torque, or its rotor inertia is unknown. Nor is
+it where a spring has hysteresis, whose states add up the travel of the noise: at three times the
+cutoff widths were 12 to 23 % large (`scripts/benchmarks/hysteresis.py --refine`)."""
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
@@ -89,7 +88,7 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
     window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
     compared = (*layout.simulated, *layout.followed)
-    still = np.column_stack([_turning(known, motion, joint) for joint in compared])
+    still = np.column_stack([_near_reversals(known, motion, joint) for joint in compared])
     # Response of s joints: (T, s, 1 + p + 2 s), the residual, p parameters, 2 s initial states.
     per_window = window * len(simulated) * (1 + len(layout.parameters) + 2 * len(simulated))
     most = max(1, _MOST_ENTRIES // max(per_window, 1))
@@ -109,7 +108,7 @@ def _in_wider_band(layout: Layout, log: Log) -> Motion:
     """Return the motion of a log at the wider cutoff, where `WIDER` has no reason against it."""
     start, known = layout.identification, layout.identification.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
-    wider = 1.0 if with_hysteresis(known, layout.simulated) else WIDER
+    wider = 1.0 if hysteretic_joints(known, layout.simulated) else WIDER
     band = min(wider * start.cutoff_hz, rate_hz / 8)
     motion = simulated_joints.finer_side(known, reconstruct_motion(known, log, band))
     behind = (*layout.unseen, *layout.followed)
@@ -133,7 +132,7 @@ def motor_noise(layout: Layout, joint: str, log: Log, motion: Motion) -> tuple[f
     return white_noise(log.motor_torque[:, index]), rotor
 
 
-def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+def _near_reversals(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return a mask (T,) of samples near which a motor with dry friction stands or turns back.
 
     A width of Coulomb friction that `identify` selected is that of its rows, below the narrower
@@ -146,21 +145,22 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     still = np.abs(speed) < still_speed(motion, robot.index(joint))
     still[1:] |= speed[1:] * speed[:-1] < 0
     # The low pass of the positions smears a reversal over about one of its periods.
-    seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
-    return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
+    smear = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
+    return np.asarray(scipy.ndimage.maximum_filter1d(still.astype(np.uint8), 2 * smear + 1) > 0)
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
-    """What moves the simulated joints of a run.
+class JointStep:
+    """What moves the simulated joints of a run in a step of the parameters.
 
+    `dynamics` are those of the joints, linearised about their motion.
     The first column of `force` (T, joints, 1 + p) is the residual of (8), by which the joints have
     to move to satisfy it; then follow its derivatives by the parameters.
     """
 
     layout: Layout
     run: Run
-    load: simulated_joints.LinearisedLoad
+    dynamics: simulated_joints.LinearisedLoad
     force: Array
 
     def moved(self, change: Array, part: float, initial: Array) -> Run:
@@ -169,7 +169,7 @@ class Pull:
         joints = list(map(known.index, layout.simulated))
         # q + part dq_0 + dq/dx change + Phi(t) s: the Newton correction dq_0 of (8), the change of
         # the parameters, and free motions Phi from the changes s of each window's initial state.
-        response = self.load.response(self.force @ np.append(part, change)[:, None])
+        response = self.dynamics.response(self.force @ np.append(part, change)[:, None])
         weights = np.column_stack([np.ones(len(initial)), initial])
         motion = simulated_joints.displaced(self.run.motion, joints, response, weights)
         if layout.has_zeros:
@@ -186,7 +186,7 @@ _LEAST_RAD_S = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class _Around:
+class _RunEquations:
     """The equations of a run about parameters x (p,), of S simulated joints.
 
     Columns (T, joints, 1 + p) are a residual and its derivatives by x.
@@ -230,7 +230,7 @@ class _Around:
         (`scripts/benchmarks/hysteresis.py --refine`).
         """
         corrections, length = {}, len(self.run.motion.time)
-        for joint in with_hysteresis(self.known, self.layout.simulated):
+        for joint in hysteretic_joints(self.known, self.layout.simulated):
             drive = self.known.drives[joint]
             width = drive.values["hysteresis_deflection"]
             measured, simulated = (
@@ -245,7 +245,7 @@ class _Around:
         return corrections
 
     @cached_property
-    def friction(self) -> tuple[dict[str, Array], Array]:
+    def friction_and_slopes(self) -> tuple[dict[str, Array], Array]:
         """The corrections of dry friction of the joints, and its slopes (T, S) by their speeds.
 
         It is the mean about a sample of c sign(v), with v linear in time. Its slope lets a reversal
@@ -267,18 +267,21 @@ class _Around:
             slopes[:, row] = np.where(np.abs(speed) < swept, level / swept, 0.0)
         return torques, slopes
 
-    def correction(self, joint: str, name: str, unit: Array) -> tuple[float, Array]:
-        """Return a parameter's value, and the corrections by the torque (T,) of a `unit` of it."""
+    def correction(self, joint: str, name: str, torque_per_unit: Array) -> tuple[float, Array]:
+        """Return the value of a parameter, and the correction by it.
+
+        That is the value times `torque_per_unit` (T,), and its derivative.
+        """
         place = self.layout.places.get(Parameter(name, joint))
         value = self.known.drives[joint].values[name] if place is None else float(self.x[place])
-        correction = np.zeros((len(unit), 1 + len(self.x)))
-        correction[:, 0] = value * unit
+        correction = np.zeros((len(torque_per_unit), 1 + len(self.x)))
+        correction[:, 0] = value * torque_per_unit
         if place is not None:
-            correction[:, 1 + place] = unit
+            correction[:, 1 + place] = torque_per_unit
         return value, correction
 
     @cached_property
-    def load(self) -> Array:
+    def load_rows(self) -> Array:
         """The columns of (8) of all joints with a torque."""
         layout, motion, x = self.layout, self.run.motion, self.x
         model = layout.identification.model
@@ -297,26 +300,26 @@ class _Around:
             by_x[:, :, [layout.zeros.start + joint for joint in self.joints]] = 0.0
         for column, joint, unit in layout.tests(motion):
             by_x[:, model.torque_joints.index(joint), column] = unit
-        for joint, correction in (*self.hysteresis.items(), *self.friction[0].items()):
+        friction, _ = self.friction_and_slopes
+        for joint, correction in (*self.hysteresis.items(), *friction.items()):
             # A correction of the torque on the joint is in (8) with its sign, and in (7), through
-            # the gear, with the opposite one (below); joint friction is in (8) alone.
+            # the gear, with the opposite one (`motor_torques`); joint friction is in (8) alone.
             columns[:, model.torque_joints.index(joint)] += correction
         return columns
 
-    def load_of(self, joints: Sequence[str]) -> Array:
+    def load_rows_of(self, joints: Sequence[str]) -> Array:
         """Return the columns of (8) of some joints."""
         names = self.layout.identification.model.torque_joints
-        return np.asarray(self.load[:, list(map(names.index, joints))])
+        return np.asarray(self.load_rows[:, list(map(names.index, joints))])
 
     @cached_property
     def nudged(self) -> tuple[Motion, Motion]:
         """The motions with all joint positions changed, and with all speeds."""
-        return simulated_joints.nudged(self.run.motion, 0), simulated_joints.nudged(
-            self.run.motion, 1
-        )
+        motion = self.run.motion
+        return simulated_joints.nudged(motion, 0), simulated_joints.nudged(motion, 1)
 
     @property
-    def linearised_load(self) -> simulated_joints.LinearisedLoad:
+    def joint_dynamics(self) -> simulated_joints.LinearisedLoad:
         """What pulls at the simulated joints: the bodies, and the drives against their motion."""
         layout, eye, motion = self.layout, np.eye(len(self.joints)), self.run.motion
         model = layout.identification.model
@@ -325,18 +328,19 @@ class _Around:
             self.known, motion, self.nudged, model, self.springs, self.x[layout.load]
         )
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
-        by_speed = by_speed + self.friction[1][:, :, None] * eye
+        _, of_friction = self.friction_and_slopes
+        by_speed = by_speed + of_friction[:, :, None] * eye
         inside = self.jacobians.part(self.joints, self.joints).plus(by_position, by_speed)
         return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
-    def linearised(self) -> tuple[Residuals, Pull]:
+    def linearised(self) -> tuple[Residuals, JointStep]:
         """Return the residuals of the simulated joints, and what pulls at these joints.
 
         Channels: positions of the simulated joints, torques of their drives and of followed joints.
         """
         layout, run = self.layout, self.run
-        pull = Pull(layout, run, self.linearised_load, self.load_of(layout.simulated))
-        response = pull.load.response(pull.force)
+        step = JointStep(layout, run, self.joint_dynamics, self.load_rows_of(layout.simulated))
+        response = step.dynamics.response(step.force)
         torques = self.motor_torques(response), self.followed_torques(response)
         columns = np.concatenate([self.positions(response), *torques], axis=1)
         unseen = np.isin(layout.simulated, layout.unseen)
@@ -346,7 +350,7 @@ class _Around:
         if run.motion.bridged is not None:  # what was interpolated over a gap was not measured
             unknown |= run.motion.bridged[:, None]
         free, time = 2 * len(unseen), run.motion.time
-        return block_means(columns, unknown, time, run.windows, run.block, free), pull
+        return block_means(columns, unknown, time, run.windows, run.block, free), step
 
     def positions(self, response: Response) -> Array:
         """Return the columns of the encoders of the simulated joints, and of their free motions."""
@@ -398,7 +402,7 @@ class _Around:
         """Return the columns of (8) of the followed joints, and of the free motions of others."""
         followed = list(map(self.known.index, self.layout.followed))
         columns = -self.jacobians.part(followed, self.joints).change(response)
-        rows = self.load_of(self.layout.followed)
+        rows = self.load_rows_of(self.layout.followed)
         columns[:, :, : rows.shape[2]] += rows
         return columns
 
@@ -429,7 +433,7 @@ class MotorDriven:
         """Return the residuals of all windows at x (p,), and how the joints go on from there."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                around = [_Around(layout, run, x).linearised() for run in self.runs]
+                around = [_RunEquations(layout, run, x).linearised() for run in self.runs]
         except IdentificationError as problem:
             raise IdentificationError(f"{_DIVERGES}; {problem}") from None
         for rows, _ in around:
@@ -441,7 +445,7 @@ class MotorDriven:
         def advance(change: Array, part: float, nuisance: Array) -> MotorDriven:
             initial = np.split(part * nuisance, starts)
             pairs = zip(around, initial, strict=True)
-            return MotorDriven([pull.moved(change, part, states) for (_, pull), states in pairs])
+            return MotorDriven([step.moved(change, part, states) for (_, step), states in pairs])
 
         return joined([rows for rows, _ in around]), advance
 
@@ -482,7 +486,7 @@ def _with_encoder_noise(
     return replace(motion, joint_position=motion.joint_position + noise)
 
 
-def with_hysteresis(robot: Robot, joints: Sequence[str]) -> list[str]:
+def hysteretic_joints(robot: Robot, joints: Sequence[str]) -> list[str]:
     """Return those of the joints whose spring has a law of hysteresis."""
     return [joint for joint in joints if "dahl" in robot.drives[joint].spring]
 

@@ -361,7 +361,7 @@ def _of_noisy_deflections(layout: Layout, point: LogPoint, logs: Sequence[Log]) 
     """
     known, rng = layout.identification.known, np.random.default_rng(0)
     total = np.zeros((len(point.x), len(point.x)))
-    for _ in range(_STATE_DRAWS if motor_driven.with_hysteresis(known, layout.simulated) else 0):
+    for _ in range(_STATE_DRAWS if motor_driven.hysteretic_joints(known, layout.simulated) else 0):
         noisy = [
             replace(log, simulator=log.simulator.with_noise(known, logs, rng))
             if isinstance(log.simulator, motor_driven.MotorDriven)

@@ -16,7 +16,7 @@ from seaid.drives.terms import FrictionTerm
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, identify, motor_driven, output_error, refine
-from seaid.identification.motor_driven import MotorDriven, Run, _turning, runs_of
+from seaid.identification.motor_driven import MotorDriven, Run, _near_reversals, runs_of
 from seaid.identification.refined_parameters import Layout, LogPoint, layout_of
 from seaid.legged import load_robot
 from seaid.log import Log, Motion
@@ -335,7 +335,7 @@ def test_rows_where_dry_friction_turns_back_are_excluded(
 ) -> None:
     moved = exact_motion(arm(tmp_path, STIFF, ELASTIC))
     other = arm(tmp_path, STIFF, replace(ELASTIC, friction=friction, nominal={}))
-    assert np.any(_turning(other, moved, "two")) == is_excluded
+    assert np.any(_near_reversals(other, moved, "two")) == is_excluded
 
 
 # refine: drives with springs and friction beyond the plain ones, on known truth.
