@@ -518,18 +518,18 @@ class GivenConstants:
 
     def known_errors(self, estimates: Mapping[str, RobotEstimate]) -> KnownErrors:
         """Return the errors with the slopes of estimates in turn."""
-        turn, errors, load = next(iter(estimates.values())).turn, self.errors, None
-        assert turn is not None
+        fits, errors, load = next(iter(estimates.values())).fits, self.errors, None
+        assert fits is not None
         with self.rows(estimates) as rows:
-            slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in turn.equations}
-            if turn.refit is not None and len(self._offsets):
-                load = turn.refit(rows[LOAD], self._offsets)
+            slopes = {key: fit.slopes(rows[equation]) for key, equation, fit in fits.equations}
+            if fits.refit is not None and len(self._offsets):
+                load = fits.refit(rows[LOAD], self._offsets)
         k = len(errors.names)
         slopes = {key: x if key == LOAD else x[:, -k:] for key, x in slopes.items()}
         levers = {}  # relative derivatives of N/r_M by each error: those of encoders change nothing
-        for joint in turn.springs:
+        for joint in fits.springs:
             after = np.array([offset_lever(constant.robot, joint) for constant in self.common])
-            changes = (after / offset_lever(turn.robot, joint) - 1) / STEP
+            changes = (after / offset_lever(fits.robot, joint) - 1) / STEP
             levers[joint] = np.pad(changes, (0, k - len(changes)))
         return KnownErrors(errors, slopes, levers, load, len(self._offsets))
 
@@ -543,7 +543,7 @@ class GivenConstants:
         """Return the estimates of all conditions with the errors of what was given."""
         if not self.common:
             return estimates
-        if any(sides.turn is None for sides in estimates.values()):
+        if any(sides.fits is None for sides in estimates.values()):
             wide = {name: self._included_at_once(name, x) for name, x in estimates.items()}
         else:
             known_errors = self.known_errors(estimates)
@@ -608,8 +608,8 @@ def _equations(
     name: str, condition: two_step.Condition, sides: RobotEstimate, constants: Sequence[Constant]
 ) -> dict[str, Regress]:
     """Return the functions for the rows of a condition, which propagate errors of the constants."""
-    robot, turn, equations = condition.robot, sides.turn, dict[str, Regress]()
-    if turn is None:
+    robot, fits, equations = condition.robot, sides.fits, dict[str, Regress]()
+    if fits is None:
         assert sides.regress is not None
         values = sides.fit.estimate.values
         return {LOAD: partial(_rows_at_once, sides.regress, robot, values, constants)}
@@ -617,7 +617,7 @@ def _equations(
     for joint, fit in sides.actuators.items():
         estimate = fit.estimate.of_condition(name)
         equations[joint] = partial(of_drive, joint, estimate, actuator_regression)
-    for joint, fit in turn.by_sensor.items():
+    for joint, fit in fits.by_sensor.items():
         estimate = fit.estimate.of_condition(name)
         equations[sensed_spring(joint)] = partial(of_drive, joint, estimate, spring_regression)
     return equations | {LOAD: partial(_load_rows, condition, sides, constants)}

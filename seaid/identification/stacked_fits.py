@@ -321,7 +321,7 @@ class RobotEstimate:
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
     were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
-    motor equation} if they were estimated in `turn`. `findings` are about the way to the
+    motor equation} if they were estimated in turn, in `fits`. `findings` are about the way to the
     estimates, and `not_shared` is why the data do not support an estimate of both sides at once,
     whose rows `regress` returns; `shared` are the parameters that drives share.
     """
@@ -335,7 +335,7 @@ class RobotEstimate:
     fit: FittedRows
     whole: Estimate | None = None
     actuators: Mapping[str, FittedRows] = field(default_factory=dict)
-    turn: FitsInTurn | None = None
+    fits: FitsInTurn | None = None
     findings: tuple[Finding, ...] = ()
     not_shared: str = ""
     shared: tuple[SharedParameter, ...] = ()
@@ -344,8 +344,8 @@ class RobotEstimate:
 
     def with_errors(self, known: KnownErrors, condition: str) -> RobotEstimate:
         """Return the estimate in turn of a condition with errors of what was given as known."""
-        assert self.turn is not None
-        drives, side = self.turn.of_condition(condition, self.load_side.names, known)
+        assert self.fits is not None
+        drives, side = self.fits.of_condition(condition, self.load_side.names, known)
         load = side.of_names(self.load.names)
         return replace(self, drives=drives, load=load, load_side=side)
 

@@ -115,26 +115,26 @@ class TwoStepFits:
     """
 
     conditions: Mapping[str, Condition]
-    turn: FitsInTurn
+    fits: FitsInTurn
     shares: Mapping[str, Mapping[str, Share]]
     known_errors: KnownErrors = EXACT
 
     @property
     def actuators(self) -> Mapping[str, FittedRows]:
         """The fits of the motor equations by joint."""
-        return self.turn.actuators
+        return self.fits.actuators
 
     @property
     def load(self) -> FittedRows:
         """The fit of the load side."""
-        load = self.known_errors.fit or self.turn.load
+        load = self.known_errors.fit or self.fits.load
         assert load is not None
         return load
 
     def of(self, name: str) -> RobotEstimate:
         """Return the estimate of the robot of one condition."""
         robot, model = self.conditions[name].robot, self.conditions[name].model
-        drives, load_side = self.turn.of_condition(name, model.names, self.known_errors)
+        drives, load_side = self.fits.of_condition(name, model.names, self.known_errors)
         names = self.load.estimate.names
         columns = [names[place] for place in places_of(names, name)]
         # `model.expressions` are the base parameters. The drive parameters follow in `model.names`,
@@ -145,12 +145,12 @@ class TwoStepFits:
             drives=drives,
             load=load_side.of_names(model.expressions),
             load_side=load_side,
-            springs={x: spring_of(robot, drives[x], x).values for x in self.turn.springs},
+            springs={x: spring_of(robot, drives[x], x).values for x in self.fits.springs},
             excluded=excluded | {"load": self._excluded(LOAD, name, self.load)},
             checks=_checks(self.actuators, name) | {"load": self.load.checks(optional)},
             fit=self.load,
             actuators=self.actuators,
-            turn=self.turn,
+            fits=self.fits,
             shared=self._shared,
         )
 
@@ -179,9 +179,9 @@ def estimate_two_step(
     Parameters that are not `specific` are the same in all conditions. `sensor_errors` change the
     torques of one condition.
 
-    `equations` compute the rows of one condition in place of `two_step_equations`, in columns that
-    `estimator` knows and that its `effective_rows` converts to the plain ones; torque offsets then
-    count as 0.
+    `equations` replace `two_step_equations` of one condition. Their columns are those that
+    `estimator` expects, its `effective_rows` restores the plain ones, and torque offsets are not
+    fitted.
     """
     first = next(iter(conditions.values()))
     robot, motions = first.robot, [x for each in conditions.values() for x in each.motions]
@@ -202,8 +202,8 @@ def estimate_two_step(
         motors = _Motors(robot, motions, estimator, joints, sensed).fitted(rows)
         side = LoadSideFit(motors, estimator, motions[0].cutoff_hz, is_plain, sensor_errors)
         load = side.fit(rows[LOAD], np.zeros((0, 0)))
-    turn = replace(motors, load=load, refit=side.fit if is_plain else None)
-    return TwoStepFits(conditions, turn, of_conditions.shares)
+    fits = replace(motors, load=load, refit=side.fit if is_plain else None)
+    return TwoStepFits(conditions, fits, of_conditions.shares)
 
 
 def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
@@ -274,7 +274,7 @@ def _is_specific(of_equation: Callable[[str], bool], error_names: Sequence[str],
 class _Motors:
     """The motor equations of a robot, and where unknown constants of its motors come from.
 
-    They are those of a torque sensor for `sensed` joints, else those of the load, which has the
+    Constants come from the torque sensor of `sensed` joints, else from the load side, which has the
     torques of the springs of `joints`.
     """
 
@@ -292,22 +292,22 @@ class _Motors:
             fitted = fit_actuator(robot, motions, joint, rows[joint], estimator)
             if isinstance(fitted, drive_estimates.UnknownScale):
                 unscaled[joint] = fitted
-                fitted = self._fitted_for_one(joint, rows[joint], fitted)
+                fitted = self._fitted_with_unit_constant(joint, rows[joint], fitted)
             motors[joint] = fitted
         by_sensor = {}
         for joint in filter(self.sensed.__contains__, unscaled):
             spring = fit(rows[sensed_spring(joint)], estimator, cutoff_hz=motions[0].cutoff_hz)
             by_sensor[joint] = _with_noisy_deflection(robot, motions, joint, spring, estimator)
         constants = {x: ParameterName(scale.parameter, x) for x, scale in unscaled.items()}
-        turn = FitsInTurn(robot, motors, self.joints, constants, by_sensor)
+        fits = FitsInTurn(robot, motors, self.joints, constants, by_sensor)
         of_load = {joint: unscaled[joint] for joint in unscaled if joint not in by_sensor}
         if not of_load:
-            return turn
-        springs = {joint: turn.spring(joint).values for joint in self.joints}
+            return fits
+        springs = {joint: fits.spring(joint).values for joint in self.joints}
         scales = drive_estimates.fit_constants(robot, springs, rows[LOAD], estimator, of_load)
-        return replace(turn, by_load=scales)
+        return replace(fits, by_load=scales)
 
-    def _fitted_for_one(
+    def _fitted_with_unit_constant(
         self, joint: str, rows: Rows, scale: drive_estimates.UnknownScale
     ) -> FittedRows:
         """Return the fit for a motor constant of 1; raises the error if nothing gives it."""
@@ -325,12 +325,13 @@ class _Motors:
 
 def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, ModelChecks]:
     """Return the checks of the motor equations, of the terms that a drive may lack."""
-    optional = {}
+    checks = {}
     for joint, side in actuators.items():
         names = side.estimate.names
-        own = [names[place] for place in places_of(names, condition)]
-        optional[joint] = [name for name in own if parameter_of(name) not in _NEEDED]
-    return {joint: side.checks(optional[joint]) for joint, side in actuators.items()}
+        of_condition = [names[place] for place in places_of(names, condition)]
+        optional = [name for name in of_condition if parameter_of(name) not in _NEEDED]
+        checks[joint] = side.checks(optional)
+    return checks
 
 
 def two_step_equations(
