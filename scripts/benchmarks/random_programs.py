@@ -34,8 +34,8 @@ from seaid.estimation.sdp import (
     FeasiblePoint,
     Program,
     floored_covariance,
+    of_least_risk,
     regularised,
-    with_selected_weight,
 )
 from seaid.identification.consistency import body_program, prior_bodies
 from seaid.regressor import base_parameters
@@ -346,7 +346,7 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
         found = nearest(program)
         others = [regularised(program, weight)]
         if number % choose_every == 0:
-            others.append(with_selected_weight(program, found.chi_square))
+            others.append(of_least_risk(program, found.chi_square))
         seconds = time.process_time() - begin
         if not all(_is_possible(program, one) for one in (found, *others)):
             result = "inconsistent"

@@ -8,7 +8,7 @@ combinations. The objective is |u|^2 with estimate + root u, a chi-square in sta
 a weight times the log-det divergence from the prior (Lee, Wensing and Park 2020). Its minimum is
 unique and inside the cones: it is the point of the central path of the semidefinite program at
 which every complementary product equals the weight, so a primal-dual interior-point method ends
-there. `regularised` returns it, and `with_selected_weight` chooses the weight.
+there. `regularised` returns it, and `of_least_risk` chooses the weight.
 
 `minimum` minimises chi-square + weight (tr Q - log det Q), with the bodies Q positive definite
 and the slacks positive, by a primal-dual interior-point method: HKM direction (Helmberg, Rendl,
@@ -245,11 +245,11 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """The minimising point, the weight that was resolved, and the `freedom` of its values."""
+    """The minimising point, the weight that was resolved, and the `effective_parameters`."""
 
     point: Point
     weight: float
-    freedom: float
+    effective_parameters: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,19 +328,20 @@ def _search(
         final = used, max(BARRIER, least, relative * used)
         system = _system(program, point)
         step, decrement = _direction(program, used, point, system, final)
-        last = bool(np.all(np.array(point.gaps) <= 2 * np.array(final)))
-        if not (last and decrement <= used):
+        is_centred = bool(np.all(np.array(point.gaps) <= 2 * np.array(final)))
+        if not (is_centred and decrement <= used):
             step = _corrected(program, used, point, system, final, step)
         moved, length = _moved(program, point, step)
-        late += last
+        late += is_centred
         is_stuck, is_stalled = length < _STUCK or late > _LATE, decrement > 0.1 * before
-        if last and decrement < _sufficient(used, point.chi_square, is_stuck, is_stalled):
-            # tr(du/dd) where |u - d|^2 + ... is least: J^T J is the Hessian, 2 I its part by |u|^2.
-            freedom = 2 * float(np.sum(system.variances()[: point.p]))
-            return Minimum(moved or point, used, freedom)
+        if is_centred and decrement < _sufficient(used, point.chi_square, is_stuck, is_stalled):
+            # With the estimate d and the Hessian J^T J, du/dd = 2 [(J^T J)^-1]_uu: its trace is the
+            # number of values that follow the data.
+            effective = 2 * float(np.sum(system.variances()[: point.p]))
+            return Minimum(moved or point, used, effective)
         if moved is None:
             break
-        point, before = moved, decrement if last else np.inf
+        point, before = moved, decrement if is_centred else np.inf
     return None
 
 
@@ -357,6 +358,7 @@ def _start(program: Program, weight: float) -> Point:
         Q = program.scaled(program.start)
         slack = program.limits @ program.start - program.bounds
         u = x[: len(program.estimate)]
+        # The duality gap of the start, sum tr(Z Q) = 4 n gap, is as large as its merit.
         gap = max(weight, float(u @ u + weight * np.einsum("nii->", Q)) / (4 * len(Q)))
     root = _root(Q) if np.isfinite(gap) else None
     if root is None or np.min(slack, initial=1.0) <= 0:
@@ -418,15 +420,15 @@ def _direction(
     `predictor` is a step of which `part` of the second-order terms is compensated (Mehrotra 1992).
     """
     blocks, matrix = program.cones[1], program.slack[1]
-    # Here `dual` is the inverse of the root of Z; in `_system` it is the root itself.
-    (root, _), (half, dual) = point.roots, point.halves
+    (root, _), (half, inverse_dual) = point.roots, point.halves
     second_order, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
     if predictor is not None:
         second_order = part * predictor.Z @ predictor.Q @ point.inverse
         product = part * predictor.slack * predictor.multipliers
     upper = root.transpose(0, 2, 1)
     # <F_i, pull> = tr A_i (weight I - target Q^-1 + second order): the slope of the merit.
-    pull = (weight * upper - targets[0] * half + upper @ second_order) @ dual.transpose(0, 2, 1)
+    slope = weight * upper - targets[0] * half + upper @ second_order
+    pull = slope @ inverse_dual.transpose(0, 2, 1)
     push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
     rest = np.concatenate([pull.ravel(), push, np.sqrt(2.0) * point.x[: point.p]])
     x, decrement = system.solved(rest)
@@ -535,7 +537,7 @@ WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
 The least adds at most 4e-6 per body to chi-square: it determines only what the data leave free.
 """
 
-_OF_ONE = 1.0
+_EQUAL_WEIGHT = 1.0
 """Weight with which the divergence of a body from the prior counts as much as chi-square."""
 
 _ACTIVE = 1e-3
@@ -548,18 +550,18 @@ this, and a body as flat where its pseudo-inertia is also below this part of the
 class FeasiblePoint:
     """Physically consistent unknowns (f,), their `values` (p,) in the estimate, and the distance.
 
-    `distance` (p,) is u, with chi-square |u|^2. `freedom` is the effective number of the p values
-    that the data determine under a prior of this `weight`; `risk` is Stein's unbiased estimate of
-    the expected squared distance to the truth. `ranks` (n,) are those of the pseudo-inertias
-    without the directions in which the cone is active, 4 if none; `active_bounds` are the active
-    inequalities.
+    `distance` (p,) is u, with chi-square |u|^2. `effective_parameters` is the number of the p
+    values that the data determine under a prior of this `weight`; `risk` is Stein's unbiased
+    estimate of the expected squared distance to the truth. `ranks` (n,) are those of the
+    pseudo-inertias without the directions in which the cone is active, 4 if none; `active_bounds`
+    are the active inequalities.
     """
 
     unknowns: Array
     values: Array
     distance: Array
     weight: float
-    freedom: float
+    effective_parameters: float
     risk: float
     ranks: tuple[int, ...]
     active_bounds: tuple[int, ...]
@@ -592,8 +594,8 @@ def regularised(program: Program, weight: float) -> FeasiblePoint:
         values=program.estimate + program.root @ u,
         distance=u,
         weight=used,
-        freedom=optimum.freedom,
-        risk=float(u @ u + 2 * optimum.freedom - point.p),  # Stein 1981
+        effective_parameters=optimum.effective_parameters,
+        risk=float(u @ u + 2 * optimum.effective_parameters - point.p),  # Stein 1981
         # Z Q = weight, so that Q is below _ACTIVE where Z is above weight / _ACTIVE
         ranks=tuple(map(int, np.sum(multipliers < max(_ACTIVE, used / _ACTIVE), axis=1))),
         active_bounds=tuple(map(int, np.flatnonzero(point.multipliers > _ACTIVE))),
@@ -609,28 +611,28 @@ def nearest(program: Program) -> FeasiblePoint:
     return regularised(program, WEIGHTS[-1])
 
 
-def with_selected_weight(
+def of_least_risk(
     program: Program, least: float, weights: Sequence[float] = WEIGHTS
 ) -> FeasiblePoint:
     """Return `regularised` with the weight of least estimated risk.
 
     The risk is Stein's (1981) unbiased estimate of the expected squared distance to the truth, in
-    standard errors: |u|^2 + 2 freedom - p. Unlike cross-validation it needs no independent folds,
-    so it holds for autocorrelated noise. The weights are tried in falling order, as far as they can
-    be resolved relative to `least`, the chi-square of `nearest`, and until no smaller risk is
-    possible; then the midpoints to the neighbours of the best. A weight below 1, under which bodies
-    may be many times as heavy as those of the prior, must lower the risk by more than the standard
-    deviation of chi-square over p values.
+    standard errors: |u|^2 + 2 effective parameters - p. Unlike cross-validation it needs no
+    independent folds, so it holds for autocorrelated noise. The weights are tried in falling order,
+    as far as they can be resolved relative to `least`, the chi-square of `nearest`, and until no
+    smaller risk is possible; then the midpoints to the neighbours of the best. A weight below 1,
+    under which bodies may be many times as heavy as those of the prior, must lower the risk by more
+    than the standard deviation of chi-square over p values.
     """
     resolved = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
     tried = _falling_fits(program, least, resolved)
     best = min(tried, key=attrgetter("risk"))
-    if best.weight < _OF_ONE:
+    if best.weight < _EQUAL_WEIGHT:
         # Chi-square over p values has the variance 2 p.
         highest = best.risk + math.sqrt(2 * len(program.estimate))
         likely = [fit for fit in tried if fit.risk <= highest]
         # Weights from 1 up count alike; of these `max` takes the first, which is the largest.
-        return max(likely, key=lambda point: min(point.weight, _OF_ONE))
+        return max(likely, key=lambda point: min(point.weight, _EQUAL_WEIGHT))
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
     points = [best, *(regularised(program, weight) for weight in inner)]
@@ -642,8 +644,9 @@ def _falling_fits(program: Program, least: float, weights: Sequence[float]) -> l
     fits = [regularised(program, weights[0])]
     for weight in weights[1:]:
         fits.append(regularised(program, weight))
-        # |u|^2 is at least that of `nearest`, and the freedom grows as the weight falls.
-        bound = least + 2 * fits[-1].freedom - len(program.estimate)  # of the risk of the others
+        # |u|^2 is at least that of `nearest`, and more parameters follow the data as the weight
+        # falls: a bound of the risk of the others.
+        bound = least + 2 * fits[-1].effective_parameters - len(program.estimate)
         if bound > min(fit.risk for fit in fits):
             break
     return fits

@@ -149,7 +149,7 @@ def feasible_parameters(
         chi_square=point.chi_square,
         nearest_chi_square=bound.chi_square,
         weight=point.weight,
-        freedom=point.freedom,
+        freedom=point.effective_parameters,
         active_bounds=_active_bounds(robot, point, words),
         notes=notes,
         warnings=tuple(contradictions(robot, program, bound.chi_square)),
@@ -176,7 +176,7 @@ def _stacked(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimat
 
 def _weighted(program: sdp.Program, weight: float | None, least: float) -> sdp.FeasiblePoint:
     if weight is None:
-        return sdp.with_selected_weight(program, least)
+        return sdp.of_least_risk(program, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
             f"weight= must be zero or more and finite (None: selected), found {weight}"

@@ -22,8 +22,8 @@ from seaid.estimation.sdp import (
     Program,
     covariance_root,
     floored_covariance,
+    of_least_risk,
     regularised,
-    with_selected_weight,
 )
 from seaid.robot.inertia import from_center_of_mass, pseudo_inertia
 from tests.representatives import quick_first
@@ -101,12 +101,12 @@ def test_freedom_is_the_derivative_of_the_values_by_the_estimate() -> None:
         ends = [regularised(program(5, shift=sign * shift), 0.3) for sign in (1, -1)]
         root = program(5).root
         trace += np.linalg.solve(root, ends[0].values - ends[1].values)[column] / (2 * step)
-    assert regularised(program(5), 0.3).freedom == pytest.approx(trace, rel=1e-5)
+    assert regularised(program(5), 0.3).effective_parameters == pytest.approx(trace, rel=1e-5)
 
 
 def test_data_choose_the_weight_of_least_risk() -> None:
     one = program(6, noise=1.0)
-    found = with_selected_weight(one, nearest(one).chi_square)
+    found = of_least_risk(one, nearest(one).chi_square)
     for weight in (1e4, 1e2, 1.0, 1e-2, 1e-4):
         assert found.risk <= regularised(one, weight).risk
 
@@ -208,7 +208,7 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sdp, "regularised", watched)
     for least in (0.0, 1e6, 1e20):
         tried.clear()
-        with_selected_weight(program(3), least)
+        of_least_risk(program(3), least)
         assert max(tried) <= WEIGHTS[0]
         assert min(tried) >= min(max(WEIGHTS[-1], RESOLVED * least), WEIGHTS[0])
 
