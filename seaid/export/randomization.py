@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -144,8 +144,8 @@ def write_randomization(
     Examples
     --------
     >>> found = seaid.identify(robot, log, feasible=True)
-    >>> for one in seaid.export.write_randomization(found, "ranges.json").unidentified:
-    ...     print(one.name, one.of, one.nominal, one.why)
+    >>> for parameter in seaid.export.write_randomization(found, "ranges.json").unidentified:
+    ...     print(parameter.name, parameter.of, parameter.nominal, parameter.why)
     """
     path = Path(path)
     _check(path, level, samples, spread)
@@ -226,7 +226,17 @@ class _Cloud:
     """The distribution of an identified robot.
 
     Unknowns are the ten coefficients of X for each body that is not known, and the logarithms of
-    parameters of drives that only combinations have (absorbed ones); p rows are combinations.
+    parameters of drives that only combinations have (absorbed ones). Rows are what was estimated:
+    p combinations, then parameters of drives.
+
+    - `theta` (n, 10), `center` (p,): parameters of bodies and combinations of the robot as exported
+    - `roots` (bodies, 4, 4): A of each unknown body, with the pseudo-inertia A A^T
+    - `absorbed`, `start`: names of absorbed parameters, and the logarithms of their values
+    - `absorption` (rows, absorbed): the combinations per absorbed parameter
+    - `drives`, `values`: names and values of the rows after the combinations
+    - `errors` (rows,), `covariance_root` (rows, rows): their deviations, and a root of C
+    - `W` (p, p): whitening of the combinations; `following`: C_db C_bb^-1, by which the other
+      drives follow the combinations
     """
 
     def __init__(self, result: Identification, level: float, spread: float) -> None:
@@ -296,10 +306,10 @@ class _Cloud:
             what="the covariance",
             error=RobotError,
         )
-        # C = half half^T, so half times independent normal numbers has the covariance C.
-        self.half = scale[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
+        # With C = root root^T, root times independent normal numbers has the covariance C.
+        self.covariance_root = scale[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
         p = self.p
-        C = self.half @ self.half.T
+        C = self.covariance_root @ self.covariance_root.T
         inverse = safely(np.linalg.pinv, C[:p, :p] / np.outer(scale[:p], scale[:p]),
                          what="the covariance", error=RobotError)  # fmt: skip
         roots, axes = safely(np.linalg.eigh, inverse, what="the covariance", error=RobotError)
@@ -308,7 +318,7 @@ class _Cloud:
         self.following = C[p:, :p] @ (self.W.T @ self.W)
 
     def _wider(self, estimate: Any) -> Array:
-        """Return what makes normal deviations as wide as Student's t at the level."""
+        """Return the ratio of Student's t to the normal quantile at the level."""
         freedom = estimate.degrees_of_freedom
         if freedom is None:
             return np.ones(len(estimate.names))
@@ -368,10 +378,10 @@ class _Cloud:
         from the posterior of the linearised model (randomize-then-optimize, Bardsley et al. 2014).
         Its combinations are then those of the bodies themselves: Gauss-Newton steps from there.
         """
-        wanted = self.half @ random.normal(size=len(self.half))
-        free = self.spread * random.normal(size=self.count)
+        estimate_error = self.covariance_root @ random.normal(size=len(self.errors))
+        prior_draw = self.spread * random.normal(size=self.count)
         origin, nothing = np.zeros(self.count), np.zeros(self.count)
-        x = self._step(origin, wanted[: self.p], free)
+        x = self._step(origin, estimate_error[: self.p], prior_draw)
         # The draw is that of the linear model, and F F^T is quadratic in x: smallest further steps
         # until the combinations of the bodies are the drawn ones.
         change = self._slopes(origin) @ x
@@ -384,7 +394,8 @@ class _Cloud:
             x = x + step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
         # The prior moved the combinations from what the log had drawn. Drive parameters follow by
         # their regression on them: d + C_db C_bb^-1 (change).
-        return self._sample(x, wanted[self.p :] + self.following @ (change - wanted[: self.p]))
+        of_combinations, of_drives = np.split(estimate_error, [self.p])
+        return self._sample(x, of_drives + self.following @ (change - of_combinations))
 
     def _sample(self, x: Array, change: Array) -> Array:
         """Return the values of all parameters of the file, those of drives first."""
@@ -412,6 +423,7 @@ class _Cloud:
         rows = []
         for joint, drive in self.robot.drives.items():
             for name in drive.parameter_names:
+                # Zeros of the encoders of these logs are no property of the robot.
                 if name in drive.values and name not in ("spring_offset", "deflection_zero"):
                     power = _AT_JOINT[name][1] if name in _AT_JOINT else 0
                     factor = total_ratio(drive) ** power
@@ -443,28 +455,26 @@ class _Cloud:
             slides = self.robot.is_prismatic[self.robot.index(name.owner)]
             unit = unit.replace("kg m^2", "kg").replace("N m", "N") if slides else unit
             unit = unit.replace("/rad", "/m") if slides else unit
-        made = Range(shown, name.owner, unit, factor * value, 0.0, 0.0, "data")
+        nominal = low = high = factor * value
+        source, why = "given", "was given"
         tail = 0.5 - self.level / 2
         if name in self.drives:
             at = self.drives.index(name)
             error = float(self.errors[self.p + at])
             # `errors` are widened by t over normal: the normal quantile gives Student's interval.
-            half = -float(ndtri(tail)) * error
+            half_width = -float(ndtri(tail)) * error
             least = self._least_value(name)
-            low, high = (max(factor * (value + side), least) for side in (-half, half))
-            made = replace(made, low=low, high=high)
+            low, high = (max(factor * (value + x), least) for x in (-half_width, half_width))
+            source, why = "data", ""
             if error > abs(value):
-                text = f"its standard error, {factor * error:.3g} {unit}, is larger than its value"
-                made = replace(made, why=text)
-            return made
-        if (name.owner, name.quantity) in self.absorbed:
+                why = f"its standard error, {factor * error:.3g} {unit}, is larger than its value"
+        elif (name.owner, name.quantity) in self.absorbed:
             low, high = (float(x) for x in np.quantile(draws, [tail, 1 - tail]))
-            text = "only its sum with inertias of bodies is determined"
-            return replace(made, low=low, high=high, source="prior", why=text)
-        return replace(made, low=made.nominal, high=made.nominal, source="given", why="was given")
+            source, why = "prior", "only its sum with inertias of bodies is determined"
+        return Range(shown, name.owner, unit, nominal, low, high, source, why)
 
     @cached_property
-    def _remaining(self) -> Array:
+    def _posterior_over_prior(self) -> Array:
         """Deviations of the standard parameters (bodies, 10) over those of the prior."""
         x = np.zeros(self.count)
         whitened = self.W @ self._slopes(x)
@@ -481,7 +491,7 @@ class _Cloud:
 
     def _body_source(self, place: int, k: int) -> tuple[str, str]:
         """Return the source of a parameter of a body, and why the log does not determine it."""
-        if self._remaining[place, k] < _DETERMINED:
+        if self._posterior_over_prior[place, k] < _DETERMINED:
             return "data", ""
         base, column = self.result.base, 10 * self.bodies[place] + k
         # A zero column is an unidentifiable parameter; a row with one entry has it individually.
