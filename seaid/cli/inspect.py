@@ -81,27 +81,27 @@ def inspect(
         content["exact"] = asdict(comparison)
     result.show("\n".join(text), {**facts, **content}, robot=robot.name)
     if comparison is not None and not comparison.agree:
-        differ = f"numeric and exact base parameters of '{robot.name}' differ: look for rounded"
         raise SeaidError(
-            f"{differ} angles in the URDF; the exact ones hold for the file as written"
+            f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
+            "in the URDF; the exact ones hold for the file as written"
         )
 
 
-_OF_FIXED = {
+_NOT_FLOATING = {
     "--sensors": "a robot with a floating base has joint torques and the motion of its base: "
     "leave --sensors out, and choose stances with --stance",
     "--plan": "a planned motion is measured with a fixed base only: leave --plan out; seaid excite "
     "--stance measures the motions that it plans for feet on the ground",
 }
-"""{option that a floating base has not: what to do instead}."""
-_OF_FLOATING = {
+"""{option that is not for a floating base: what to do instead}."""
+_NOT_FIXED = {
     "--stance": "the base of this robot is fixed: leave --stance out, or add --base floating"
 }
 
 
 def _check_base(robot: seaid.Robot, options: Mapping[str, object]) -> None:
     """Raise BadParameter for one of the `options` that the base of the robot has not."""
-    for option, remedy in (_OF_FLOATING if robot.base_is_held else _OF_FIXED).items():
+    for option, remedy in (_NOT_FIXED if robot.base_is_held else _NOT_FLOATING).items():
         if options[option] is not None:
             raise typer.BadParameter(remedy, param_hint=option)
 
@@ -120,10 +120,10 @@ def _sensor_content(
     }
     details = map(str, cases.values()) if sensors is not None else [_identifiability_table(cases)]
     text = [*_base_lines(base), *details]
-    delays = next(iter(cases.values())).commands
-    if delays:
-        content["commands"] = list(delays)
-        text += ["\nPosition commands:", *(f"  {x}" for x in delays)] if sensors is None else []
+    commands = next(iter(cases.values())).commands
+    if commands:
+        content["commands"] = list(commands)
+        text += ["\nPosition commands:", *(f"  {x}" for x in commands)] if sensors is None else []
     if plans:
         content["plans"], lines = _measured(robot, plans)
         text += ["\nExcitation by planned motions:", *lines]

@@ -79,10 +79,10 @@ class FourierBasis:
 
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
-        number = np.arange(1, self.harmonics + 1)
-        rate = 2 * np.pi * number / self.period_s
+        harmonic = np.arange(1, self.harmonics + 1)
+        rate = 2 * np.pi * harmonic / self.period_s
         # modulo the period, so that the end gives exactly the values of the start
-        phase = 2 * np.pi * np.outer(np.asarray(time) / self.period_s % 1.0, number)
+        phase = 2 * np.pi * np.outer(np.asarray(time) / self.period_s % 1.0, harmonic)
         sine, cosine = np.sin(phase), np.cos(phase)
         ones = np.ones((len(phase), 1))
         return (
@@ -309,6 +309,8 @@ def _whole(name: str, value: Any) -> int:
 
 
 _MOST_DEGREE = 100
+"""Largest degree of a basis of splines."""
+
 _LEAST_SPAN = 1e-12
 """Relative to the duration: knots closer than this differ by rounding error only."""
 
@@ -437,9 +439,8 @@ def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     polar form at its knots s[i+1] .. s[i+degree], by the recursion of de Boor.
     """
     index = np.arange(len(finer) - degree - 1)
-    # The polar form is that of a span within the support of the point, from its middle, so that it
-    # is extrapolated least. The middle is the mean of the polar form's knots (Greville): unlike the
-    # knot in their middle, it is no repeated knot at which the support ends.
+    # The span is that of the Greville abscissa, the mean of the knots: from there the polar form is
+    # extrapolated least. The knot in their middle could be a repeated one, where the support ends.
     middle = finer[index[:, None] + np.arange(1, degree + 1)].mean(axis=1)
     span = np.searchsorted(knots, middle, side="right") - 1
     span = np.clip(span, degree, len(knots) - degree - 2)

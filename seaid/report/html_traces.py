@@ -27,7 +27,8 @@ _ROOM = 2_000_000
 """Bytes of the page for all traces together, and as base64."""
 
 _SAMPLE_BYTES = 12.0
-"""Three 16-bit integers per trace and two per joint, as base64."""
+"""Three 16-bit integers per trace, and three per joint (position, velocity, temperature) that its
+two traces share, as base64: (3 + 3/2) 2 bytes, times 4/3."""
 
 _PER_PERIOD = 24
 """Samples kept per period of the cutoff frequency, if there is room."""
@@ -147,8 +148,8 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     inside = _inside(result)
     step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
     count = len(range(*inside.indices(len(result.time))))
-    # Two samples of each stretch are kept, therefore ceil(2 count / room) samples long.
-    stretch = 0 if -(-count // step) <= room else -(-2 * count // room)
+    # Two samples of each bin are kept: its width is ceil(2 count / room) samples, 0 without bins.
+    width = 0 if -(-count // step) <= room else -(-2 * count // room)
     bands = _bands(count, rate_hz, result.cutoff_hz, lines)
     lags = _lags(count // step, rate_hz / step, result.cutoff_hz)
     return {
@@ -156,15 +157,15 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "unseen": run.is_unseen,
         "cutoff": result.cutoff_hz,
         "start": float(axis_time(result.time)[inside][0]),
-        # Smallest and largest sample of a stretch are drawn half a stretch apart.
-        "step": (stretch / 2 if stretch else step) / rate_hz,
-        "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
+        # Smallest and largest sample of a bin are drawn half a bin apart.
+        "step": (width / 2 if width else step) / rate_hz,
+        "thinned": _thinned_text(step, width, rate_hz, result.cutoff_hz),
         "frequencies": [float(f"{hz:.4g}") for hz in bands.frequency],
         **{
-            side: _packed_side(getattr(result, side), inside, (step, stretch), bands, lags)
+            side: _packed_side(getattr(result, side), inside, (step, width), bands, lags)
             for side in SIDES
         },
-        **_packed_motion(result.motions, result.time[inside][::step], bool(stretch)),
+        **_packed_motion(result.motions, result.time[inside][::step], bool(width)),
         "lags": [float(f"{lag:.4g}") for lag in lags * step / rate_hz],
         "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags * step)),
     }
@@ -226,11 +227,11 @@ def _inside(result: Validation) -> slice:
     return slice(int(samples[0]), int(samples[-1]) + 1) if len(samples) else slice(0, len(both))
 
 
-def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> str:
-    if stretch:
+def _thinned_text(step: int, width: int, rate_hz: float, cutoff_hz: float) -> str:
+    if width:
         return (
-            f"Thinned to the smallest and largest sample of every {stretch} "
-            f"({1e3 * stretch / rate_hz:.3g} ms): peaks are preserved, details between them are "
+            f"Thinned to the smallest and largest sample of every {width} "
+            f"({1e3 * width / rate_hz:.3g} ms): peaks are preserved, details between them are "
             "not in this page."
         )
     if step > 1:
@@ -256,11 +257,10 @@ def _packed_side(
 def _packed_trace(
     measured: Array, computed: Array, thinning: tuple[int, int], bands: Bands, lags: IndexArray
 ) -> dict[str, Any]:
-    step, stretch = thinning
+    step, width = thinning
     traces = {"measured": measured, "computed": computed, "residual": measured - computed}
     thin = {
-        name: envelope(trace, stretch) if stretch else trace[::step]
-        for name, trace in traces.items()
+        name: envelope(trace, width) if width else trace[::step] for name, trace in traces.items()
     }
     return {
         **{name: packed(trace) for name, trace in thin.items()},
@@ -269,10 +269,10 @@ def _packed_trace(
     }
 
 
-def envelope(trace: Array, stretch: int) -> Array:
-    """Return smallest and largest sample of each stretch in order of time, NaN if one lacks."""
-    count = -(-len(trace) // stretch)
-    padded = np.pad(trace, (0, count * stretch - len(trace)), mode="edge").reshape(count, stretch)
+def envelope(trace: Array, width: int) -> Array:
+    """Return smallest and largest sample of each bin in order of time, NaN if one lacks."""
+    count = -(-len(trace) // width)
+    padded = np.pad(trace, (0, count * width - len(trace)), mode="edge").reshape(count, width)
     known = np.where(np.isfinite(padded), padded, 0.0)
     places = np.sort([np.argmin(known, axis=1), np.argmax(known, axis=1)], axis=0)
     extremes = np.take_along_axis(padded, places.T, axis=1)
