@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, FrozenMapping, IndexArray
 from seaid.checks import engine
 from seaid.checks.codes import CODES, Sources, in_drives
 from seaid.checks.experiment import sources_of
@@ -50,7 +50,8 @@ class Side:
     those that the encoders resolve, `gears` the joints whose gear was measured, `base` the
     base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
     zeros that the errors of the estimate contain. `notes` are on checks of all equations that could
-    not be made; `logs` are the numbers, from 1, of the logs of the motions.
+    not be made; `logs` are the numbers, from 1, of the logs of the motions; `actuators`
+    {joint: fit} those of all motor equations.
     """
 
     robot: Robot
@@ -64,12 +65,18 @@ class Side:
     base: BaseParameters | None = None
     offset_std: float = 0.0
     logs: tuple[int, ...] = ()
+    actuators: Mapping[str, FittedRows] = FrozenMapping({})
 
     @property
     def is_checked(self) -> bool:
         """Whether the rows are in memory, and all that a robust estimator has."""
         fitted = self.fitted
         return fitted.rows is not None and (fitted.settled is not None or fitted.equal)
+
+    def stiffness(self, joint: str) -> float:
+        """Return the stiffness by which the load side has the torque of a spring, or zero."""
+        estimate = self.actuators[joint].estimate
+        return estimate.value("stiffness") if "stiffness" in estimate.names else 0.0
 
     @cached_property
     def equation(self) -> engine.Equation:
@@ -196,8 +203,8 @@ def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[eng
     width = side.widths.get(joint)
     # Widths of Coulomb friction from the one that the encoders resolve to 32 times as much.
     grids = {} if width is None else {"coulomb_width": [width * 2.0**k for k in range(6)]}
-    is_parallel = field == "parallel_spring"
-    drive = side.drive_at(joint, at_joint=True) if is_parallel else side.drive(joint)
+    at_joint = field in ("parallel_spring", "joint_friction")
+    drive = side.drive_at(joint, at_joint=True) if at_joint else side.drive(joint)
     return term_candidates(drive, possible, grids)
 
 
@@ -220,6 +227,12 @@ def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
     if side.is_motor or side.swing(joint) < LEAST_SWING:
         return []
     return _terms(side, joint, "parallel_spring", ("linear",))
+
+
+def _joint_friction(side: Side, joint: str) -> list[engine.Candidate]:
+    """Return the friction behind the spring of a joint, which its motor equation does not have."""
+    is_behind = side.robot.drives[joint].is_elastic and not side.is_motor
+    return _terms(side, joint, "joint_friction", _PLAIN) if is_behind else []
 
 
 def _gain_scales(side: Side, joint: str) -> Iterator[engine.Candidate]:
@@ -274,12 +287,11 @@ def _missing_terms(
     field, comparison = trials[0].candidate.field, trials[0].comparison
     terms = [trial.candidate.term for trial in trials]
     names = " and ".join(f"'{term}'" for term in terms)
-    lacking = "the spring of {} is not linear" if field == "spring" else "{} lacks a term"
-    lacking = _FOLLOWS.get(terms[0], lacking).format(joint)
+    is_spring = field == "spring"
+    lacking = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
     if field == "parallel_spring" and drive.is_elastic:
         terms.append("preload")  # it rests at any angle, which the spring in series would hide
     values = {name: value for trial in trials for name, value in trial.alternative.values.items()}
-    is_spring = field == "spring"
     return (CODES["nonlinear-spring"] if is_spring else CODES["missing-term"]).finding(
         f"{lacking}: {names} in its {field} would explain "
         # Next to other weights the residual may be larger than before.
@@ -330,13 +342,6 @@ def _is_sampled(side: Side, joint: str, trials: Sequence[engine.Trial]) -> bool:
     # step or of a sample.
     width = trials[0].alternative.values.get("coulomb_width", np.inf)
     return is_dry(drive) and len(trials) == 1 and width <= TWICE * side.widths.get(joint, 0.0)
-
-
-_FOLLOWS = {
-    "coulomb_position": "the residual of {} follows its position, with the sign of its speed",
-    "linear": "the residual of {} follows its position",
-}
-"""{candidate of a drive with a controller: what its support means}."""
 
 
 def _gain_is_scaled(
@@ -428,6 +433,7 @@ def _contradicting(side: Side, joint: str) -> list[str]:
 DRIVE_CHECKS = (
     engine.ColumnCheck(CODES["missing-term"], _friction, _missing_terms),
     engine.ColumnCheck(CODES["missing-term"], _parallel_springs, _missing_terms),
+    engine.ColumnCheck(CODES["missing-term"], _joint_friction, _missing_terms),
     engine.ColumnCheck(CODES["gain-scale"], _gain_scales, _gain_is_scaled),
     engine.ColumnCheck(CODES["nonlinear-spring"], _spring_laws, _missing_terms),
     engine.ColumnCheck(CODES["rotor-inertia"], _known_rotors, _rotor_is_other),

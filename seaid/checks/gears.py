@@ -453,15 +453,17 @@ def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
 
 
 def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
-    """Yield what a late position of the joint adds to (7): -(r_M/N) k r_L d theta_L'.
+    """Yield what a late position of the joint adds to (7) or to its load, to first order.
 
-    Its coefficient is k d, because the stiffness k changes with the delay.
+    To (7) it adds -(r_M/N) k r_L d theta_L', and to the torque of the spring k r_L^2 d theta_L',
+    where it looks like friction behind the spring. The coefficient is k d, because the stiffness k
+    changes with the delay.
     """
-    encoders = {"motor_position", "joint_position"}
-    if side.is_motor and encoders <= side.sources.get(joint, {}).keys():
-        factor = _lever(side, joint) * side.robot.drives[joint].load_radius
-        slope = side.drive(joint).signal("theta_L_dot")
-        yield engine.linear_candidate(joint, "delay", "joint_position", lambda: -factor * slope)
+    encoders, drive = {"motor_position", "joint_position"}, side.robot.drives[joint]
+    if joint in side.actuators and encoders <= side.sources.get(joint, {}).keys():
+        factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
+        slope = side.drive_at(joint, at_joint=True).signal("theta_L_dot")
+        yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
 
 
 def _torque_channel(side: Side, joint: str) -> str:
@@ -611,18 +613,21 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
 
 
 def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float, float] | None:
-    """Return the delay of a joint position [s] and its error, None if the torque is late instead.
+    """Return the delay of a joint position [s] and its error, None if it may be something else.
 
     The speed of the joint is that of the motor less that of the deflection. Next to viscous
-    friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2. An
-    early position, d < 0, looks like a late torque with as much more friction: where no friction
-    is left next to the position, it is the torque that is late.
+    friction a delay d is a damping k d of the spring, with less friction, by k d (r_M/N)^2: the
+    torque on the load separates both. An early position, d < 0, looks like a late torque with as
+    much more friction: where no friction is left next to the position, the torque is late.
     """
     refitted = side.next_to(late)
-    stiffness, _ = refitted.get("stiffness", (0.0, 0.0))
+    stiffness, _ = refitted.get("stiffness", (side.stiffness(joint), 0.0))
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
     damping, error = float(late.coefficients[0]), float(late.errors[0])
-    if stiffness <= 0 or (damping < 0 and viscous < tol.SURE * tolerance):
+    is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance
+    is_late_torque = viscous < tol.SURE * tolerance
+    is_other = side.is_motor and (is_damping if damping > 0 else is_late_torque)
+    if stiffness <= 0 or is_other:
         return None
     return damping / stiffness, error / stiffness
 

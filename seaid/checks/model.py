@@ -151,6 +151,8 @@ def _with_rivals(side: Side, finding: Finding, accepted: Sequence[engine.Accepte
         for trial in best.rivals:
             if other := _found_alone(side, trial):
                 rivals[other] = best.trial.comparison.bic - trial.comparison.bic
+    if any(rival.severity == "note" for rival in rivals):  # what explains as much does not matter
+        finding = replace(finding, severity="note")
     return undecided(finding, rivals) if rivals else finding
 
 
@@ -276,7 +278,7 @@ def model_findings(
     the equations of a joint lack whose channels are wrong is a note without a remedy. That is each
     joint where the samples of a log are certainly wrong, or the robot hardly moves.
     """
-    findings = [finding for side in selected for finding in side.findings.values()]
+    findings = _without_late_encoders(selected)
     mistakes = [finding for finding in known if finding.severity != "note"]
     findings = _with_spoiled_notes(findings, mistakes)
     findings = _with_common_delay(findings, selected, mistakes)
@@ -285,6 +287,20 @@ def model_findings(
         zero = "encoder-offset"
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
     return [*findings, *dict.fromkeys(chain.from_iterable(side.notes for side in selected))]
+
+
+def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:
+    """Return what equations lack, without what the load has of an encoder that is late.
+
+    That is of a joint whose motor equation shows it, as a delay or as damping of its spring.
+    """
+    of_motors, of_load = list[Finding](), list[Finding]()
+    for side in selected:
+        (of_motors if side.side.is_motor else of_load).extend(side.findings.values())
+    late, delays = {"delay", "nonlinear-spring"}, {"delay", "or delay"}
+    joints = joints_of(x for x in of_motors if x.code in late)
+    kept = (x for x in of_load if x.joint not in joints or not {x.code, *x.evidence} & delays)
+    return [*of_motors, *kept]
 
 
 def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:

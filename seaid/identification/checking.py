@@ -195,7 +195,7 @@ def checked_sides(
     with guarded(CODES["contact"], notes):
         contacts = RobotFit(robot.joint_names, load).contacts
     widths = resolved_widths(robot, logs, motions)
-    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(numbers)
+    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(numbers), actuators
     sides = [
         Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
         for joint, fitted in actuators.items()
