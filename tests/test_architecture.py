@@ -150,7 +150,8 @@ ONE_IMPORTER = {
         "regressor.random_instants",
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.sources", "log.describe.base", "log.describe.joints"),
+        "log.describe.base",
+        "log.describe.joints",
     ),
 }
 """{reason: modules that only one other module imports}."""

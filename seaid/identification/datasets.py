@@ -199,7 +199,6 @@ def _datasets(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dat
             open_long_log(
                 source.path,
                 robot,
-                columns=source.columns,
                 cutoff_hz=cutoff_hz,
                 chunk_samples=source.chunk_samples,
             )

@@ -161,16 +161,6 @@ def continuous(orientation: Array) -> Array:
     return np.asarray(whole)
 
 
-def base_columns(base: FloatingBase) -> tuple[str, ...]:
-    """Return the names of all columns of a base and of its contacts."""
-    columns = [name for names in CHANNELS.values() for name in names]
-    columns += [ANGLE] * (base.normal is not None)
-    for link in base.contact_links:
-        contact, wrench = contact_columns(link)
-        columns += [contact, *wrench]
-    return tuple(columns)
-
-
 def needed_columns(base: FloatingBase, field: str) -> tuple[str, ...]:
     """Return the columns of a field that a log must have: a planar base lacks those of its guide.
 

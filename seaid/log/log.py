@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from io import BytesIO
 from itertools import chain
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,19 +16,15 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, frozen
 from seaid._files import toml_table, write_csv, write_whole
 from seaid._progress import Display, sampled_text
-from seaid.errors import LogError, checked, listed, shown, unknown_name
+from seaid.errors import LogError, checked
 from seaid.log import channels
-from seaid.log.base_log import BaseLog, base_columns, base_log
+from seaid.log.base_log import BaseLog, base_log
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.repair import Repair
 
 if TYPE_CHECKING:
-    from seaid.log.readers.table import Table
     from seaid.robot import Robot
-
-Column = str | tuple[str, float | str]
-"""A custom column: its name, or its name with its unit or with the factor to the SI unit."""
 
 
 def columns_by_joint(system: Robot | Log) -> dict[str, dict[str, str]]:
@@ -42,53 +37,6 @@ def own_names(robot: Robot) -> set[str]:
     """Return the names of the columns that a log has of a robot's joints, the short ones too."""
     names = {*chain.from_iterable(columns_by_joint(robot).values())}
     return names | {channels.short_name(name) for name in names}
-
-
-def wanted_columns(
-    path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
-) -> dict[str, tuple[str, float]]:
-    """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
-    allowed = _columns_of(robot, columns)
-    wanted: dict[str, tuple[str, float]] = {}
-    for name in allowed:
-        custom, factor = _custom(name, columns.get(name, name))
-        # The long name first: a file with both has the joint's own under it.
-        if name not in columns and custom not in table.names:
-            custom = channels.short_name(name)
-        if custom in table.names:
-            wanted[name] = (custom, factor)
-        elif name in columns:
-            raise LogError(f"'{path}': {table.missing(custom)}")
-        elif name == "time_s":
-            raise LogError(
-                f"'{path}': {table.missing(custom)}; custom columns need {_DESCRIBED}, and the "
-                'time is named in the description of the log as time = "..."',
-                _DESCRIBED,
-            )
-    if len(wanted) == 1:
-        raise LogError(
-            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (custom "
-            f"columns need {_DESCRIBED}), found: {listed(table.names)}"
-            f"{near_names(allowed[1:], (), table.names)}",
-            _DESCRIBED,
-        )
-    return wanted
-
-
-def _columns_of(robot: Robot, columns: Iterable[str]) -> list[str]:
-    """Return the names of all columns that a log of a robot may have.
-
-    Raises LogError for another name in `columns`, unless it is of a joint that stands still.
-    """
-    names = ["time_s", *chain.from_iterable(columns_by_joint(robot).values())]
-    names += [] if robot.floating_base is None else base_columns(robot.floating_base)
-    for name in columns:
-        if name not in names and name.rpartition(".")[0] not in robot.standing_joints:
-            raise LogError("columns=: " + unknown_name("column of this robot's log", name, names))
-    return names
-
-
-_DESCRIBED = "columns= or description= (seaid.describe_log infers one)"
 
 
 _COMPARED = 1_000
@@ -130,28 +78,6 @@ def unread_columns(robot: Robot, file_names: Sequence[str]) -> list[str]:
         if why:
             faults.append(f"'{name}' is not read{why}")
     return faults
-
-
-def _custom(name: str, column: Column) -> tuple[str, float]:
-    if isinstance(column, str):
-        return column, 1.0
-    is_pair = isinstance(column, tuple | list) and len(column) == 2 and isinstance(column[0], str)
-    if not (is_pair and isinstance(column[1], str | Real)):
-        raise LogError(
-            f"columns= '{name}' must be a column name or (name, unit or factor), found "
-            f"{shown(column)}"
-        )
-    custom, factor = column
-    if isinstance(factor, str):
-        units = channels.UNIT_FACTORS[channels.unit_of_column(name)]
-        if factor not in units:
-            raise LogError(
-                f"columns= '{name}': " + unknown_name("unit of this quantity", factor, units)
-            )
-        factor = units[factor]
-    if not (np.isfinite(factor) and factor != 0):
-        raise LogError(f"columns= '{name}': the factor must be finite and not zero, found {factor}")
-    return custom, float(factor)
 
 
 MINIMUM_SAMPLES = 50
@@ -370,36 +296,6 @@ def _check_column(name: str, column: Array, time: Array) -> None:
 
 _NEEDED = channels.SENSORS[:4]
 """Fields that a log from a file always has, all NaN if there is no such sensor."""
-
-
-def log_of(
-    path: Path,
-    data: Mapping[str, Array],
-    wanted: Mapping[str, tuple[str, float]],
-    robot: Robot,
-    file_names: Sequence[str],
-) -> Log:
-    """Return the log of columns of a file, with the names of seaid and in SI units."""
-    picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
-    try:
-        log = sorted_log(picked, robot, file_names)
-        return replace(log, description=description_of(wanted, robot))
-    except LogError as problem:
-        raise problem.at(f"'{path}'") from None
-
-
-def description_of(wanted: Mapping[str, tuple[str, float]], robot: Robot) -> dict[str, Any] | None:
-    """Return the description of the columns of a file, None if all have the names of seaid."""
-    if all(source == (name, 1.0) for name, source in wanted.items()):
-        return None
-    joints: dict[str, dict[str, Any]] = {}
-    for joint, names in columns_by_joint(robot).items():
-        for name, field in names.items():
-            column, factor = wanted.get(name, ("", 1.0))
-            scaled = {"column": column, "sign": 1 if factor > 0 else -1, "scale": abs(factor)}
-            if column:
-                joints.setdefault(joint, {})[field] = column if factor == 1 else scaled
-    return {"time": wanted["time_s"][0], "joints": joints}
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:

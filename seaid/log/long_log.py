@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -15,8 +15,9 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, shown
+from seaid.log.description import LogDescription
 from seaid.log.filtering import decimation, filter_overlap
-from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Column, Log, log_of, wanted_columns
+from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Log
 from seaid.log.motion import (
     Motion,
     Processing,
@@ -26,7 +27,8 @@ from seaid.log.motion import (
     reconstruct_motion,
 )
 from seaid.log.readers.opening import open_table
-from seaid.log.readers.table import Block, Blocks
+from seaid.log.readers.table import Block, Blocks, joined
+from seaid.log.sources import completed, selected
 from seaid.log.usable_parts import holes, without_frozen
 from seaid.robot import Robot
 
@@ -57,8 +59,8 @@ class LongLog(Display):
 
     Attributes
     ----------
-    path, robot, columns : Path, Robot, mapping
-        The file, the robot and the custom columns, as in `read_log`.
+    path, robot : Path, Robot
+        The file, whose columns have the names of `Log.columns`, and the robot.
     chunk_samples, overlap_samples : int
         Samples per piece, and the overlap with each neighbour.
     cutoff_hz, step_s : float
@@ -73,7 +75,6 @@ class LongLog(Display):
 
     path: Path
     robot: Robot
-    columns: Mapping[str, Column]
     chunk_samples: int
     overlap_samples: int
     cutoff_hz: float
@@ -96,7 +97,6 @@ class LongLog(Display):
         return iterate_log(
             self.path,
             self.robot,
-            columns=self.columns,
             chunk_samples=self.chunk_samples,
             overlap_samples=self.overlap_samples,
         )
@@ -116,7 +116,6 @@ def open_long_log(
     path: str | Path,
     robot: Robot,
     *,
-    columns: Mapping[str, Column] | None = None,
     cutoff_hz: float | None = None,
     chunk_samples: int = CHUNK_SAMPLES,
 ) -> LongLog:
@@ -125,11 +124,9 @@ def open_long_log(
     Parameters
     ----------
     path : str or Path
-        CSV, NPZ, Parquet or HDF5 file with equal time steps.
+        CSV, NPZ, Parquet or HDF5 file with equal time steps and the names of `Log.columns`.
     robot : Robot
         The robot.
-    columns : mapping, optional
-        Custom columns, as in `read_log`.
     cutoff_hz : float, optional
         Cutoff of the identification [Hz]; default: selected from the first piece.
     chunk_samples : int
@@ -150,8 +147,8 @@ def open_long_log(
     >>> log = seaid.open_long_log("day.parquet", robot, cutoff_hz=8.0)
     >>> found = seaid.identify(robot, log)
     """
-    path, columns = Path(path), columns or {}
-    first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
+    path = Path(path)
+    first = next(iterate_log(path, robot, chunk_samples=chunk_samples)).log
     processing = None
     if cutoff_hz is None:
         motion = reconstruct_motion(robot, first)
@@ -166,7 +163,6 @@ def open_long_log(
     long_log = LongLog(
         path=path,
         robot=robot,
-        columns=columns,
         chunk_samples=chunk,
         overlap_samples=filter_overlap(rate_hz, cutoff_hz),
         cutoff_hz=cutoff_hz,
@@ -181,7 +177,6 @@ def iterate_log(
     path: str | Path,
     robot: Robot,
     *,
-    columns: Mapping[str, Column] | None = None,
     chunk_samples: int = CHUNK_SAMPLES,
     overlap_samples: int = 0,
 ) -> Iterator[LogPart]:
@@ -204,11 +199,11 @@ def iterate_log(
             f"'{path}': '{path.suffix}' logs cannot be read in pieces; allowed: "
             f"{', '.join(WRITTEN)}; use read_log, or write it as one of these"
         )
-    wanted = wanted_columns(path, table, robot, columns or {})
-    blocks = table.blocks(list(dict.fromkeys(name for name, _ in wanted.values())), chunk_samples)
+    selection = selected(path, table, completed(table, LogDescription(), robot), robot)
+    blocks = table.blocks(selection.columns, chunk_samples)
     sensors: set[str] | None = None
     for data, before, length in _overlapping(blocks, overlap_samples):
-        log = log_of(path, data, wanted, robot, table.names)
+        log = selection.log(data)
         logged = set(log.columns())
         sensors = logged if sensors is None else sensors
         if logged != sensors:
@@ -238,7 +233,7 @@ def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int
     before = nothing = _cut(first, slice(0))
     for block, following in pairwise(chain([first], whole, [nothing])):
         after = _cut(following, slice(overlap))
-        yield _joined([before, block, after]), _length(before), _length(block)
+        yield joined([before, block, after]), _length(before), _length(block)
         # Not slice(-overlap): that is the whole block if the overlap is zero.
         before = _cut(block, slice(_length(block) - overlap, None))
 
@@ -248,7 +243,7 @@ def _whole_blocks(blocks: Blocks) -> Iterator[Block]:
     block = next(blocks)
     for following in blocks:
         if min(_length(block), _length(following)) < MINIMUM_SAMPLES:
-            block = _joined([block, following])
+            block = joined([block, following])
         else:
             yield block
             block = following
@@ -261,10 +256,6 @@ def _length(block: Block) -> int:
 
 def _cut(block: Block, samples: slice) -> Block:
     return {name: values[samples] for name, values in block.items()}
-
-
-def _joined(blocks: list[Block]) -> Block:
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
 def _check_even(path: Path, part: LogPart) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,24 +18,18 @@ import numpy as np
 
 from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
-from seaid.log.base_log import continuous
-from seaid.log.channels import CHANNELS, quantity_of
+from seaid.log.channels import quantity_of
 from seaid.log.describe import Description
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
     WRITTEN,
-    Column,
     Log,
     columns_by_joint,
-    description_of,
-    log_of,
-    sorted_log,
     unread_columns,
-    wanted_columns,
     write_log,
 )
 from seaid.log.readers.opening import files_of, open_tables
-from seaid.log.readers.table import Table, check_lengths
+from seaid.log.readers.table import Block
 from seaid.log.repair import FEWEST, Channel, Repair, Repairs
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
@@ -46,7 +40,12 @@ from seaid.log.repair.clocks import (
     typical_step,
     with_regular_clock,
 )
-from seaid.log.sources import both_sides, channels_of, completed, in_own_frames, of_other_names
+from seaid.log.sources import (
+    Selection,
+    completed,
+    of_other_names,
+    selected,
+)
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
@@ -57,7 +56,6 @@ def read_log(
     path: str | Path | Sequence[str | Path] | Mapping[str, Any],
     robot: Robot,
     *,
-    columns: Mapping[str, Column] | None = None,
     description: Described | Description | None = None,
     repair: Repairs | None = None,
 ) -> Log:
@@ -73,9 +71,6 @@ def read_log(
         a data frame are read as a file with these columns.
     robot : Robot
         The robot; the log must have the sensors that its drives need.
-    columns : mapping, optional
-        {column of seaid: column of the file}; the latter may be (name, unit) with a unit such as
-        "deg", "mNm" or "ms", or (name, factor to SI).
     description : LogDescription, Description of `describe_log`, mapping, str or Path, optional
         The meaning of custom columns, see docs/logs.md; default: the TOML file with the name of
         the log in the same folder (run.toml for run.csv), if it exists. What it does not describe
@@ -102,25 +97,48 @@ def read_log(
     Examples
     --------
     >>> log = seaid.read_log("run.csv", robot)
-    >>> names = {"time_s": ("t", "ms"), "knee.joint_position_rad": ("pos_2", "deg")}
-    >>> log = seaid.read_log("custom.csv", robot, columns=names, repair=seaid.Repairs())
+    >>> knee = {"joint_position": {"column": "pos_2", "unit": "deg"}, "motor_torque": "tau_2"}
+    >>> custom = {"time": {"column": "t", "unit": "ms"}, "joints": {"knee": knee}}
+    >>> log = seaid.read_log("custom.csv", robot, description=custom, repair=seaid.Repairs())
     """
-    columns = columns or {}
     paths, held = files_of(path)
     if not paths:
         raise LogError("path= is an empty list: name the files of the log")
-    described, paths = _described_files(paths, description, columns)
+    described, paths = _described_files(paths, description)
     # For messages only; it names all files of the log.
     path, table = Path(" + ".join(map(str, paths))), held or open_tables(paths)
-    _check_columns(columns, table, description)
-    if described is None and not table.files:
-        log = _by_names(path, table, robot, columns, repair)
+    complete = completed(table, described or LogDescription(), robot)
+    selection = selected(path, table, complete, robot)
+    data = table.load(selection.columns)
+    if described is None and selection.has_one_clock:
+        log = selection.log(data) if repair is None else _repaired(selection, data, repair)
     else:
-        described = completed(table, described or LogDescription(), robot)
-        channels = channels_of(path, table, described, robot)
-        log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
-    _warn_of_columns(path, log, robot, table.names, described or LogDescription(), columns)
+        log = _as_described(selection, data, complete, repair or complete.repair)
+    if described is not None or not selection.is_own:
+        log = replace(log, description=complete.to_dict())
+    _warn_of_columns(path, log, robot, table.names, complete)
     return log
+
+
+def _repaired(selection: Selection, data: Block, limits: Repairs) -> Log:
+    """Return the log of columns with the names of seaid, repaired within limits."""
+    channels = selection.channels(data)
+    with selection.named():
+        return selection.composed(*repaired(channels, limits))
+
+
+def _as_described(
+    selection: Selection, data: Block, description: LogDescription, limits: Repairs
+) -> Log:
+    """Return the log of columns, each with its own clock, without delays and excluded intervals."""
+    channels = selection.channels(data)
+    with selection.named():
+        time, picked, report = repaired(channels, limits)
+        delays_s = {channel.name: channel.delay_s for channel in channels if channel.delay_s}
+        time, picked, more = _on_time(time, picked, delays_s, description.exclude_s)
+        log = selection.composed(time, picked, report + more)
+        _check_alive(log)
+        return log
 
 
 _OWN_NAMES = ("_position_rad", "_position_m", "_torque_Nm", "_force_N")
@@ -155,78 +173,22 @@ def read_or_describe(
     return log
 
 
-def _check_columns(columns: Mapping[str, Column], table: Table, description: object) -> None:
-    """Raise LogError for `columns` of several files, or next to a description."""
-    if columns and table.files:
-        raise LogError("columns= is for a log of one file: give a description=", "description=")
-    if columns and description is not None:
-        raise LogError(
-            "give columns= or description=, not both: a description names the columns",
-            "description=",
-        )
-
-
 def _described_files(
-    paths: list[Path], description: Described | Description | None, columns: Mapping[str, Column]
+    paths: list[Path], description: Described | Description | None
 ) -> tuple[LogDescription | None, list[Path]]:
     """Return the description of a log, if it has one, and the files that it names, if any."""
     if isinstance(description, Description):
         description = description.description
     if paths[0].suffix.lower() == ".toml" and description is None:
         description = paths[0]
-    described = description_for(paths[0], None if columns else description)
+    described = description_for(paths[0], description)
     if described is not None and described.files and len(paths) == 1:
         folder = description if isinstance(description, str | Path) else paths[0]
         paths = [Path(folder).parent / file for file in described.files]
     return described, paths
 
 
-def _by_names(
-    path: Path, table: Table, robot: Robot, columns: Mapping[str, Column], repair: Repairs | None
-) -> Log:
-    """Return the log of a file with the column names of seaid, or with `columns` for them."""
-    wanted = wanted_columns(path, table, robot, columns)
-    data = table.load(list(dict.fromkeys(custom for custom, _ in wanted.values())))
-    check_lengths(path, {name: len(values) for name, values in data.items()})
-    if repair is None:
-        return log_of(path, data, wanted, robot, table.names)
-    picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
-    time = picked.pop("time_s")
-    names = CHANNELS["orientation"]
-    if set(names) <= set(picked):  # before an interpolation, which between p and -p passes 0
-        quaternions = continuous(np.column_stack([picked[name] for name in names]))
-        picked |= dict(zip(names, quaternions.T, strict=True))
-    channels = [Channel(name, time, values) for name, values in picked.items()]
-    log = _repaired(path, channels, repair, robot, table.names, None)
-    return replace(log, description=description_of(wanted, robot))
-
-
-def _repaired(
-    path: Path,
-    channels: Sequence[Channel],
-    limits: Repairs,
-    robot: Robot,
-    file_names: Sequence[str],
-    described: LogDescription | None,
-) -> Log:
-    """Return the log of channels, each with its own clock, repaired within limits."""
-    try:
-        time, picked, report = repaired(channels, limits)
-        description = None
-        if described is not None:
-            delays_s = {channel.name: channel.delay_s for channel in channels if channel.delay_s}
-            time, picked, more = _as_described(time, picked, delays_s, described.exclude_s)
-            report += more
-            picked = in_own_frames(both_sides(picked, robot), robot)
-            _check_alive(picked, robot)
-            description = described.to_dict()
-        log = sorted_log({"time_s": time, **picked}, robot, file_names)
-        return replace(log, report=report, description=description)
-    except LogError as problem:
-        raise problem.at(f"'{path}'") from None
-
-
-def _as_described(
+def _on_time(
     time: Array,
     picked: dict[str, Array],
     delays_s: Mapping[str, float],
@@ -252,13 +214,14 @@ def _as_described(
     return time[~bad], {name: values[~bad] for name, values in picked.items()}, tuple(report)
 
 
-def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
+def _check_alive(log: Log) -> None:
     """Raise LogError for a constant position of a joint whose other position moves."""
-    for names in columns_by_joint(robot).values():
-        positions = [name for name in names if name in picked and "_position_" in name]
-        still = [name for name in positions if is_constant(picked[name])]
+    logged = log.columns()
+    for names in columns_by_joint(log).values():
+        positions = [name for name in names if name in logged and "_position_" in name]
+        still = [name for name in positions if is_constant(logged[name])]
         if len(positions) == 2 and len(still) == 1:
-            value = picked[still[0]][0]
+            value = logged[still[0]][0]
             raise LogError(
                 f"'{still[0]}' is {value:.6g} all the time while the other side of the joint "
                 "moves: the sensor is broken, or the drive was off; name another column"
@@ -266,36 +229,21 @@ def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
 
 
 def _warn_of_columns(
-    path: Path,
-    log: Log,
-    robot: Robot,
-    names: Sequence[str],
-    described: LogDescription,
-    columns: Mapping[str, Column],
+    path: Path, log: Log, robot: Robot, names: Sequence[str], described: LogDescription
 ) -> None:
     """Warn of columns without a number, and of those that are nearly named as seaid's."""
-    logged = log.columns()
+    logged, used = log.columns(), described.columns()
     faults = [
         f"'{name}' is NaN throughout and counts as not logged"
-        for name in _columns_of(robot, {*names, *columns}, described)
-        if name not in logged
+        for joint, fields in columns_by_joint(robot).items()
+        for name, field in fields.items()
+        if field != "deflection" and field in described.joints.get(joint, {}) and name not in logged
     ]
-    used = {column if isinstance(column, str) else column[0] for column in columns.values()}
-    used |= described.columns()
     faults += unread_columns(robot, [name for name in names if name not in used])
     if faults:
         text = "; ".join(faults[:_MOST_NAMED])
         more = f"; and {len(faults) - _MOST_NAMED} more" if len(faults) > _MOST_NAMED else ""
         warnings.warn(f"'{path}': {text}{more}", SeaidWarning, stacklevel=4)
-
-
-def _columns_of(robot: Robot, names: Set[str], described: LogDescription) -> Iterator[str]:
-    """Yield seaid's names of the columns that are named or described, without deflections."""
-    for joint, fields in columns_by_joint(robot).items():
-        sources = described.joints.get(joint, {})
-        for name, field in fields.items():
-            if (name in names or field in sources) and field != "deflection":
-                yield name
 
 
 _MOST_NAMED = 5

@@ -108,14 +108,21 @@ def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> B
     The low pass averages over the neighbourhood of a sample: the sample counts if standstill makes
     up more than `share` of that average. A reversal without a stop is no standstill.
     """
-    speed = np.abs(motion.motor_velocity[:, index])
-    return _still(motion, speed, still_speed(motion, index), share)
+    return _still(motion, motion.motor_velocity[:, index], still_speed(motion, index), share)
+
+
+def joint_standstill(motion: Motion, index: int) -> BoolArray:
+    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
+    least = _still_speed(motion.largest_speeds[1, index])
+    return _still(motion, motion.joint_velocity[:, index], least, STANDSTILL_SHARE)
 
 
 def still_speed(motion: Motion, index: int) -> float:
     """Return the speed [rad/s] below which a motor counts as standing."""
-    speed = motion.motor_velocity[:, index]
-    fastest = np.max(np.abs(speed)) if motion.fastest is None else motion.fastest[0, index]
+    return _still_speed(motion.largest_speeds[0, index])
+
+
+def _still_speed(fastest: float) -> float:
     return max(filtering.STANDSTILL * float(fastest), filtering.REST_RAD_S)
 
 
@@ -124,16 +131,8 @@ def still_share(drive: Drive) -> float:
     return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
 
 
-def joint_standstill(motion: Motion, index: int) -> BoolArray:
-    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
-    speed = np.abs(motion.joint_velocity[:, index])
-    fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
-    least = max(filtering.STANDSTILL * float(fastest), filtering.REST_RAD_S)
-    return _still(motion, speed, least, STANDSTILL_SHARE)
-
-
 def _still(motion: Motion, speed: Array, least: float, share: float) -> BoolArray:
-    still = (speed < least).astype(float)
+    still = (np.abs(speed) < least).astype(float)
     return np.asarray((still > 0) | (in_band(motion, still) > share))
 
 

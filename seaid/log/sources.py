@@ -8,7 +8,8 @@ are turned to those of `BaseLog` by the orientation of the base.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
-from seaid.log.base_log import base_columns, continuous, matrices, needed_columns, with_guided
+from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
 from seaid.log.channels import (
     CHANNELS,
     OF_BASE,
@@ -33,40 +34,106 @@ from seaid.log.channels import (
     unit_of_column,
 )
 from seaid.log.description import Clock, LogDescription, Servo, Source
-from seaid.log.log import own_names
-from seaid.log.readers.table import Block, Table
-from seaid.log.repair import Channel
+from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
+from seaid.log.readers.table import Block, Table, check_lengths
+from seaid.log.repair import Channel, Repair
 from seaid.robot import FloatingBase, Robot, coupled_names
 
 
-def channels_of(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> list[Channel]:
-    """Return the channels of a file by a complete description, with seaid's names, in SI units.
+@dataclass(frozen=True)
+class Selection:
+    """The quantities that a log has of a robot, and their columns in a file.
 
-    A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
-    Raises LogError naming joint and quantity.
+    Samples at which the column `where` is zero are excluded.
+    """
+
+    path: Path
+    table: Table
+    robot: Robot
+    quantities: tuple[_Described, ...]
+    where: str | None = None
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that are loaded. Raises LogError for a missing one."""
+        shared, names = [] if self.where is None else [self.where], dict[str, None]()
+        for spec in self.quantities:
+            used = [*shared, *spec.source.used, *spec.clock.columns()]
+            names |= _checked_columns(spec.where, used, self.table)
+        return list(names)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether all columns have the names of seaid."""
+        return all(spec.names == spec.source.columns for spec in self.quantities)
+
+    @property
+    def has_one_clock(self) -> bool:
+        """Whether all columns are of one file, with the time of seaid's name."""
+        clocks = {spec.clock for spec in self.quantities}
+        return not self.table.files and clocks == {Clock("time_s")}
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Put the file before what is wrong with its log."""
+        try:
+            yield
+        except LogError as problem:
+            raise problem.at(f"'{self.path}'") from None
+
+    def channels(self, data: Block) -> list[Channel]:
+        """Return the channels of loaded columns, in SI units and with the names of seaid.
+
+        A described deflection is that of the spring, which `both_sides` converts, and vectors of
+        other frames have names of their own, which `in_own_frames` converts. Raises LogError naming
+        joint and quantity.
+        """
+        kept = data[self.where] != 0 if self.where else None
+        return [
+            _selected(spec.where, channel, kept, self.table.sparse)
+            for spec in self.quantities
+            for channel in spec.channels(data, self.robot)
+        ]
+
+    def composed(
+        self, time: Array, picked: Mapping[str, Array], report: tuple[Repair, ...] = ()
+    ) -> Log:
+        """Return the log of channels at the same instants, in quantities and frames of `Log`."""
+        deflections = (spec for spec in self.quantities if spec.quantity == "deflection")
+        springs = [x.names[0] for x in deflections if x.source != Source(x.names)]
+        picked = in_own_frames(both_sides(picked, self.robot, springs), self.robot)
+        log = sorted_log({"time_s": time, **picked}, self.robot, self.table.names)
+        return replace(log, report=report)
+
+    def log(self, data: Block) -> Log:
+        """Return the log of loaded columns with one clock, which are not repaired."""
+        check_lengths(self.path, {name: len(values) for name, values in data.items()})
+        channels = self.channels(data)
+        with self.named():
+            picked = {channel.name: channel.values for channel in channels}
+            return self.composed(channels[0].time, picked)
+
+
+def selected(path: Path, table: Table, description: LogDescription, robot: Robot) -> Selection:
+    """Return the quantities of a complete description, and the vectors with seaid's own columns.
+
+    Raises LogError for a file without any quantity of a joint.
     """
     described = [*_described_quantities(path, table, description, robot)]
     if not described:
+        names = [name for names in columns_by_joint(robot).values() for name in names]
+        found = "; ".join(filter(None, [listed(table.names), table.notice]))
         raise LogError(
-            f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
-            f"description names none, found: {listed(table.names)}"
+            f"'{path}' has no column of this robot; expected names as '{names[0]}' (custom columns "
+            f"need {DESCRIBED}), found: {found}{near_names(names, (), table.names)}",
+            DESCRIBED,
         )
     described += _described_vectors(path, table, description, robot)
     where = description.where and table.in_file_of(description.where, described[0].source.used)
-    shared = [] if where is None else [where]
-    wanted = dict[str, None]()
-    for spec in described:
-        names = [*shared, *spec.source.used, *spec.clock.columns()]
-        wanted |= _checked_columns(spec.where, names, table)
-    data = table.load(list(wanted))
-    kept = data[where] != 0 if where else None
-    return [
-        _selected(spec.where, channel, kept, table.sparse)
-        for spec in described
-        for channel in spec.channels(data, robot)
-    ]
+    return Selection(path, table, robot, tuple(described), where)
+
+
+DESCRIBED = "description= (seaid.describe_log infers one)"
 
 
 def _checked_columns(where: str, names: Sequence[str], table: Table) -> dict[str, None]:
@@ -115,8 +182,8 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
 
     Those are read without a description, unless it has another source of the quantity.
     """
-    base = robot.floating_base
-    own = own_names(robot).union(() if base is None else base_columns(base))
+    vectors = _vectors_of(robot.floating_base)
+    own = own_names(robot).union(*(row.columns(owner) for owner, _, row in vectors))
 
     def rest(tables: Mapping[str, Mapping[str, Source]]) -> dict[str, dict[str, Source]]:
         others = {
@@ -137,7 +204,8 @@ def _described_quantities(
         for quantity, source in sources.items():
             where = f"'{path}': [joints.{joint}] {quantity}"
             clock = _clock_of(where, table, description, source)
-            name = _name_of(robot, joint, quantity)[0]
+            name, own = _name_of(robot, joint, quantity)[0], _own_name(robot, joint, quantity)
+            name = own if source == Source((own,)) else name
             yield _Described(where, joint, quantity, (name,), source, clock)
 
 
@@ -147,22 +215,29 @@ def _described_vectors(
     """Yield the vectors of a description, and those with seaid's own columns."""
     base = robot.floating_base
     _check_vectors(path, description, base)
-    if base is None:
-        return
-    contacts = description.contacts
-    places = [("base", "[base]", description.base, OF_BASE)]
-    places += [
-        (link, f"[contacts.{link}]", contacts.get(link, {}), OF_CONTACTS)
-        for link in dict.fromkeys([*contacts, *base.contact_links])
-    ]
-    for owner, place, described, rows in places:
-        for quantity, row in rows.items():
-            where, source = f"'{path}': {place} {quantity}", described.get(quantity)
-            names = None if source is None else _names(where, row, owner, source, base)
-            source = source or _own_vector(table, row, owner, base)
-            if source is not None:
-                clock = _clock_of(where, table, description, source)
-                yield _Described(where, owner, quantity, names or source.columns, source, clock)
+    for owner, place, row in _vectors_of(base, description.contacts):
+        assert base is not None
+        where, contacts = f"'{path}': {place} {row.name}", description.contacts
+        described = contacts.get(owner, {}) if row.name in OF_CONTACTS else description.base
+        source = described.get(row.name) or _own_vector(table, row, owner, base)
+        if source is not None:
+            is_own = row.name not in described
+            names = source.columns if is_own else _names(where, row, owner, source, base)
+            clock = _clock_of(where, table, description, source)
+            yield _Described(where, owner, row.name, names, source, clock)
+
+
+def _vectors_of(
+    base: FloatingBase | None, links: Iterable[str] = ()
+) -> Iterator[tuple[str, str, Quantity]]:
+    """Yield owner, table of a description, and row of all vectors of a base and its contacts.
+
+    Other links than those of contacts may have wrenches.
+    """
+    if base is not None:
+        yield from (("base", "[base]", row) for row in OF_BASE.values())
+        for link in dict.fromkeys([*links, *base.contact_links]):
+            yield from ((link, f"[contacts.{link}]", row) for row in OF_CONTACTS.values())
 
 
 def _check_vectors(path: Path, description: LogDescription, base: FloatingBase | None) -> None:
@@ -182,13 +257,11 @@ def _check_vectors(path: Path, description: LogDescription, base: FloatingBase |
 
 
 def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> Source | None:
-    """Return the columns with seaid's own names of a vector, None if there are too few."""
+    """Return the columns with seaid's own names of a vector, which `BaseLog` checks, if any."""
     if row.name == "acceleration" or (row.name == "angle" and base.normal is None):
         return None
-    names = row.columns(owner)
-    needed = needed_columns(base, row.name) if row.name in CHANNELS else names
-    logged = tuple(name for name in names if name in table.names)
-    return Source(logged) if {*needed} <= {*logged} else None
+    logged = tuple(name for name in row.columns(owner) if name in table.names)
+    return Source(logged) if logged else None
 
 
 def _names(
@@ -223,32 +296,29 @@ def _sources_by_name(
         columns = [x for x in (name, short_name(name)) if x in table.names and x not in used]
         if columns and field not in described:
             logged[field] = Source((columns[0],))
-    if "deflection" in logged:  # as a motion of the joint; a described one is that of the spring
-        logged["deflection"] = replace(logged["deflection"], scale=robot.drives[joint].load_radius)
     return logged
 
 
-def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
+def both_sides(
+    picked: Mapping[str, Array], robot: Robot, of_springs: Collection[str] = ()
+) -> dict[str, Array]:
     """Return the samples with deflections converted to the position of a side without encoder.
 
     The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. With
-    both positions it stays, as a motion of the joint. Raises LogError for a deflection of a rigid
-    drive, or without a position.
+    both positions it stays, as a motion of the joint, which all are but those `of_springs`. Raises
+    LogError for a described deflection of a rigid drive, and for one without a position.
     """
     samples = dict(picked)
     for index, joint in enumerate(robot.joint_names):
-        name = next((name for name in picked if name.startswith(f"{joint}.deflection_")), None)
-        if name is None:
-            continue
-        deflection, drive = samples.pop(name), robot.drives[joint]
-        if not drive.is_elastic:
-            raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
-        _check_own_drive(robot, joint, "a deflection does not determine its position")
-        name_of = partial(column_name, joint, robot.is_prismatic[index])
-        motor, load = name_of("motor_position"), name_of("joint_position")
+        drive, name_of = robot.drives[joint], partial(column_name, joint, robot.is_prismatic[index])
+        motor, load, own = map(name_of, ("motor_position", "joint_position", "deflection"))
+        has_both = {motor, load} <= samples.keys()
+        deflection = _of_spring(samples, robot, joint, own, has_both, of_springs)
         behind_gear = drive.motor_radius / drive.ratio
-        if {motor, load} <= set(samples):
-            samples[name_of("deflection")] = deflection / drive.load_radius
+        if deflection is None:
+            continue
+        if has_both:
+            samples[own] = deflection / drive.load_radius
         elif load in samples:
             # d = (r_M / N) theta_M - r_L theta_L, solved for theta_M, and below for theta_L.
             samples[motor] = (deflection + drive.load_radius * samples[load]) / behind_gear
@@ -260,6 +330,28 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
                 "together with motor_position or joint_position"
             )
     return samples
+
+
+def _of_spring(
+    samples: dict[str, Array],
+    robot: Robot,
+    joint: str,
+    own: str,
+    has_both: bool,
+    of_springs: Collection[str],
+) -> Array | None:
+    """Return the deflection of a spring that is to be converted, which is taken out of the samples.
+
+    One that is the joint's already stays next to both positions, and without a spring.
+    """
+    drive = robot.drives[joint]
+    if name := next((x for x in of_springs if x.startswith(f"{joint}.deflection_")), ""):
+        if not drive.is_elastic:
+            raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
+    elif has_both or own not in samples or not drive.is_elastic:
+        return None
+    _check_own_drive(robot, joint, "a deflection does not determine its position")
+    return samples.pop(name) if name else drive.load_radius * samples.pop(own)
 
 
 def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
@@ -281,8 +373,10 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
     if clock is None:
         _checked_columns(where, columns, table)
         raise LogError(
-            f'{where}: no time is given; name its column, time = "...", or a constant rate, time = '
-            "{ rate_hz = ... }"
+            f"{where}: {table.missing('time_s')}; custom columns need {DESCRIBED}, and the time is "
+            'named in the description of the log as time = "...", or has a constant rate, '
+            "time = { rate_hz = ... }",
+            DESCRIBED,
         )
     if clock.column is None:
         return clock
@@ -309,7 +403,9 @@ def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
         time = spec.clock.seconds(data, len(values))
         times = source.times if isinstance(source.times, int | float) else 1.0
         period = None if source.wraps is None else abs(factor * times) * source.wraps
-        return Channel(spec.names[0], time, factor * values + offset, period, source.delay_s)
+        # x + -0.0 is x bit by bit, also of x = -0.0.
+        values = factor * values + (offset or -0.0)
+        return Channel(spec.names[0], time, values, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
         raise LogError(text if text.startswith(spec.where) else f"{spec.where}: {text}") from None
@@ -326,7 +422,7 @@ def _vector_channels(data: Block, spec: _Described) -> list[Channel]:
         # Before gaps and other clocks are interpolated: between p and -p an interpolation passes
         # zero.
         values = continuous(values)
-    if spec.quantity == "contact":
+    if spec.quantity == "contact" and source != Source(spec.names):  # its own is 0 or 1
         limit = 0.5 if source.above is None else source.above
         unknown = np.nan if source.unknown is None else source.unknown
         is_known = np.isfinite(values) & (logged != unknown)
@@ -340,13 +436,17 @@ def _vector_channels(data: Block, spec: _Described) -> list[Channel]:
 
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     """Return the name of a channel, and the SI unit at its end."""
-    is_prismatic = robot.is_prismatic[robot.index(joint)]
     drive = robot.drives[joint]
     if quantity == "deflection":
         unit = drive.spring_units[1] if drive.is_elastic else "rad"
         return f"{joint}.deflection_{unit}", unit
-    name = column_name(joint, is_prismatic, quantity)
+    name = _own_name(robot, joint, quantity)
     return name, unit_of_column(name)
+
+
+def _own_name(robot: Robot, joint: str, quantity: str) -> str:
+    """Return seaid's own name of the column of a quantity of a joint."""
+    return column_name(joint, robot.is_prismatic[robot.index(joint)], quantity)
 
 
 def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:

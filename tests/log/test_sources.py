@@ -66,8 +66,6 @@ def test_several_files_are_one_log(arm: Robot, tmp_path: Path) -> None:
     check(read_log(paths, arm))
     with pytest.raises(LogError, match=r"no column is named 'x'; allowed: positions.csv:t, q, tor"):
         read_log(files, arm, description={"time": "x", "joints": JOINTS})
-    with pytest.raises(LogError, match=r"columns= is for a log of one file: give a description="):
-        read_log(files, arm, columns={"time_s": "t"})
 
 
 @pytest.mark.parametrize("time", ["t", "stamp"])

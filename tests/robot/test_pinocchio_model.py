@@ -481,15 +481,11 @@ def test_what_belongs_to_a_locked_joint_is_ignored(urdf: Path, tmp_path: Path) -
     assert robot.standing_joints == ("lift", "elbow")
     assert robot.selected(joints) == MOVING
     t = np.arange(0, 3, 0.01)
-    table, described, columns = {"t": t}, {}, {"time_s": "t"}
+    table, described = {"t": t}, {}
     for place, joint in enumerate(joints):
         table |= {f"{joint}_pos": np.sin(t + place), f"{joint}_torque": np.cos(t + place)}
         described[joint] = {"joint_position": f"{joint}_pos", "motor_torque": f"{joint}_torque"}
-        columns[f"{joint}.joint_position_rad"] = f"{joint}_pos"
-        columns[f"{joint}.motor_torque_Nm"] = f"{joint}_torque"
     path = write_columns(tmp_path / "run.csv", table, "%.18e")
     log = seaid.read_log(path, robot, description={"time": "t", "joints": described})
     np.testing.assert_allclose(log.joint_position[:, 1], table["wrist_pos"])
-    again = seaid.read_log(path, robot, columns=columns)
-    np.testing.assert_array_equal(again.joint_position, log.joint_position)
     assert {*seaid.describe_log(path, robot).description.joints} == {*MOVING}

@@ -29,6 +29,7 @@ from seaid.log.describe.names import (
     is_elsewhere,
     kind_of,
     meaning_of,
+    nearest,
     place_of,
     planar_meaning,
     words_of,
@@ -333,26 +334,18 @@ class _Search:
             return 0.0
         return 1.0
 
-    def _shared(self, name: str) -> tuple[str, int]:
-        """Return the contact that shares the most words with a name, and how many those are."""
-        words = {*words_of(name)}
-        counts = {x: len(words & {*words_of(x)}) for x in self.floating.contact_links}
-        best = max(counts, key=counts.__getitem__, default="")
-        is_clear = list(counts.values()).count(counts.get(best, 0)) == 1
-        return (best, counts[best]) if is_clear and counts[best] else ("", 0)
-
     def _contact_in(self, name: str) -> str:
         """Return the contact in a name that is one of a contact, an empty text if none."""
-        return self._shared(name)[0] if is_contact(name) else ""
+        return nearest(name, self.floating.contact_links)[0] if is_contact(name) else ""
 
     def take_wrenches(self, vectors: Sequence[Vector]) -> None:
         """Take force sensors for the contacts whose names share the most words with theirs."""
         sensors = force_sensors(vectors)
-        nearest = {sensor: self._shared(sensor) for sensor in sensors}
+        shared = {sensor: nearest(sensor, self.floating.contact_links) for sensor in sensors}
         for sensor, parts in sensors.items():
-            link, count = nearest[sensor]
+            link, count = shared[sensor]
             # No other sensor that is nearest to this contact shares as many words with it.
-            is_rival = [x == link and words >= count for x, words in nearest.values()]
+            is_rival = [x == link and words >= count for x, words in shared.values()]
             if not link or is_rival.count(True) > 1:
                 self.other_forces[sensor] = parts["force"]
                 continue

@@ -28,7 +28,7 @@ from seaid.log.describe.inference import (
     follows,
     unit_by_velocity,
 )
-from seaid.log.describe.names import Meaning, joint_alone, vocabulary, words_of
+from seaid.log.describe.names import Meaning, joint_alone, nearest, vocabulary, words_of
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage", "duty")
@@ -204,9 +204,9 @@ def _matches(labels: Sequence[str], robot: Robot, inference: Inference) -> dict[
 
 def _by_part(labels: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
     """Return {label: joint} if the words of each label are in the name of one joint alone."""
-    fitting = [[y for y in joints if {*words_of(x)} <= {*words_of(y)}] for x in labels]
-    matches = {x: fits[0] for x, fits in zip(labels, fitting, strict=True) if len(fits) == 1}
-    if len({*matches.values()}) < len(labels):
+    fitting = {label: nearest(label, joints) for label in labels}
+    matches = {x: joint for x, (joint, count) in fitting.items() if count == len({*words_of(x)})}
+    if len({*matches.values()} - {""}) < len(labels):
         return {}
     for label in filter(None, labels):
         inference.note(label, "by_part", joint=matches[label])

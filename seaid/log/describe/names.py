@@ -234,7 +234,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     texts = [word.text for word in words]
     quantity = _quantity(texts)
     # The unit becomes the word of its quantity, so that it does not count for the joint's label.
-    if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words)):
+    if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words, unit)):
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
     return _Parts(topic, field, words, texts, quantity, joint, label, unit, rate)
@@ -499,10 +499,10 @@ def _is_unit(word: _Word, quantity: str, side: str) -> bool:
     return word.unit is not None and not is_of_motor and _fits(word.unit, quantity)
 
 
-def _counts_of(words: Sequence[_Word]) -> Unit | None:
-    """Return the unit of counts or turns on a side of a gear: "motor_counts" are of its encoder."""
-    of_encoders = vocabulary().roles["encoders"]
-    units = (word.unit for word in words if word.unit is not None and word.unit[1] in of_encoders)
+def _counts_of(words: Sequence[_Word], bracketed: Unit | None) -> Unit | None:
+    """Return the unit of counts or turns on a side of a gear: "motor_counts", "hip motor [rev]"."""
+    of_encoders, of_words = vocabulary().roles["encoders"], (word.unit for word in words)
+    units = (unit for unit in (*of_words, bracketed) if unit and unit[1] in of_encoders)
     return next(units, None) if _side(words) else None
 
 
@@ -645,6 +645,18 @@ def words_of(name: str) -> list[str]:
         rate = ["vel" if rates == 1 else "acc"] if rates else [before] if before else []
         words += [axis, *rate]
     return words
+
+
+def nearest(name: str, owners: Sequence[str]) -> tuple[str, int]:
+    """Return the only joint or contact that shares the most words with a name, and how many.
+
+    Without one the name is empty.
+    """
+    words = {*words_of(name)}
+    shared = {owner: len(words & {*words_of(owner)}) for owner in owners}
+    most = max(shared.values(), default=0)
+    best = [owner for owner, count in shared.items() if count == most > 0]
+    return (best[0], most) if len(best) == 1 else ("", 0)
 
 
 def kind_of(name: str) -> str:

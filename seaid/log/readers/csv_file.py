@@ -27,6 +27,7 @@ from seaid.log.readers.table import (
     check_memory,
     damaged,
     has_samples_in_columns,
+    in_pieces,
 )
 
 LONGEST_LINE = 1_000_000
@@ -119,11 +120,8 @@ def open_csv(path: Path) -> Table:
     with _opened(path) as file:
         header = _header(path, _lines(path, file))
 
-    def load(wanted: list[str]) -> Block:
-        check_memory(path, path.stat().st_size)
-        return next(blocks(wanted, sys.maxsize))
-
     def blocks(wanted: list[str], size: int) -> Blocks:
+        check_memory(path, path.stat().st_size * (size == sys.maxsize))
         with _opened(path) as file:
             lines, line = _lines(path, file), header.skipped + 1
             list(islice(lines, header.skipped))
@@ -133,7 +131,7 @@ def open_csv(path: Path) -> Table:
                 if filled:
                     yield {name: np.concatenate([part[name] for part in filled]) for name in wanted}
 
-    return Table(header.names, load, blocks, notice="" if header.has_names else _NUMBERED)
+    return in_pieces(header.names, blocks, "" if header.has_names else _NUMBERED)
 
 
 _NUMBERED = (
@@ -255,8 +253,8 @@ def _units(path: Path, line: str, header: _Header) -> list[str]:
 
 def _is_sample(cell: str) -> bool:
     """Return whether a cell is a number, a list of numbers, a date, or a word for a number."""
-    is_list = all(map(_is_number, _list(cell) or ["no number"]))
-    return is_list or _is_number(cell) or cell.lower() in _WORDS or bool(_DATE.search(cell))
+    numbers = map(_value, _list(cell) or [cell])
+    return None not in numbers or bool(_DATE.search(cell))
 
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
@@ -304,20 +302,19 @@ def _format_of(line: str) -> _Format | None:
     for delimiter in ";\t|, ":
         cells = line.split() if delimiter == " " else line.split(delimiter)
         for decimal in "." if delimiter == "," else ".,":
-            if all(map(_is_number, (cell.replace(decimal, ".") for cell in cells))) and any(
-                cell.strip() for cell in cells
-            ):
+            values = [_value(cell.replace(decimal, ".")) for cell in cells]
+            if None not in values and any(map(str.strip, cells)):
                 return _Format(delimiter, decimal, len(cells))
     return None
 
 
-def _is_number(cell: str) -> bool:
-    """Return whether a cell is a number or blank."""
+def _value(cell: str) -> float | None:
+    """Return the number in a cell, or that of its word; NaN for a blank cell, None for a text."""
+    text = cell.strip()
     try:
-        # `float` raises for text; any number that it returns is a number, zero too.
-        return not cell.strip() or float(cell) is not None
+        return float(text) if text else math.nan
     except ValueError:
-        return False
+        return _WORDS.get(text.lower())
 
 
 def _counts_from_zero(line: str) -> bool:
@@ -374,7 +371,7 @@ def _with_lists(header: _Header, cells: list[str]) -> _Header:
         if numbers := _list(cell):
             columns += [f"{name}[{item}]" for item in range(len(numbers))]
             items[place] = len(numbers)
-        elif _is_number(cell) or cell.strip().lower() in _WORDS:
+        elif _value(cell) is not None:
             columns.append(name)
             items[place] = None
     return replace(header, names=columns, items=items) if any(items.values()) else header
@@ -462,13 +459,9 @@ def _cells(
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return the number in a cell, or that of its word; NaN for an empty cell."""
-    try:
-        return float(cell) if cell.strip() else float("nan")
-    except ValueError:
-        pass
-    word = _WORDS.get(cell.strip().lower())
-    if word is None:
+    """Return the number in a cell. Raises LogError for a text."""
+    value = _value(cell)
+    if value is None:
         hint = ": empty it if nothing was measured"
         hint = "; write the time as seconds" if _DATE.search(cell) else hint
         hint = "; write a decimal point" if _DECIMAL_COMMA.fullmatch(cell.strip()) else hint
@@ -476,4 +469,4 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
             f"is not a number{hint}"
         )
-    return word
+    return value

@@ -65,8 +65,8 @@ def _are_records(value: Any) -> bool:
     return isinstance(value, list) and value != [] and all(isinstance(x, Mapping) for x in value)
 
 
-def _record_columns(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return the columns of records; None for a value that a record lacks."""
+def _record_columns(path: Path, records: list[Any]) -> dict[str, list[Any]]:
+    """Return the columns of records, or of lists; None for a value that one lacks."""
     data: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
         for name, value in _flat(path, "", record, 0):
@@ -100,19 +100,10 @@ def _lists_by_name(path: Path, value: Mapping[str, Any], depth: int) -> dict[str
             inner = _lists_by_name(path, entry, depth + 1)
             data.update({f"{name}.{key}": column for key, column in inner.items()})
         elif isinstance(entry, list) and entry:
-            data |= _columns_of_list(path, name, entry, len(data))
+            rows = all(isinstance(row, list) for row in entry)
+            columns = _record_columns(path, entry) if rows else {"": entry}
+            data |= {f"{name}{place}": column for place, column in columns.items()}
     return data
-
-
-def _columns_of_list(path: Path, name: str, rows: list[Any], others: int) -> dict[str, list[Any]]:
-    """Return a list as a column; of lists of equal length, one column per place in them."""
-    if not all(isinstance(row, list) for row in rows):
-        return {name: rows}
-    if len({len(row) for row in rows}) > 1:
-        return {}
-    check_columns(path, others + len(rows[0]))
-    columns = zip(*rows, strict=True)
-    return {f"{name}[{index}]": list(column) for index, column in enumerate(columns)}
 
 
 def _check_depth(path: Path, depth: int) -> None:

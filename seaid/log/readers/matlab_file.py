@@ -43,11 +43,11 @@ def mat_columns(path: str) -> Answer:
 
     try:
         content = io.loadmat(path, simplify_cells=True)
+        arrays = dict(_arrays("", content, 0))
     except NotImplementedError:  # version 7.3 is HDF5
         h5py = optional("h5py", "hdf5", Path(path))
         with h5py.File(path, "r") as file:
-            content = _group_arrays(file, 0)
-    arrays = dict(_arrays("", content, 0))
+            content, arrays = list(file), dict(_arrays("", file, 0))
     longest = max((max(array.shape) for array in arrays.values()), default=0)
     columns: Block = {}
     for name, values in arrays.items():
@@ -57,27 +57,20 @@ def mat_columns(path: str) -> Answer:
         check_columns(Path(path), len(columns) + rows.shape[1])
         for place, column in enumerate(rows.T):
             columns[f"{name}[{place}]" if many else name] = column.astype(np.float64)
-    return [name for name in content if not name.startswith("_")], columns
+    return [name for name in content if not name.startswith(_HIDDEN)], columns
 
 
-def _group_arrays(group: Any, depth: int) -> dict[str, Any]:
-    """Return the arrays of a group of HDF5, which has the dimensions in reverse, and its groups."""
-    arrays: dict[str, Any] = {}
-    for name, item in group.items():
-        # "#refs#" and "#subsystem#" hold what cells and objects refer to.
-        if name.startswith("#") or depth > _DEEPEST:
-            continue
-        is_array = hasattr(item, "shape")
-        arrays[name] = np.asarray(item).T if is_array else _group_arrays(item, depth + 1)
-    return arrays
+_HIDDEN = ("_", "#")
+"""Starts of names that are no variables: "#refs#" holds what cells and objects refer to."""
 
 
 def _arrays(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield the vectors and matrices of numbers in a variable, as matrices."""
+    """Yield the vectors and matrices of numbers in a variable or in a group, as matrices."""
     if isinstance(value, Mapping) and depth < _DEEPEST:
         for key, field in value.items():
-            if not key.startswith("__"):
+            if not key.startswith(_HIDDEN):
                 yield from _arrays(f"{name}.{key}".removeprefix("."), field, depth + 1)
-    elif isinstance(value, np.ndarray) and value.size > 1 and value.ndim <= 2:
-        values = value.reshape(len(value), -1)
-        yield from [(name, values)] if is_number(value.dtype) else []
+    elif getattr(value, "size", 0) > 1 and value.ndim <= 2 and is_number(value.dtype):
+        # HDF5 has the dimensions in reverse.
+        array = value if isinstance(value, np.ndarray) else np.asarray(value).T
+        yield name, array.reshape(len(array), -1)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import stat
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from difflib import get_close_matches
 from itertools import chain, islice
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from seaid.log.readers.matlab_file import open_mat
 from seaid.log.readers.npz_file import open_npy, open_npz
 from seaid.log.readers.parquet_file import open_parquet
 from seaid.log.readers.ros_bag import open_bag
-from seaid.log.readers.table import Block, Table, check_names, part_of, samples, with_parts
+from seaid.log.readers.table import IN_MEMORY, Block, Table, check_names, table_of_arrays
 
 READERS: dict[str, Callable[[Path], Table]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), open_csv),
@@ -59,10 +61,6 @@ def open_table(path: Path) -> Table:
     return table
 
 
-IN_MEMORY = Path("columns in memory")
-"""What messages name in the place of a file."""
-
-
 def in_memory(log: Any) -> Table | None:
     """Return the columns of a mapping or a data frame, with its named index; None for a path."""
     names = getattr(log, "columns", log)
@@ -72,17 +70,9 @@ def in_memory(log: Any) -> Table | None:
     index = getattr(log, "index", None)
     if isinstance(getattr(index, "name", None), str):
         data = {str(index.name): _plain_numbers(index), **data}  # type: ignore[union-attr]
-    columns = {}
-    for name, values in data.items():
-        for part in with_parts(name, values.shape):
-            _, place = part_of(part.removeprefix(name))
-            columns[part] = values if place is None else values[:, place]
-    check_names(IN_MEMORY, list(columns))
-
-    def load(wanted: list[str]) -> Block:
-        return {name: samples(IN_MEMORY, name, columns[name]) for name in wanted}
-
-    return Table(list(columns), load)
+    table = table_of_arrays(IN_MEMORY, "", lambda: nullcontext(data))
+    check_names(IN_MEMORY, table.names)
+    return replace(table, blocks=None)
 
 
 def _plain_numbers(values: Any) -> Any:
@@ -112,43 +102,40 @@ def open_tables(paths: Sequence[Path]) -> Table:
     if len(tables) < len(paths):
         names = listed(path.name for path in paths)
         raise LogError(f"the files of one log need names of their own, found {names}")
-    counts = Counter(chain.from_iterable(table.names for table in tables.values()))
-    return _joined([_part_of_log(file, table, counts) for file, table in tables.items()])
+    return _joined(tables)
 
 
-def _joined(parts: Sequence[Table]) -> Table:
-    """Return the columns of several tables, each of which has names of its own."""
+def _joined(tables: Mapping[str, Table]) -> Table:
+    """Return the columns of the files of one log."""
+    names = _names_in_log(tables)
+    places = {name: place for place, name in names.items()}
 
     def load(wanted: list[str]) -> Block:
         block: Block = {}
-        for part in parts:
-            if names := [name for name in wanted if name in part.files]:
-                block |= part.load(names)
+        for file, table in tables.items():
+            if bare := [name for x, name in map(places.__getitem__, wanted) if x == file]:
+                block |= {names[file, name]: x for name, x in table.load(bare).items()}
         return block
 
-    notices = dict.fromkeys(part.notice for part in parts if part.notice)
-    files = dict(chain.from_iterable(part.files.items() for part in parts))
+    clocks = [{names[x, y]: names[x, z] for y, z in t.clocks.items()} for x, t in tables.items()]
     return Table(
-        names=list(files),
+        names=list(places),
         load=load,
-        clocks=dict(chain.from_iterable(part.clocks.items() for part in parts)),
-        sparse=any(part.sparse for part in parts),
-        notice="; ".join(notices),
-        files=files,
+        clocks=dict(ChainMap(*clocks)),
+        sparse=any(map(attrgetter("sparse"), tables.values())),
+        notice="; ".join(dict.fromkeys(filter(None, map(attrgetter("notice"), tables.values())))),
+        files={name: file for name, (file, _) in places.items()},
     )
 
 
-def _part_of_log(file: str, table: Table, counts: Mapping[str, int]) -> Table:
-    """Return the columns of a file, named "file:name" if a name counts more than once."""
-    names = {name: name if counts[name] == 1 else f"{file}:{name}" for name in table.names}
-    bare = {name: key for key, name in names.items()}
-
-    def load(wanted: list[str]) -> Block:
-        return {names[x]: values for x, values in table.load([bare[x] for x in wanted]).items()}
-
-    clocks = {names[name]: names[clock] for name, clock in table.clocks.items()}
-    files = dict.fromkeys(bare, file)
-    return Table(list(bare), load, None, clocks, table.sparse, table.notice, files)
+def _names_in_log(tables: Mapping[str, Table]) -> dict[tuple[str, str], str]:
+    """Return {(file, column): its name in a log of several files}."""
+    counts = Counter(chain.from_iterable(table.names for table in tables.values()))
+    return {
+        (file, name): name if counts[name] == 1 else f"{file}:{name}"
+        for file, table in tables.items()
+        for name in table.names
+    }
 
 
 _MOST_NAMES = 1000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,12 @@ from seaid._arrays import Array
 from seaid._files import whole_file
 from seaid.errors import LogError, shortened
 from seaid.log.readers.table import (
-    Block,
     Blocks,
     Table,
     check_columns,
     check_memory,
     damaged,
+    in_pieces,
     no_numbers,
     optional,
     samples,
@@ -33,27 +34,20 @@ def open_parquet(path: Path) -> Table:
         check_columns(path, len(file.schema_arrow))
         names = list(file.schema_arrow.names)
 
-    def load(wanted: list[str]) -> Block:
-        with damaged(path, _KIND), parquet.ParquetFile(path) as file:
-            _check_kinds(path, file, wanted)
-            check_memory(path, 8.0 * file.metadata.num_rows * len(wanted))
-            table = file.read(columns=wanted)
-            return {name: _samples(path, name, table[name], {}) for name in wanted}
-
     def blocks(wanted: list[str], size: int) -> Blocks:
         starts: dict[str, Any] = {}
         with damaged(path, _KIND), parquet.ParquetFile(path) as file:
             _check_kinds(path, file, wanted)
-            rows = min(size, file.metadata.num_rows)
-            check_memory(path, 8.0 * rows * len(wanted), pieces=True)
+            rows = min(size, max(file.metadata.num_rows, 1))
+            check_memory(path, 8.0 * rows * len(wanted), pieces=size < sys.maxsize)
             batch = None
-            for batch in file.iter_batches(size, columns=wanted):
+            for batch in file.iter_batches(rows, columns=wanted):
                 yield {name: _samples(path, name, batch[name], starts) for name in wanted}
             # A file without rows has no batch, and a reader in pieces needs the names of one.
             if batch is None:
                 yield {name: np.zeros(0) for name in wanted}
 
-    return Table(names, load, blocks)
+    return in_pieces(names, blocks)
 
 
 def write_parquet(path: Path, data: Mapping[str, Array]) -> None:

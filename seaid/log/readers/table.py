@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import math
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -117,8 +120,14 @@ def check_names(path: Path, names: Sequence[str]) -> None:
             raise LogError(f"'{path}': the name of a column is not Unicode text: {name!a}")
 
 
+IN_MEMORY = Path("columns in memory")
+"""What messages name in the place of a file."""
+
+
 def size_of(path: Path) -> float:
-    """Return the bytes of a file, or of the files in a folder."""
+    """Return the bytes of a file, or of the files in a folder; infinite for columns in memory."""
+    if path == IN_MEMORY:
+        return math.inf
     if path.is_dir():
         return float(sum(file.stat().st_size for file in path.iterdir() if file.is_file()))
     return float(path.stat().st_size)
@@ -214,6 +223,118 @@ def no_numbers(path: Path, name: str, kind: object, shape: object) -> LogError:
         f"'{path}': column '{shortened(name)}' must be a vector of numbers, found "
         f"{shortened(str(kind))} of shape {shape}"
     )
+
+
+class Refused:
+    """An array that is listed by its name, and whose reason is raised when it is wanted."""
+
+    shape = None
+
+    def __init__(self, reason: Exception) -> None:
+        self.reason = reason
+
+    @property
+    def dtype(self) -> Any:
+        """Raise the reason."""
+        raise self.reason
+
+
+Arrays = Mapping[str, Any]
+"""Arrays by name, each with `dtype`, `shape` and slices of its rows, in which samples are."""
+
+
+def table_of_arrays(
+    path: Path, kind: str, opened: Callable[[], AbstractContextManager[Arrays]]
+) -> Table:
+    """Return the columns of arrays (T,) and (T, k): "name", and "name[0]", "name[1]", ....
+
+    `opened` yields the arrays of a file, which is "a NumPy archive" or of another `kind`.
+    """
+    names: list[str] = []
+    with damaged(path, kind), opened() as arrays:
+        for name, array in arrays.items():
+            names += with_parts(name, _shape_of(array))
+            check_columns(path, len(names))
+
+    def blocks(wanted: list[str], size: int) -> Blocks:
+        with damaged(path, kind), opened() as arrays:
+            parts = [_Part(path, kind, arrays, *each) for each in _parts_of(arrays, wanted)]
+            in_pieces = size < sys.maxsize
+            if in_pieces:
+                check_lengths(path, {part.name: part.length for part in parts})
+            total = max(part.length for part in parts)
+            check_memory(path, sum(part.bytes_of(min(size, total)) for part in parts), in_pieces)
+            for start in range(0, max(total, 1), size):  # of no rows there is one empty block
+                block: Block = {}
+                for part in parts:
+                    block |= part.columns(start, min(start + size, part.length))
+                yield {name: block[name] for name in wanted}
+
+    return in_pieces(names, blocks)
+
+
+def in_pieces(
+    names: Sequence[str], blocks: Callable[[list[str], int], Blocks], notice: str = ""
+) -> Table:
+    """Return a table whose columns are loaded as one piece, too."""
+
+    def load(wanted: list[str]) -> Block:
+        pieces = [*blocks(wanted, sys.maxsize)]
+        return pieces[0] if len(pieces) == 1 else joined(pieces)
+
+    return Table(names, load, blocks, notice=notice)
+
+
+def joined(blocks: Sequence[Block]) -> Block:
+    """Return blocks of the same columns as one."""
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+def _shape_of(array: Any) -> Sequence[int] | None:
+    """Return the shape of an array, None if its file does not say it."""
+    with suppress(TypeError, ValueError, RuntimeError, OSError):
+        return array.shape  # type: ignore[no-any-return]
+    return None
+
+
+def _parts_of(arrays: Arrays, wanted: Sequence[str]) -> Iterable[tuple[str, dict[str, int | None]]]:
+    """Return {array: {column: its index in the array, None for a whole one}}."""
+    parts: dict[str, dict[str, int | None]] = {}
+    for name in wanted:
+        # "q[0]" may be the name of an array itself.
+        base, index = (name, None) if name in arrays else part_of(name)
+        parts.setdefault(base, {})[name] = index
+    return parts.items()
+
+
+class _Part:
+    """The wanted columns of an array of an open file."""
+
+    def __init__(
+        self, path: Path, kind: str, arrays: Arrays, base: str, places: Mapping[str, int | None]
+    ) -> None:
+        self.name, self.places = next(iter(places)), places
+        self.named = partial(damaged, path, kind, self.name)
+        with self.named():
+            self.array = arrays[base]
+            dtype, shape = self.array.dtype, self.array.shape
+            for name, place in places.items():
+                if shape is None or len(shape) != 1 + (place is not None) or not is_number(dtype):
+                    raise no_numbers(path, name, dtype, shape)
+            self.length, self.row = int(shape[0]), math.prod(shape[1:]) * dtype.itemsize
+
+    def bytes_of(self, rows: int) -> float:
+        """Return the largest number of bytes in memory while reading so many samples."""
+        # Numbers as stored, and as float64: a file of bytes grows by a factor of eight. HDF5
+        # decompresses whole chunks, also for a single sample.
+        chunk = math.prod(getattr(self.array, "chunks", None) or (0,)) * self.array.dtype.itemsize
+        return float(max(rows * max(self.row, 8 * len(self.places)), chunk))
+
+    def columns(self, start: int, end: int) -> Block:
+        """Return some samples of the columns."""
+        with self.named():
+            rows = np.asarray(self.array[start:end])
+            return {x: as_floats(rows if k is None else rows[:, k]) for x, k in self.places.items()}
 
 
 def samples(path: Path, name: str, values: Any) -> Array:
