@@ -186,7 +186,7 @@ def pivoted_base(
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
-    return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
+    return base_of_columns(robot.parameter_names, columns, np.asarray(grouping), leftmost.gap)
 
 
 def _random_rows(

@@ -7,11 +7,11 @@ The reduction (Gautier 1991) takes columns from left to right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import singledispatch
+from functools import cache, lru_cache, singledispatch
 from threading import local
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -32,8 +32,9 @@ RANK_TOLERANCE = 1e-8
 _FEWEST_STATES, _WHOLE_STATES = 40, 20
 """Random states for any use, and those in which the torques at all joints determine the bodies."""
 
-_MOST_BYTES = 16e9
-"""Limit on the size of a regressor, which is in memory twice while it is reduced."""
+_MOST_BYTES = 1e9
+"""Limit on the memory in which Pinocchio computes; regressors of many samples come in blocks of a
+tenth of it."""
 
 _BLOCK = 32
 """Columns that are projected together, as one product of matrices."""
@@ -48,6 +49,13 @@ _MEMORY = local()
 
 def _memory_of(model: pin.Model) -> pin.Data:
     """Return memory for a model: n^3 numbers, shared by models that differ in inertias only."""
+    needed = 64 * model.nv**3  # eight arrays of n^3 numbers
+    if needed > _MOST_BYTES:
+        raise ExcitationError(
+            f"'{model.name}' has {model.nv} joints that move: Pinocchio takes {needed / 1e9:.3g} GB"
+            f" for it, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer joints move with joints=",
+            "joints=",
+        )
     tree, weightless = model.copy(), pin.Inertia.Zero()
     for joint in range(model.njoints):
         tree.inertias[joint] = weightless
@@ -281,16 +289,61 @@ def base_parameters(
     >>> len(base.columns), base.expressions[0]
     """
     torques = robot.selected(torque_joints)
-    known = [robot.index(joint) for joint in torques]
-    equations = body_equations(robot)
-    H = equations.columns(motion, known, seed, stances, measured)
-    columns, grouping, gap = equations.left_to_right(H, negligible(H) | robot.is_known)
+    known = tuple(map(robot.index, torques))
+    kinds = tuple(links if isinstance(links, str) else tuple(links) for links in stances)
+    reduced = _structural if motion is None else _reduced
+    columns, grouping, gap = reduced(robot, motion, known, seed, kinds, tuple(measured))
     if not columns and not np.all(robot.is_known):
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from "
             + (f"the torques at {', '.join(torques)}" if torques else "the forces on its base")
         )
-    return base_of_columns(robot, columns, grouping, gap)
+    return base_of_columns(robot.parameter_names, columns, grouping, gap)
+
+
+def _reduced(
+    robot: Robot, motion: Motion | None, known: Joints, seed: int, stances: Stances, measured: Links
+) -> tuple[list[int], Array, float]:
+    """Return base columns, grouping matrix (p, m) and gap of the bodies, as `base_parameters`."""
+    equations = body_equations(robot)
+    H = equations.columns(motion, known, seed, stances, measured)
+    return equations.left_to_right(H, negligible(H) | robot.is_known)
+
+
+_structural = lru_cache(_reduced)
+"""What random states give is kept for the next sensors, methods and logs of the same robots."""
+
+
+def with_base_columns(robot: Robot, width: int) -> tuple[list[int], Array, float]:
+    """Return the columns of the base parameters and of all drives, of `width` that start with the
+    bodies', the grouping (p, width) of all columns by these, and the gap.
+    """
+    columns, by_base, gap = _structural(robot, None, tuple(range(robot.n)), 0, ((),), ())
+    drives = range(by_base.shape[1], width)
+    of_all = np.pad(by_base, ((0, 0), (0, len(drives))))
+    return *with_independent(columns, of_all, drives), gap
+
+
+def with_independent(
+    columns: Sequence[int], grouping: Array, further: Sequence[int]
+) -> tuple[list[int], Array]:
+    """Return columns and grouping (p, m) with `further` columns, independent of all others."""
+    every = np.array([*columns, *further], dtype=np.intp)
+    rows = np.concatenate([grouping, np.eye(grouping.shape[1])[list(further)]])
+    order = np.argsort(every)
+    return every[order].tolist(), rows[order]
+
+
+def grouped_by(grouping: Array, further: Array, rounding: float) -> Array:
+    """Return the product of two grouping matrices, with zero for what is left of terms by rounding.
+
+    The first one may have no dependent column: then it changes nothing.
+    """
+    if grouping.shape[0] == grouping.shape[1]:
+        return further
+    product = grouping @ further
+    product[np.abs(product) < rounding * (np.abs(grouping) @ np.abs(further))] = 0.0
+    return np.asarray(product)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,10 +367,22 @@ class BodyEquations:
                 "torque_joints= names no joint: give those whose torque is known", "torque_joints="
             )
         robot = self.robot
-        states = _structural_states(robot, seed, known) if motion is None else motion.joint_states
-        _check_memory(robot, len(states[0]))
-        Y = regressor_at_drives(robot, *states)
-        return np.asarray(Y[:, known].reshape(-1, Y.shape[2]))
+        H = np.zeros((0, m := robot.parameters.size))
+        count = _WHOLE_STATES if 10 * len(known) == m else None
+        random = random_states(robot, seed, len(known), count=count)
+        states = random if motion is None else motion.joint_states
+        for _, Y in self._blocks(states, known):
+            # H = Q R has the norms and the dependencies of R.
+            R = H if len(H) <= m else np.asarray(np.linalg.qr(H, mode="r"))
+            H = np.concatenate([R, Y.reshape(-1, m)])
+        return H
+
+    def _blocks(self, states: JointStates, known: Joints) -> Iterator[tuple[JointStates, Array]]:
+        """Yield states that take little memory, and the rows (T, k, m) of bodies there."""
+        samples = int(_MOST_BYTES / (8 * self.robot.parameters.size**2)) + 1
+        for start in range(0, len(states[0]), samples):
+            q, v, a = (state[start : start + samples] for state in states)
+            yield (q, v, a), regressor_at_drives(self.robot, q, v, a)[:, known]
 
     def left_to_right(self, H: Array, zero: BoolArray) -> tuple[list[int], Array, float]:
         """Return `left_to_right` in the order in which columns are kept."""
@@ -330,8 +395,8 @@ class BodyEquations:
 
         The function removes from rows what nothing determines, as forces that are not measured.
         """
-        states = random_states(self.robot, seed, len(known))
-        yield states, regressor_at_drives(self.robot, *states)[:, known], np.asarray
+        for states, Y in self._blocks(random_states(self.robot, seed, len(known)), known):
+            yield states, Y, np.asarray
 
     def body_columns(self, motion: Motion, known: Joints, columns: IndexArray) -> Array:
         """Return some columns (T, r, c) of the bodies along a motion."""
@@ -360,34 +425,25 @@ def body_equations(robot: Robot) -> BodyEquations:
     return BodyEquations(robot)
 
 
-def _structural_states(robot: Robot, seed: int, known: Sequence[int]) -> tuple[Array, Array, Array]:
-    """Return random states: two rows per parameter if all torques are known."""
-    is_whole = len(known) == len(robot.body_names)
-    return random_states(robot, seed, len(known), count=_WHOLE_STATES if is_whole else None)
-
-
-def _check_memory(robot: Robot, samples: int) -> None:
-    """Raise ExcitationError if the regressor of a robot with very many joints is too large."""
-    needed = 8 * 10 * samples * len(robot.body_names) ** 2
-    if needed > _MOST_BYTES:
-        raise ExcitationError(
-            f"'{robot.name}' has {robot.n} joints that move: the regressor over {samples} samples "
-            f"takes {needed / 1e9:.3g} GB, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer "
-            "joints move with joints=, or give a shorter motion",
-            "joints=",
-        )
+def four_digits(size: float) -> str:
+    """Return the size of a coefficient as text, 0.0756."""
+    # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
+    return f"{size * (1 + 1e-9):.4g}"
 
 
 def base_of_columns(
-    robot: Robot, columns: Sequence[int], grouping: Array, gap: float
+    names: Sequence[str],
+    columns: Sequence[int],
+    grouping: Array,
+    gap: float,
+    shown: Callable[[float], str] = four_digits,
 ) -> BaseParameters:
-    """Return the base parameters of selected columns and their grouping matrix, with names."""
-    names = robot.parameter_names
+    """Return the base parameters of selected columns of `names` and their grouping matrix."""
     return BaseParameters(
         columns=tuple(columns),
         names=tuple(names[column] for column in columns),
-        expressions=tuple(grouped_text(row, names) for row in grouping),
-        grouping=frozen("grouping", grouping, (None, None)),
+        expressions=tuple(grouped_text(row, names, shown) for row in grouping),
+        grouping=frozen("grouping", grouping, (None, len(names))),
         gap=gap,
     )
 
@@ -404,9 +460,9 @@ def random_states(
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
     bodies = len(robot.body_names)
-    # Three rows per parameter, of which an instant gives at most six: a body acts on the rest of
-    # the robot by a force and a moment.
-    enough = 0 if known == bodies else -(-30 * bodies // min(known, 6))
+    # Bodies without a known torque between them act on the rest of the robot by one force and one
+    # moment: an instant gives at most six of three rows per parameter.
+    enough = -(-30 * (bodies - known + 1) // min(known, 6))
     shape = (count or max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     q = rng.uniform(-reach, reach, shape)
@@ -437,20 +493,24 @@ def left_to_right(
     # not by SciPy, whose import takes longer than all base parameters of a leg
     candidates = np.flatnonzero(~zero)
     R = np.asarray(np.linalg.qr(H[:, candidates] / norms[candidates], mode="r"))
-    basis = np.zeros((R.shape[0], min(R.shape)), order="F")  # filled column by column
-    columns: list[int] = []
+    # Until a column is dependent, those of R span unit vectors, and its diagonal has residuals.
+    diagonal = np.abs(np.diagonal(R))
+    first = int(np.argmin(np.append(diagonal > RANK_TOLERANCE, False)))
+    columns = list(range(first))
     # If no column is rejected, the gap is that to rounding.
-    accepted, rejected = 1.0, float(np.finfo(float).eps)
+    accepted, rejected = diagonal[:first].min(initial=1.0), float(np.finfo(float).eps)
+    basis = np.eye(R.shape[0], min(R.shape), order="F")  # filled column by column
     places = np.arange(len(candidates))
-    for block in np.split(places, range(_BLOCK, len(places), _BLOCK)):
+    for block in np.split(places[first:], range(_BLOCK, len(places) - first, _BLOCK)):
         # R is triangular: further down these columns, and the basis so far, are zero.
-        first, rows = len(columns), slice(0, int(block.max(initial=0)) + 1)
-        vectors = _projected(R[rows, block], basis[rows, :first])
+        before, rows = len(columns), slice(first, int(block.max(initial=0)) + 1)
+        vectors = _projected(R[rows, block], basis[rows, first:before])
         for column, new in zip(block.tolist(), vectors.T, strict=True):
-            new = _projected(new, basis[rows, first : len(columns)])
+            new = _projected(new, basis[rows, before : len(columns)])
             residual = float(np.linalg.norm(new))
             if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
                 accepted = min(accepted, residual)
+                basis[:, len(columns)] = 0.0
                 basis[rows, len(columns)] = new / residual
                 columns.append(column)
             else:
@@ -472,7 +532,7 @@ def left_to_right(
     # Unit columns H / s have G_s; for H itself G = s_b^-1 G_s s.
     grouping[:, others] = solved * norms[others] / norms[kept][:, None]
     grouping[np.arange(len(kept)), kept] = 1.0
-    return kept.tolist(), grouping, accepted / rejected
+    return kept.tolist(), grouping, float(accepted / rejected)
 
 
 def _projected(vectors: Array, Q: Array) -> Array:
@@ -483,23 +543,29 @@ def _projected(vectors: Array, Q: Array) -> Array:
     return vectors
 
 
-def four_digits(size: float) -> str:
-    """Return the size of a coefficient as text, 0.0756."""
-    # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
-    return f"{size * (1 + 1e-9):.4g}"
-
-
 def grouped_text(
     coefficients: Array, names: Sequence[str], shown: Callable[[float], str] = four_digits
 ) -> str:
     """Return a combination (m,) as text, 'Iyy_thigh + 0.0756 m_shank', without coefficients 1."""
+    places = np.flatnonzero(coefficients)
+    terms = tuple(names[place] for place in places.tolist())
+    return _text_of(tuple(coefficients[places].tolist()), terms, shown)
+
+
+def combination_text(
+    values: Iterable[Any], terms: Iterable[str], shown: Callable[[Any], str]
+) -> str:
+    """Return the sum of terms times values as text, with their sizes as they are `shown`."""
     text = ""
-    for index in map(int, np.flatnonzero(coefficients)):
-        value = coefficients[index]
+    for value, term in zip(values, terms, strict=True):
         size = "" if abs(abs(value) - 1) < 1e-9 else f"{shown(abs(value))} "
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
-        text += f"{sign}{size}{names[index]}"
+        text += f"{sign}{size}{term}"
     return text
+
+
+_text_of = cache(combination_text)
+"""Many sets of sensors determine the same combinations."""
 
 
 def negligible(H: Array, bodies: BoolArray | None = None) -> BoolArray:

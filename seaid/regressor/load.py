@@ -31,6 +31,7 @@ from seaid.regressor.base import (
     left_to_right,
     negligible,
     regressor_at_drives,
+    with_independent,
 )
 from seaid.regressor.regression import (
     INPUTS,
@@ -336,14 +337,9 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
     Columns of `nonlinear` parameters count as independent: they differ from the others at low motor
     speeds, which random states do not cover.
     """
-    linear = [column for column in range(H.shape[1]) if column not in nonlinear]
-    selected, grouping, _ = left_to_right(H[:, linear], negligible(H[:, linear]))
-    identifiable = sorted([linear[column] for column in selected] + list(nonlinear))
-    whole = np.zeros((len(identifiable), H.shape[1]))
-    rows = [identifiable.index(linear[column]) for column in selected]
-    whole[np.ix_(rows, linear)] = grouping
-    whole[[identifiable.index(column) for column in nonlinear], list(nonlinear)] = 1.0
-    return identifiable, whole
+    is_linear = ~np.isin(np.arange(H.shape[1]), nonlinear)
+    selected, grouping, _ = left_to_right(H, negligible(H, is_linear) | ~is_linear)
+    return with_independent(selected, grouping, nonlinear)
 
 
 def load_columns(robot: Robot, motion: Motion, model: LoadModel, springs: Springs) -> LoadColumns:

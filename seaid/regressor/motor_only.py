@@ -19,11 +19,13 @@ from seaid._arrays import Array, safely
 from seaid.drives import Drive, ParameterName
 from seaid.regressor.base import (
     BaseParameters,
-    grouped_text,
+    base_of_columns,
+    grouped_by,
     joint_torques,
     left_to_right,
     rigid_body_regressor,
     torque_slopes,
+    with_base_columns,
 )
 from seaid.robot import Robot
 
@@ -77,15 +79,11 @@ def base_by_derivatives(
     rows = (_rows(plausible_robot, stiffness, sensors, places, rng) for _ in range(count))
     H = np.vstack(list(rows))
     H[:, : robot.parameters.size][:, robot.is_known] = 0.0
-    zero = np.linalg.norm(H, axis=0) < _ZERO
-    columns, grouping, gap = left_to_right(H, zero, rounding=_ROUNDED)
-    return BaseParameters(
-        columns=tuple(columns),
-        names=tuple(names[column] for column in columns),
-        expressions=tuple(grouped_text(row, names) for row in grouping),
-        grouping=grouping,
-        gap=gap,
-    )
+    kept, by_kept, _ = with_base_columns(robot, len(names))
+    zero = np.linalg.norm(H[:, kept], axis=0) < _ZERO
+    chosen, grouping, gap = left_to_right(H[:, kept], zero, rounding=_ROUNDED)
+    columns, grouping = [kept[k] for k in chosen], grouped_by(grouping, by_kept, _ROUNDED)
+    return base_of_columns(names, columns, grouping, gap)
 
 
 def _plausible(robot: Robot) -> Array:

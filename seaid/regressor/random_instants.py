@@ -95,7 +95,7 @@ def rows_of_sums(
                 values[column] = values.get(column, np.zeros(count)) + number(factor) * slope
         loads = np.flatnonzero(factors)
         seen = np.flatnonzero(felt[loads].any(axis=0))
-        bodies = np.einsum("tjm,j->tm", Y[:, loads][:, :, seen], factors[loads])
+        bodies = np.einsum("tjm,j->tm", Y[:, loads[:, None], seen], factors[loads])
         of_drives = sorted(column for column, value in values.items() if value.any())
         parts = [bodies, *(values[column][:, None] for column in of_drives)]
         rows.append((np.array([*seen, *of_drives], dtype=np.intp), np.hstack(parts)))

@@ -272,19 +272,31 @@ def _drive_rows(
     robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor, by_name: dict[str, Array]
 ) -> Regression:
     """Return the rows of a drive's equation at the given signals."""
-    index = robot.index(joint)
     y, H = regressor.evaluate(by_name)
     kept, known, excluded = actuator_rows(robot, motion, joint, regressor)
+    columns = regressor.names, regressor.units, known[:, None] * H, known * y
+    return replace(_rows_at(robot, motion, joint, columns, kept), excluded=excluded)
+
+
+_Columns = tuple[tuple[str, ...], tuple[str, ...], Array, Array]
+"""Names and units of parameters, their columns (T, p), and y (T,)."""
+
+
+def _rows_at(
+    robot: Robot, motion: Motion, joint: str, columns: _Columns, rows: IndexArray
+) -> Regression:
+    """Return the rows of a joint at some samples of a motion."""
+    names, units, H, y = columns
     return Regression(
-        names=regressor.names,
-        units=regressor.units,
-        H=in_band_at(motion, known[:, None] * H, kept),
-        y=in_band_at(motion, known * y, kept),
-        joint=np.full(len(kept), index),
-        time=motion.time[kept],
-        run=np.zeros(len(kept)),
-        excluded=excluded,
-        propagated=np.empty((len(kept), 0)),
+        names=names,
+        units=units,
+        H=in_band_at(motion, H, rows),
+        y=in_band_at(motion, y, rows),
+        joint=np.full(len(rows), robot.index(joint)),
+        time=motion.time[rows],
+        run=np.zeros(len(rows)),
+        excluded=0,
+        propagated=np.empty((len(rows), 0)),
         joint_names=robot.joint_names,
     )
 
@@ -314,20 +326,9 @@ def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> 
     is_moving = ~standstill(motion, index, share=np.inf)
     direction = np.where(is_moving, np.sign(measured["theta_M_dot"]), 0.0)
     H = np.column_stack([force, direction, np.ones_like(y)])
-    rows = row_samples(motion)
     unit, length = drive.spring_units
-    return Regression(
-        names=GEAR,
-        units=(f"{length}/({unit})", length, length),
-        H=in_band_at(motion, H, rows),
-        y=in_band_at(motion, y, rows),
-        joint=np.full(len(rows), index),
-        time=motion.time[rows],
-        run=np.zeros(len(rows)),
-        excluded=0,
-        propagated=np.empty((len(rows), 0)),
-        joint_names=robot.joint_names,
-    )
+    columns = GEAR, (f"{length}/({unit})", length, length), H, y
+    return _rows_at(robot, motion, joint, columns, row_samples(motion))
 
 
 def actuator_rows(

@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import chain
-from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -37,6 +36,7 @@ from seaid.drives.regressor import flat_names
 from seaid.drives.terms import MotorInput
 from seaid.errors import RobotError
 from seaid.regressor.exact.geometry import exact_number
+from seaid.regressor.exact.grouping import subtract
 from seaid.robot import Robot
 
 
@@ -342,18 +342,10 @@ def eliminations(equations: Sequence[Equation]) -> list[Sum]:
         holders = [row for row in rows if torque in row[0]]
         for row in holders[1:]:
             factor = row[0][torque] / holders[0][0][torque]
-            _subtract(row[0], factor, holders[0][0])
-            _subtract(row[1], factor, holders[0][1])
+            subtract(row[0], factor, holders[0][0])
+            subtract(row[1], factor, holders[0][1])
         rows = [row for row in rows if torque not in row[0]]
     return [sums for _, sums in rows]
-
-
-def _subtract(row: dict[Any, fmpq], factor: fmpq, other: Mapping[Any, fmpq]) -> None:
-    """Subtract factor * `other` from a row, without keeping zeros."""
-    for name, value in other.items():
-        row[name] = row.get(name, fmpq(0)) - factor * value
-        if row[name] == 0:
-            del row[name]
 
 
 @dataclass(frozen=True, eq=False)

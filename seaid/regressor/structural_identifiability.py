@@ -18,7 +18,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, connected_groups, frozen, seed_of
+from seaid._arrays import Array, FrozenMapping, connected_groups, seed_of
 from seaid._progress import Result, counted
 from seaid.drives import Drive
 from seaid.drives.drives import stated_delay_s
@@ -26,10 +26,13 @@ from seaid.drives.terms import joint_of
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
+    base_of_columns,
     four_digits,
-    grouped_text,
+    grouped_by,
     left_to_right,
     negligible,
+    with_base_columns,
+    with_independent,
 )
 from seaid.regressor.motor_only import base_by_derivatives
 from seaid.regressor.random_instants import SumRows, dependencies, random_truth, rows_of_sums
@@ -181,8 +184,7 @@ def identifiability(
     _check_conditions(robot, conditions)
     system = system_of(robot, sensed, dependencies(robot, seed))
     payloads = [condition.known_parameters for condition in (robot, *conditions)]
-    decision = _decided(system, payloads, seed)
-    base, groups = decision.base, decision.groups
+    base, groups, rank, is_certain = _decided(system, payloads, seed)
     up_to_scale = np.zeros(len(base.names), dtype=bool)
     up_to_scale[list(chain(*groups))] = True
     alone = np.count_nonzero(base.grouping, axis=1) == 1
@@ -194,16 +196,14 @@ def identifiability(
         names=system.names,
         identifiable=tuple(compress(base.names, alone & ~up_to_scale)),
         combinations=tuple(compress(base.expressions, ~alone & ~up_to_scale)),
-        ratios=tuple(
-            tuple(base.expressions[place] for place in group) for group in decision.groups
-        ),
+        ratios=tuple(tuple(base.expressions[place] for place in group) for group in groups),
         unidentifiable=tuple(compress(system.names, missing)),
         base=base,
-        rank=decision.rank,
+        rank=rank,
         usable=FrozenMapping(usable),
         sensors=FrozenMapping({x: tuple(sorted(sensed[x], key=SENSORS.index)) for x in sensed}),
         gap=base.gap,
-        agree=decision.is_certain,
+        agree=is_certain,
         derivatives=base_by_derivatives(robot, sensed, system.names, seed),
         commands=tuple(filter(None, _delay_sums(robot, conditions))),
     )
@@ -331,14 +331,9 @@ _CONFIRMED = 1e-6
 Groups = tuple[tuple[int, ...], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Decision:
-    """Identifiable combinations, `groups` of their indices that are up to scale, and the rank."""
-
-    base: BaseParameters
-    groups: Groups
-    rank: int
-    is_certain: bool
+_Decision = tuple[BaseParameters, Groups, int, bool]
+"""Identifiable combinations, groups of their indices that are up to scale, the rank, and whether
+it is certain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,18 +349,22 @@ class _Columns:
     gap: float
     is_confirmed: bool
 
+    def base(self, names: Sequence[str]) -> BaseParameters:
+        """Return the combinations of all parameters by their names."""
+        return base_of_columns(names, self.places, self.grouping, self.gap, _shown)
+
 
 def _decided(system: System, payloads: Sequence[Array], seed: int) -> _Decision:
     """Return the identifiable combinations, for logs with each of the known `payloads` (10N,)."""
     if not system.sums:
         none = _Columns([], np.zeros((0, len(system.names))), float("inf"), is_confirmed=True)
-        return _Decision(_base_of(system, none), (), 0, is_certain=True)
+        return none.base(system.names), (), 0, True
     for draw in range(_MOST_DRAWS):
         rng = np.random.default_rng((seed, draw))
         loads = sum(any(system.equations[e].kind == "load" for e in x) for x in system.sums)
         enough = _ROWS_PER_PARAMETER * (system.robot.parameters.size // max(loads, 1))
         decision = _decision(system, payloads, rng, 2**draw * max(enough, _FEWEST_INSTANTS))
-        if decision.is_certain:
+        if decision[-1]:
             break
     return decision
 
@@ -380,66 +379,68 @@ def _decision(
         return rows_of_sums(system, truth, rng, instants)
 
     def rows_on_true_motions(instants: int) -> list[SumRows]:
-        sums = [rows_of_sums(system, truth, rng, instants, payload) for payload in payloads]
-        is_free = np.isin(np.arange(len(system.names)), free.places)
-        kept = [(seen, values, is_free[seen]) for seen, values in chain(*sums)]
-        return [(np.searchsorted(free.places, seen[k]), values[:, k]) for seen, values, k in kept]
+        sums = (rows_of_sums(system, truth, rng, instants, payload) for payload in payloads)
+        return list(chain(*sums))
 
-    free = _confirmed(rows_at_free_instants, count, len(system.names), bodies, rng)
-    base, rank = _base_of(system, free), len(free.places)
+    of_bodies = _Columns(*with_base_columns(system.robot, len(system.names)), is_confirmed=True)
+    free = _confirmed(rows_at_free_instants, count, of_bodies, bodies, rng)
+    base, rank = free.base(system.names), len(free.places)
     if not (free.places and _can_be_homogeneous(system)):
-        return _Decision(base, (), rank, free.is_confirmed)
+        return base, (), rank, free.is_confirmed
     # True motions may determine less than free instants do, such as what has no scale.
-    bodies = int(np.searchsorted(free.places, bodies))
-    true = _confirmed(rows_on_true_motions, count, rank, bodies, rng)
+    true = _confirmed(rows_on_true_motions, count, free, bodies, rng)
     is_certain = free.is_confirmed and true.is_confirmed
-    return _Decision(base, _groups(true), len(true.places), is_certain)
+    groups = _groups(free, true) if len(true.places) < rank else ()
+    return base, groups, len(true.places), is_certain
 
 
 def _confirmed(
     rows_at: Callable[[int], list[SumRows]],
     count: int,
-    width: int,
+    among: _Columns,
     bodies: int,
     rng: np.random.Generator,
 ) -> _Columns:
-    """Return `_independent` of rows at `count` instants, and whether others confirm it."""
-    places, grouping, gap = _independent(rows_at(count), width, bodies)
+    """Return `_independent` columns `among` some, and whether instants besides `count` confirm it.
+
+    The columns among which they are chosen group all others, whatever the rows are.
+    """
+    places, grouping, gap = _independent(rows_at(count), among, bodies)
+    grouping, gap = grouped_by(grouping, among.grouping, _ROUNDED), min(gap, among.gap)
     holds = _is_confirmed(rows_at(_FRESH_INSTANTS), places, grouping, bodies, rng)
     return _Columns(places, grouping, gap, bool(gap > _CLEAR_GAP) and holds)
 
 
 def _independent(
-    rows: Sequence[SumRows], width: int, bodies: int
+    rows: Sequence[SumRows], among: _Columns, bodies: int
 ) -> tuple[list[int], Array, float]:
-    """Return `left_to_right` of sums of equations in all columns, of which `bodies` come first.
+    """Return `left_to_right` of sums of equations `among` columns, of which `bodies` come first.
 
-    Most sums are equations of one drive, with few parameters. Where one determines all of its
-    parameters, their columns are independent of all others, and are excluded from the large matrix.
+    A sum that determines all of its columns but those that smaller sums determine makes these
+    columns independent of all others: they are excluded from the large matrix. Of a tree of bodies
+    whose torques are all in sums nothing is left of it, so that the cost is that of the rows.
     """
-    alone, gaps = np.zeros(width, dtype=bool), [float("inf")]
+    width, gaps = among.grouping.shape[1], [float("inf")]
+    norms, is_open, alone = np.zeros(width), np.zeros(width, dtype=bool), list[int]()
     for columns, values in rows:
-        if 0 < len(columns) < len(values) and columns[0] >= bodies:
-            pivots, _, gap = left_to_right(values)
-            if len(pivots) == len(columns):
-                alone[columns] = True
+        norms[columns] = np.hypot(norms[columns], np.linalg.norm(values, axis=0))
+    is_open[among.places] = True
+    is_open &= ~negligible(norms[None], np.arange(width) < bodies)
+    for columns, values in sorted(rows, key=lambda row: len(row[0])):
+        # What is zero in a sum up to rounding is not determined by it.
+        k = is_open[columns] & (np.linalg.norm(values, axis=0) > 1e-9 * norms[columns])
+        if 0 < np.count_nonzero(k) < len(values):
+            pivots, _, gap = left_to_right(values[:, k])
+            if len(pivots) == np.count_nonzero(k):
+                is_open[columns[k]] = False
+                alone += columns[k].tolist()
                 gaps.append(gap)
-    left = [(columns[k], values[:, k]) for columns, values in rows if (k := ~alone[columns]).any()]
-    # Instants are for drives, which may be on one side of a dead zone: bodies need fewer of them.
-    enough = 1 + _ROWS_PER_PARAMETER * bodies // max(sum(x[0] < bodies for x, _ in left), 1)
-    blocks = [np.zeros((0, width))]
-    for columns, values in left:
-        needed = values[:enough] if columns[-1] < bodies else values
-        blocks.append(np.zeros((len(needed), width)))
-        blocks[-1][:, columns] = needed
-    H = np.concatenate(blocks)
-    are_bodies = np.arange(width) < bodies
-    chosen, grouping, gap = left_to_right(H, negligible(H, are_bodies), rounding=_ROUNDED)
-    columns_of_all = np.sort([*chosen, *np.flatnonzero(alone)]).tolist()
-    whole = np.zeros((len(columns_of_all), width))
-    whole[np.searchsorted(columns_of_all, chosen)] = grouping
-    whole[np.searchsorted(columns_of_all, np.flatnonzero(alone)), alone] = 1.0
-    return columns_of_all, whole, min(*gaps, gap)
+    unit = np.eye(width)
+    left = [values @ unit[columns] for columns, values in rows if is_open[columns].any()]
+    H = np.concatenate([unit[:0], *left])
+    chosen, grouping, gap = left_to_right(H, ~is_open, rounding=_ROUNDED)
+    places, whole = with_independent(chosen, grouping, alone)
+    return places, whole[:, among.places], min(*gaps, gap)
 
 
 def _is_confirmed(
@@ -460,17 +461,6 @@ def _is_confirmed(
     # Columns of bodies that are negligible are zero in the grouping.
     size[:, :bodies] += 1e-3 * np.abs(mixed[:, :bodies]).max(initial=0.0)
     return bool(np.all(error <= _CONFIRMED * size))
-
-
-def _base_of(system: System, columns: _Columns) -> BaseParameters:
-    names = system.names
-    return BaseParameters(
-        columns=tuple(columns.places),
-        names=tuple(names[place] for place in columns.places),
-        expressions=tuple(grouped_text(row, names, _shown) for row in columns.grouping),
-        grouping=frozen("grouping", columns.grouping, (None, len(names))),
-        gap=columns.gap,
-    )
 
 
 _LARGEST, _SAME, _DIGITS = 10_000, 1e-11, 12
@@ -504,15 +494,12 @@ def _can_be_homogeneous(system: System) -> bool:
     )
 
 
-def _groups(on_motions: _Columns) -> Groups:
-    """Return the groups of combinations that are coupled by directions of the null space."""
-    pivots, grouping, p = on_motions.places, on_motions.grouping, on_motions.grouping.shape[1]
-    if len(pivots) == p:
-        return ()
-    links = np.zeros((p, p), dtype=bool)
+def _groups(free: _Columns, true: _Columns) -> Groups:
+    """Return the groups of `free` combinations coupled by what true motions do not determine."""
+    p, pivots = len(free.places), np.searchsorted(free.places, true.places)
+    links, dependent = np.zeros((p, p), dtype=bool), np.setdiff1d(np.arange(p), pivots)
     # A column that is no pivot on true motions is coupled to the pivots it depends on.
-    for free in (place for place in range(p) if place not in pivots):
-        links[free, np.array(pivots, dtype=np.intp)[grouping[:, free] != 0]] = True
-        links[free, free] = True
+    links[np.ix_(dependent, pivots)] = true.grouping[:, np.array(free.places)[dependent]].T != 0
+    links[dependent, dependent] = True
     coupled = np.any(links, axis=0) | np.any(links, axis=1)
     return tuple(tuple(group) for group in connected_groups(links) if coupled[group[0]])

@@ -146,14 +146,41 @@ def test_grouping_as_text(coefficients: list[float], text: str) -> None:
     assert grouped_text(np.array(coefficients, dtype=float), ("a", "b", "c")) == text
 
 
-def test_a_regressor_larger_than_memory_is_refused_before_it_is_made(
+PITCHES = ("hip_pitch", "knee_pitch")
+
+
+def test_a_robot_larger_than_memory_is_refused_before_it_is_made(
     tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its size and what is allowed are said."""
-    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 39e3)
-    words = "has 5 joints that move: the regressor over 20 samples takes 4e-05 GB, allowed"
+    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 7e3)
+    words = "has 5 joints that move: Pinocchio takes 8e-06 GB for it, allowed are 7e-06 GB; let"
     with pytest.raises(ExcitationError, match=words):
         base_parameters(tulip_leg)
+
+
+@pytest.mark.rounding
+def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block has few samples, and the base parameters are those of all samples at once."""
+    time = np.arange(200) / 100
+    states = tuple(state[:200] for state in random_states(tulip_leg, 1, 2, count=200))
+    motion = motion_of(tulip_leg, time, states, states)
+    robots = tulip_leg, tulip_leg.with_drives(tulip_leg.drives)  # what is kept of one is not its
+    whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
+    sizes, compute = list[int](), rigid_body_regressor
+    monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 1e5)
+
+    def counted(robot: Robot, *states: Array) -> Array:
+        sizes.append(len(states[0]))
+        return compute(robot, *states)
+
+    monkeypatch.setattr("seaid.regressor.base.rigid_body_regressor", counted)
+    blocks = [base_parameters(robots[1], x, torque_joints=PITCHES) for x in (None, motion)]
+    assert max(sizes) == 6
+    assert len(sizes) > 40
+    for at_once, in_blocks in zip(whole, blocks, strict=True):
+        assert in_blocks.columns == at_once.columns
+        assert_close(in_blocks.grouping, at_once.grouping)
 
 
 # Numeric and exact base parameters are the same, on every robot there is

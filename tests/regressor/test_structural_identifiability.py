@@ -20,6 +20,7 @@ from seaid.drives.equations import N, r_L, r_M
 from seaid.errors import RobotError
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters, identifiability, joint_torques
+from seaid.regressor.base import left_to_right
 from seaid.regressor.motor_only import _instant, _rows
 from seaid.regressor.random_instants import _instants, dependencies, random_truth, rows_of_sums
 from seaid.regressor.sensor_equations import STRETCH, STRETCH_DOT, plain, system_of
@@ -315,6 +316,26 @@ def test_coupled_drives(write_chain: Chain) -> None:
     assert less.ratios == ()
     part = identifiability(robot, dict.fromkeys("ac", BOTH) | {"b": (*BOTH, "motor_torque")})
     assert part.rank >= len(base_parameters(robot, torque_joints=["b"]).columns)
+
+
+def test_no_large_matrix_is_left_of_a_chain_with_all_torques(
+    write_chain: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each sum determines its columns next to those of smaller sums, by a matrix of its own."""
+    widths = list[int]()
+    reduce = left_to_right
+
+    def counted(H: Array, *more: Any, **options: Any) -> tuple[list[int], Array, float]:
+        widths.append(int(np.count_nonzero(H.any(axis=0))) if H.size else 0)
+        return reduce(H, *more, **options)
+
+    axes = ("0 0 1", "0 1 0", "1 0 0") * 2
+    joints = {f"j{k}": f'continuous <axis xyz="{x}"/>' for k, x in enumerate(axes)}
+    robot = load_robot(write_chain(joints), dict.fromkeys(joints, SPRING))
+    base_parameters(robot)
+    monkeypatch.setattr("seaid.regressor.structural_identifiability.left_to_right", counted)
+    assert identifiability(robot).agree
+    assert max(widths) <= 12
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from flint import fmpq, fmpq_mat
 
 from seaid._arrays import frozen
-from seaid.regressor.base import BaseParameters
+from seaid.regressor.base import BaseParameters, combination_text
 from seaid.regressor.exact.geometry import number
 
 Route = Literal["recursion", "energy", "torque"]
@@ -72,7 +72,7 @@ def packed(
     return ExactBaseParameters(
         columns=columns,
         names=tuple(names[column] for column in columns),
-        expressions=tuple(exact_text(row, names) for row in rows),
+        expressions=tuple(combination_text(x.values(), [names[j] for j in x], _text) for x in rows),
         grouping=frozen("grouping", grouping, (None, None)),
         gap=float("inf"),
         through=through,
@@ -94,12 +94,12 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
         # columns are the leftmost ones, as in B_E of (13).
         row = dict(null)
         for column in row.keys() & dependent.keys():
-            _subtract(row, row[column], dependent[column])
+            subtract(row, row[column], dependent[column])
         last = max(row)
         row = {j: x / row[last] for j, x in row.items()}
         for earlier in dependent.values():
             if last in earlier:
-                _subtract(earlier, earlier[last], row)
+                subtract(earlier, earlier[last], row)
         dependent[last] = row
     # H null = 0 with 1 in `column`: H_column = -sum x_j H_j over the columns j before it.
     echelon = {j: {j: fmpq(1)} for j in range(width)}
@@ -110,7 +110,7 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
     return list(echelon.values())
 
 
-def _subtract(row: SparseRow, factor: fmpq, pivot_row: SparseRow) -> None:
+def subtract(row: dict[Any, fmpq], factor: fmpq, pivot_row: Mapping[Any, fmpq]) -> None:
     """Subtract factor * pivot_row from a row, without keeping zeros."""
     for j, x in pivot_row.items():
         value = row.get(j, 0) - factor * x
@@ -148,15 +148,7 @@ def _primitive(row: SparseRow) -> SparseRow:
     return {j: row[j] / first for j in order}
 
 
-def exact_text(row: Mapping[int, Fraction], names: Sequence[str]) -> str:
-    """Return a combination as text, 'Iyy_thigh + 121/1600 m_shank'; long fractions as decimals."""
-    text = ""
-    for column, value in sorted(row.items()):
-        size = abs(value)
-        if max(size.numerator, size.denominator) <= _LONGEST_FRACTION:
-            shown = "" if size == 1 else f"{size} "
-        else:
-            shown = f"{float(size):.4g} "
-        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
-        text += f"{sign}{shown}{names[column]}"
-    return text
+def _text(size: Fraction) -> str:
+    """Return the size of a coefficient as text, 121/1600; a long fraction as a decimal."""
+    is_short = max(size.numerator, size.denominator) <= _LONGEST_FRACTION
+    return str(size) if is_short else f"{float(size):.4g}"
