@@ -5,6 +5,10 @@ usable equations (`sensor_equations`) by all parameters, over all motions. The r
 random instants (`random_instants`) by the singular-value gap, and confirmed at others: columns that
 are independent at some instants are so in general, and a dependency that holds at instants which
 were not used to find it holds everywhere. Without a clear gap more instants are drawn.
+
+The columns of bodies are first those of their base parameters, which group the others whatever the
+sensors are. Each sum of equations is then reduced by itself, the smallest first, like the torque of
+the outermost joint of a tree: only what no sum determines alone is reduced together.
 """
 
 from __future__ import annotations
