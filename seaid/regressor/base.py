@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache, singledispatch
+from functools import lru_cache, singledispatch
 from threading import local
 from typing import TYPE_CHECKING, Any
 
@@ -564,7 +564,7 @@ def combination_text(
     return text
 
 
-_text_of = cache(combination_text)
+_text_of = lru_cache(4096)(combination_text)
 """Many sets of sensors determine the same combinations."""
 
 
