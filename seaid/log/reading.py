@@ -97,7 +97,7 @@ def read_log(
     Examples
     --------
     >>> log = seaid.read_log("run.csv", robot)
-    >>> knee = {"joint_position": {"column": "pos_2", "unit": "deg"}, "motor_torque": "tau_2"}
+    >>> knee = {"joint_position": {"column": "pos_2", "unit": "deg"}}
     >>> custom = {"time": {"column": "t", "unit": "ms"}, "joints": {"knee": knee}}
     >>> log = seaid.read_log("custom.csv", robot, description=custom, repair=seaid.Repairs())
     """

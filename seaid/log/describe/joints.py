@@ -28,7 +28,7 @@ from seaid.log.describe.inference import (
     follows,
     unit_by_velocity,
 )
-from seaid.log.describe.names import Meaning, joint_alone, nearest, vocabulary, words_of
+from seaid.log.describe.names import Meaning, Role, joint_alone, nearest, vocabulary, words_of
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage", "duty")
@@ -413,12 +413,16 @@ class _Columns:
         self.note(name, "deflection_by" if pulls else "deflection_sign", drive=listed(drives[:1]))
 
     def add_torques(self) -> None:
-        """Add the torque of each side; the estimates of a drive if it has nothing else."""
+        """Add the torque of each side; estimates, or else commands, of a drive if that is all."""
         names = self.having("torque")
-        if not names and not self.having("current"):
-            names = self.inference.having("torque", self.joint, role="estimated")
-            for name in names:
-                self.note(name, "only_estimate")
+        others: dict[Role, str] = {"estimated": "only_estimate"}
+        if not any(map(self._commands, ("position", "velocity"))):
+            others["command"] = "only_command"
+        for role, doubt in others.items():
+            if not names and not self.having("current"):
+                names = self.inference.having("torque", self.joint, role=role)
+                for name in names:
+                    self.note(name, doubt)
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
                 self.note(name, "in_amperes")

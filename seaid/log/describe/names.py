@@ -590,7 +590,10 @@ def _known(joints: tuple[str, ...]) -> list[tuple[tuple[str, ...], str]]:
 
 
 def _in_latin(name: str) -> str:
-    """Return a name with Greek letters spelled out and without accents: θ is theta."""
+    """Return a name with Greek letters spelled out and without accents: θ is theta.
+
+    Words that the vocabulary has in other letters stand between blanks.
+    """
     if name.isascii():
         return name
     text = unicodedata.normalize("NFKD", name)
@@ -598,7 +601,15 @@ def _in_latin(name: str) -> str:
         text = dotted.sub(f" {word} ", text)
     for letter, word in _GREEK.items():
         text = text.replace(letter, f" {word} " if len(word) > 1 else word)
-    return "".join(letter for letter in text if not unicodedata.combining(letter))
+    text = "".join(letter for letter in text if not unicodedata.combining(letter))
+    return _without_blanks().sub(r" \g<0> ", unicodedata.normalize("NFC", text))
+
+
+@cache
+def _without_blanks() -> re.Pattern[str]:
+    """Return the pattern of words of languages that write no blanks, "关节1角度", longest first."""
+    words = (word for word in vocabulary().roles["understood"] if not word.isascii())
+    return re.compile("|".join(sorted(words, key=len, reverse=True)))
 
 
 _TURNING_ABOUT = {"x": "roll", "y": "pitch", "z": "yaw"}
