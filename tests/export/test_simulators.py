@@ -362,7 +362,7 @@ def test_a_format_with_the_effects_of_a_urdf_needs_numbers_too(
 ) -> None:
     """Only the TOML next to a URDF can leave a value out."""
     whole = replace(FORMATS["usd"], holds=FORMATS["urdf"].holds)
-    monkeypatch.setitem(FORMATS, "usd", whole)  # type: ignore[arg-type]
+    monkeypatch.setitem(FORMATS, "usd", whole)
     with pytest.raises(RobotError, match="coulomb_friction_Nm"):
         written(robot_with(tmp_path, replace(SERVO, coulomb_friction_Nm=None)), tmp_path, "usd")
 
