@@ -154,6 +154,8 @@ axes of the confidence ellipsoid; and the largest standard error over the size o
 _safely_grouped = partial(safely, what="the base parameters", error=ExcitationError)
 
 _DRAWS = 16
+"""Draws of random states, from each of which columns are picked."""
+
 _LEFT = 1e-6
 """Relative decrease of a column's weight in the pivoting, from each column to the next on its
 right. Columns with equal residual norms occur in every robot; without these weights rounding errors

@@ -148,7 +148,7 @@ def load_scene(
             "a box can be computed; add <collision> elements to its links"
         )
     names = _with_boxes(geometry, links, keep_out)
-    disabled = {*_checked(disabled_pairs, names), *_disabled_by_srdf(srdf)}
+    disabled = {*_disabled_by_user(disabled_pairs, names), *_disabled_by_srdf(srdf)}
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     for first, second in _pairs(robot.model, joints, len(links)):
         if frozenset((names[first], names[second])) not in disabled:
@@ -184,7 +184,8 @@ def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tupl
             yield first, second
 
 
-def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
+def _disabled_by_user(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
+    """Return the pairs of `disabled_pairs`, whose order does not count. Raises ExcitationError."""
     known = dict.fromkeys(names)
     disabled = set()
     for pair in pairs:
@@ -257,8 +258,8 @@ def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
 
 def _postures(robot: Robot) -> Array:
     """Return random positions (T, n) within the limits (+-pi or 1 m for an unlimited joint)."""
-    some = np.where(robot.is_prismatic, 1.0, np.pi)
+    unlimited = np.where(robot.is_prismatic, 1.0, np.pi)
     bounded = robot.lower_limits < robot.upper_limits
-    lower = np.where(np.isfinite(robot.lower_limits) & bounded, robot.lower_limits, -some)
-    upper = np.where(np.isfinite(robot.upper_limits) & bounded, robot.upper_limits, some)
+    lower = np.where(np.isfinite(robot.lower_limits) & bounded, robot.lower_limits, -unlimited)
+    upper = np.where(np.isfinite(robot.upper_limits) & bounded, robot.upper_limits, unlimited)
     return np.random.default_rng(0).uniform(lower, upper, (_POSTURES, robot.n))

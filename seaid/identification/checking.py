@@ -148,7 +148,7 @@ def findings_of_setup(
 _STRENGTHS = Observation(CODES["unit"], strength_findings)
 
 _OF_LOGS = ("delay", "encoder-offset")
-"""What equations show of a log; what a drive lacks is no mistake of the set-up."""
+"""Mistakes of a log that its equations show; a term that a drive lacks is none of the set-up."""
 
 
 def _quick_fit_findings(
@@ -185,8 +185,8 @@ def checked_sides(
     `gears` are the joints whose gear was measured, `base` the base parameters of the load side,
     `offset_std` the standard deviation of the joints' zeros [rad], and `numbers` those of the logs
     of the motions. Rows that are not in memory are not checked, nor those of robust estimators,
-    which lack some instants. They lack the times of a contact: a term would explain there what a
-    hand did.
+    which lack some instants. Rows at the times of a contact are excluded: a term would explain
+    there what a hand did.
     """
     actuators, load = fits
     notes, contacts = list[Finding](), tuple[Contact, ...]()
@@ -197,17 +197,17 @@ def checked_sides(
     widths = resolved_widths(robot, logs, motions)
     shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(numbers), actuators
     sides = [
-        Side(robot, motions, _apart(fitted, contacts), (joint,), True, *shared)
+        Side(robot, motions, _without_contacts(fitted, contacts), (joint,), True, *shared)
         for joint, fitted in actuators.items()
     ]
-    load = _apart(load, contacts)
+    load = _without_contacts(load, contacts)
     assert load.rows is not None
     loads = tuple(name for place, name in enumerate(robot.joint_names) if place in load.rows.joint)
     sides += [Side(robot, motions, load, loads, False, *shared)] if loads else []
     return [side for side in sides if side.is_checked]
 
 
-def _apart(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
+def _without_contacts(fitted: FittedRows, contacts: Iterable[Contact]) -> FittedRows:
     """Return a fit without the rows of contacts, which begin and end softly."""
     for contact in contacts:
         if fitted.rows is not None:
@@ -327,7 +327,7 @@ def without_standing(
     """
     if not standing:
         return robot, tuple(used), {}
-    stopped = {joint: robot.drives[joint] for joint in standing if _acts(robot, joint, used)}
+    stopped = {joint: robot.drives[joint] for joint in standing if _has_terms(robot, joint, used)}
     elastic = [joint for joint, drive in stopped.items() if drive.is_elastic]
     moving = tuple(joint for joint in used if joint not in stopped)
     if used and not moving:
@@ -342,7 +342,7 @@ def without_standing(
     return robot, moving, stopped
 
 
-def _acts(robot: Robot, joint: str, used: Sequence[str]) -> bool:
+def _has_terms(robot: Robot, joint: str, used: Sequence[str]) -> bool:
     """Whether a drive has a spring, or terms in the equation of a joint whose torque is used."""
     if robot.drives[joint].is_elastic:
         return True
@@ -371,8 +371,9 @@ def check_channels(logs: Sequence[Log], locked: Collection[str] = ()) -> None:
                     _check_alive(joint, name, torque, side, position)
 
 
-def _check_alive(joint: str, name: str, values: Array, moving: str, moved: Array) -> None:
-    if is_constant(values) and np.all(np.isfinite(moved)) and _moves(moved):
+def _check_alive(joint: str, name: str, values: Array, moving: str, position: Array) -> None:
+    """Raise LogError if a channel is constant while the position of a side, `moving`, moves."""
+    if is_constant(values) and np.all(np.isfinite(position)) and _moves(position):
         raise LogError(
             f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {moving} moves: a "
             "dead channel? Exclude its column from the log, or the joint with joints=[...] of "
@@ -382,5 +383,6 @@ def _check_alive(joint: str, name: str, values: Array, moving: str, moved: Array
 
 
 def _moves(position: Array) -> bool:
+    """Whether a position (T,) has a range beyond noise and encoder steps."""
     least = max(_LEAST_RANGE * white_noise(position), _FLICKER * resolution(position))
     return bool(np.ptp(position) > least)

@@ -90,7 +90,7 @@ def _about_mean(deflection: Mapping[str, Array]) -> dict[str, Array]:
     return aligned
 
 
-Models = Mapping[str, "Robot"]
+Models = Mapping[str, Robot]
 """The robot with its nominal values, and with the identified ones if there are any."""
 
 
