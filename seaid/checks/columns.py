@@ -73,10 +73,16 @@ class Side:
         fitted = self.fitted
         return fitted.rows is not None and (fitted.settled is not None or fitted.equal)
 
-    def stiffness(self, joint: str) -> float:
-        """Return the stiffness by which the load side has the torque of a spring, or zero."""
+    def motor_values(self, joint: str) -> dict[str, tuple[float, float]]:
+        """Return {parameter: value and standard error} of the motor equation of a joint."""
         estimate = self.actuators[joint].estimate
-        return estimate.value("stiffness") if "stiffness" in estimate.names else 0.0
+        pairs = zip(estimate.values.tolist(), estimate.standard_errors.tolist(), strict=True)
+        return dict(zip(estimate.names, pairs, strict=True))
+
+    def is_loose(self, joint: str) -> bool:
+        """Whether the motor has less dry friction than none, and the load more, as by play."""
+        friction, error = self.motor_values(joint).get("coulomb_friction", (0.0, 0.0))
+        return not self.is_motor and friction < -SURE * error
 
     @cached_property
     def equation(self) -> engine.Equation:
@@ -231,7 +237,7 @@ def _parallel_springs(side: Side, joint: str) -> list[engine.Candidate]:
 
 def _joint_friction(side: Side, joint: str) -> list[engine.Candidate]:
     """Return the friction behind the spring of a joint, which its motor equation does not have."""
-    is_behind = side.robot.drives[joint].is_elastic and not side.is_motor
+    is_behind = joint in side.actuators and not (side.is_motor or side.is_loose(joint))
     return _terms(side, joint, "joint_friction", _PLAIN) if is_behind else []
 
 

@@ -97,10 +97,7 @@ _OF_TORQUES = (*_OF_LOADS, "ratio", "inertia", "torque", "torque_rate", "sensed"
 _SIGNALS = (*_OF_TORQUES, "both", "counted")
 """Fields of an experiment from which its loads, its torques, and all but bodies are derived."""
 
-_OF_INSTANTS = (
-    *("time", "motor", "joint", "direction", "torque", "torque_rate", "sensed", "unscaled"),
-    "counted",
-)
+_OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "unscaled", "counted")
 """Fields (..., R, k) with a value for each instant."""
 
 Value = TypeVar("Value")

@@ -460,7 +460,8 @@ def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     changes with the delay.
     """
     encoders, drive = {"motor_position", "joint_position"}, side.robot.drives[joint]
-    if joint in side.actuators and encoders <= side.sources.get(joint, {}).keys():
+    is_read = joint in side.actuators and encoders <= side.sources.get(joint, {}).keys()
+    if is_read and not side.is_loose(joint):
         factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
         slope = side.drive_at(joint, at_joint=True).signal("theta_L_dot")
         yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
@@ -621,7 +622,7 @@ def _late_encoder(side: Side, joint: str, late: engine.Accepted) -> tuple[float,
     much more friction: where no friction is left next to the position, the torque is late.
     """
     refitted = side.next_to(late)
-    stiffness, _ = refitted.get("stiffness", (side.stiffness(joint), 0.0))
+    stiffness, _ = {**side.motor_values(joint), **refitted}.get("stiffness", (0.0, 0.0))
     viscous, tolerance = refitted.get("viscous_friction", (0.0, 0.0))
     damping, error = float(late.coefficients[0]), float(late.errors[0])
     is_damping = viscous - damping * _lever(side, joint) ** 2 > -tol.SURE * tolerance

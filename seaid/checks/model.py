@@ -164,10 +164,8 @@ def _found_alone(side: Side, trial: engine.Trial) -> Finding | None:
     candidate, alternative = trial.candidate, trial.alternative
     larger = side.equation.with_alternatives([alternative])
     alone = engine.Accepted(trial, *larger.last(alternative.columns.shape[1]))
-    finding: Finding | None = candidate.about.finding(
-        side, candidate.joint, [alone], trial.comparison.share
-    )
-    return finding
+    check: engine.ColumnCheck[Side] = candidate.about
+    return check.finding(side, candidate.joint, [alone], trial.comparison.share)
 
 
 def without_setup_echoes(
