@@ -164,8 +164,8 @@ def test_a_robot_larger_than_memory_is_refused_before_it_is_made(
 def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block has few samples, and the base parameters are those of all samples at once."""
     time = np.arange(200) / 100
-    states = tuple(state[:200] for state in random_states(tulip_leg, 1, 2, count=200))
-    motion = motion_of(tulip_leg, time, states, states)
+    q, v, a = (state[:200] for state in random_states(tulip_leg, 1, 2, count=200))
+    motion = motion_of(tulip_leg, time, (q, v, a), (q, v, a))
     robots = tulip_leg, tulip_leg.with_drives(tulip_leg.drives)  # what is kept of one is not its
     whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
     sizes, compute = list[int](), rigid_body_regressor
