@@ -32,7 +32,7 @@ _OPTIONS = {
     "independent_mimics=True": "--independent-mimics",
     "repair=seaid.Repairs()": "--repair",
     "seaid.describe_log": "seaid describe",
-    "description= (seaid.describe_log infers one)": ("--description (seaid describe infers one)"),
+    "description= (seaid.describe_log infers one)": "--description (seaid describe infers one)",
     "contacts=": "--contact",
     "load_robot(contacts=[...])": "--contact",
     "write it with force=True": "add --allow-inconsistent",
