@@ -114,17 +114,16 @@ class Side:
         return sources_of(self.motions)
 
     @cached_property
-    def once(self) -> Callable[[Callable[[Side, str], Any], str], Any]:
+    def once(self) -> Callable[..., Any]:
         """What a function of this side and a joint returns, computed once."""
-        return cache(lambda function, joint: function(self, joint))
+        return cache(lambda function, joint, **options: function(self, joint, **options))
 
-    def drive(self, joint: str) -> DriveRows:
-        """Return the drive of a joint at the rows."""
-        drive: DriveRows = self.once(Side.drive_at, joint)
+    def drive(self, joint: str, *, at_joint: bool = False) -> DriveRows:
+        """Return the drive of a joint at the rows, or what of it acts `at_joint` on the load."""
+        drive: DriveRows = self.once(Side._drive, joint, at_joint=at_joint and not self.is_motor)
         return drive
 
-    def drive_at(self, joint: str, *, at_joint: bool = False) -> DriveRows:
-        """Return the drive of a joint at the rows, or what acts `at_joint`."""
+    def _drive(self, joint: str, *, at_joint: bool) -> DriveRows:
         fit = self.robot, self.motions, joint, self.equation.rows, self.fitted.estimate.values
         return actuator_drive(*fit) if self.is_motor else load_drive(*fit, at_joint=at_joint)
 
@@ -209,8 +208,7 @@ def _terms(side: Side, joint: str, field: str, terms: Sequence[str]) -> list[eng
     width = side.widths.get(joint)
     # Widths of Coulomb friction from the one that the encoders resolve to 32 times as much.
     grids = {} if width is None else {"coulomb_width": [width * 2.0**k for k in range(6)]}
-    at_joint = field in ("parallel_spring", "joint_friction")
-    drive = side.drive_at(joint, at_joint=True) if at_joint else side.drive(joint)
+    drive = side.drive(joint, at_joint=field in ("parallel_spring", "joint_friction"))
     return term_candidates(drive, possible, grids)
 
 

@@ -463,7 +463,7 @@ def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
     is_read = joint in side.actuators and encoders <= side.sources.get(joint, {}).keys()
     if is_read and not side.is_loose(joint):
         factor = drive.load_radius * (-_lever(side, joint) if side.is_motor else drive.load_radius)
-        slope = side.drive_at(joint, at_joint=True).signal("theta_L_dot")
+        slope = side.drive(joint, at_joint=True).signal("theta_L_dot")
         yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
 
 
