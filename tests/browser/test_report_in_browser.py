@@ -26,7 +26,11 @@ from tests.report_pages import HOSTILE, made_up
 
 pytestmark = pytest.mark.browser
 
-LOAD_S, PAGE_BYTES, PHONE_PX = 1.0, 6_000_000, 390
+PAGE_BYTES, PHONE_PX = 6_000_000, 390
+# How fast the browser of this machine is: a page of as many cells as a report of 300 joints has.
+ROW = "<tr>" + "<td><span>1.000 ± 0.001</span>" * 8
+YARDSTICK = f'<!doctype html><meta charset="utf-8"><table>{ROW * 4_000}</table>'
+MOST_OF_YARDSTICK = 1.25  # 300 joints take 0.7 of it, 0.9 beside three other processes
 WIDTHS = (320, 390, 600, 768, 900, 1040, 1100, 1280, 1600)
 REMEDY = 'in the drives file:\n[shoulder]\ngear_ratio = 100.0\nspring = ["linear"]'
 
@@ -127,6 +131,18 @@ def visit(browser: Browser, path: Path, width: int = 1200, **options: Any) -> It
 
 
 @pytest.fixture
+def most_load_s(browser: Browser, tmp_path: Path) -> float:
+    """Return how long a report may take to open: a multiple of the yardstick, the best of two."""
+    path = tmp_path / "yardstick.html"
+    path.write_text(YARDSTICK)
+    times = []
+    for _ in range(2):
+        with visit(browser, path) as yardstick:
+            times.append(yardstick.load_s)
+    return MOST_OF_YARDSTICK * min(times)
+
+
+@pytest.fixture
 def opened(browser: Browser, arm_page: Path) -> Iterator[Opened]:
     """Return the arm's report on a desk, at its traces."""
     with visit(browser, arm_page, color_scheme="light") as page:
@@ -136,8 +152,10 @@ def opened(browser: Browser, arm_page: Path) -> Iterator[Opened]:
         yield page
 
 
-def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path) -> None:
-    assert opened.load_s < LOAD_S
+def test_page_opens_fast_without_error_or_request(
+    opened: Opened, arm_page: Path, most_load_s: float
+) -> None:
+    assert opened.load_s < most_load_s
     assert arm_page.stat().st_size < PAGE_BYTES
     charts = "torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position"
     for chart in charts:
@@ -409,14 +427,16 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     assert alerts == []
 
 
-def test_three_hundred_joints_open_fast(browser: Browser, tmp_path: Path) -> None:
+def test_three_hundred_joints_open_fast(
+    browser: Browser, tmp_path: Path, most_load_s: float
+) -> None:
     """In the time and the size of a page of four."""
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 20_000)
     path = tmp_path / "report.html"
     write_report(found, path, [result, result])
     assert path.stat().st_size < PAGE_BYTES
     with visit(browser, path) as opened:
-        assert opened.load_s < LOAD_S
+        assert opened.load_s < most_load_s
         opened.page.select_option("#joint", label="joint_299")
         assert "joint_299, load side" in opened.page.locator("#shown").inner_text()
         assert opened.ink("torque", "computed") > 100
