@@ -35,7 +35,7 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DOCUMENTS = (
     *("index", "install", "first_result", "paper", "warnings", "comparison", "drives"),
-    *("experiment_design", "results", "how_to/real_robot", "how_to/ros2", "how_to/control"),
+    *("experiment_design", "results", "how_to/ros2", "how_to/control"),
 )
 PLANS = ("plan", "validation_plan")
 TALLEST_PX = 8_000

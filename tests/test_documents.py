@@ -192,6 +192,10 @@ def anchors(page: Path) -> set[str]:
     return {title.replace(" ", "-") for title in plain} | set(targets)
 
 
+def test_documents_are_at_most_25_pages() -> None:
+    assert sum(name.startswith("docs/") for name in PAGES) <= 25
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_links_and_pictures_are_there(name: str) -> None:
     page = PAGES[name]
