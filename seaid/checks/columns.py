@@ -34,11 +34,11 @@ from seaid.drives import IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, is_dry, 
 from seaid.drives.drives import DefaultTerms
 from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
-from seaid.log import Motion
+from seaid.log import Log, Motion
 from seaid.log.rows import in_band_at
 from seaid.regressor import BaseParameters
 from seaid.regressor.base import regressor_at_drives
-from seaid.regressor.load import known_frictions, where_known
+from seaid.regressor.load import known_frictions, load_side, where_known
 from seaid.robot import Robot
 
 
@@ -51,7 +51,7 @@ class Side:
     base parameters of the load side, `offset_std` [rad] the standard deviation of the joints'
     zeros that the errors of the estimate contain. `notes` are on checks of all equations that could
     not be made; `logs` are the numbers, from 1, of the logs of the motions; `actuators`
-    {joint: fit} those of all motor equations.
+    {joint: fit} those of all motor equations; `records` are the logs in memory.
     """
 
     robot: Robot
@@ -66,6 +66,7 @@ class Side:
     offset_std: float = 0.0
     logs: tuple[int, ...] = ()
     actuators: Mapping[str, FittedRows] = FrozenMapping({})
+    records: Sequence[Log] = ()
 
     @property
     def is_checked(self) -> bool:
@@ -125,7 +126,15 @@ class Side:
 
     def _drive(self, joint: str, *, at_joint: bool) -> DriveRows:
         fit = self.robot, self.motions, joint, self.equation.rows, self.fitted.estimate.values
-        return actuator_drive(*fit) if self.is_motor else load_drive(*fit, at_joint=at_joint)
+        if self.is_motor:
+            return actuator_drive(*fit)
+        return load_drive(*fit, self.parts, at_joint=at_joint)
+
+    @cached_property
+    def parts(self) -> list[Mapping[int, Array]]:
+        """The parts of all torques in the equations {index of an equation: parts}, by motion."""
+        equations = self.equation.rows.joint
+        return [load_side(self.robot).parts(motion, equations) for motion in self.motions]
 
     @cached_property
     def bodies(self) -> Array:

@@ -13,7 +13,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, IndexArray
+from seaid._arrays import Array, FrozenMapping
 from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, unit_of
 from seaid.drives.drives import deflection, term_fields
@@ -81,7 +81,7 @@ class DriveRows:
 
     `theta` is the fit of the rows. `regressor` derives the equation of the side, which
     is that of the motor or of the spring; `signals` evaluate it. `factors` {index of an equation:
-    factor} are those of the drive's columns in the equations.
+    factor (T,)} of each motion are those of the drive's columns in the equations.
     """
 
     robot: Robot
@@ -91,7 +91,7 @@ class DriveRows:
     theta: Array
     regressor: Callable[[Robot, str], DriveRegressor]
     signals: Sequence[Mapping[str, Array]]
-    factors: Mapping[int, float]
+    factors: Sequence[Mapping[int, Array]]
 
     @property
     def is_of_motor(self) -> bool:
@@ -185,32 +185,13 @@ class DriveRows:
         They are filtered as the rows are, and zero where friction in the equation is not known.
         """
         placed = np.zeros((len(self.rows.y), parts[0].shape[1]))
-        for factor, run, known, chosen, samples in self._by_equation:
-            part = known[:, None] * parts[run]
-            placed[chosen] = factor * in_band_at(self.motions[run], part, samples)
+        for run, (motion, factors) in enumerate(zip(self.motions, self.factors, strict=True)):
+            for index, factor in factors.items():
+                chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
+                # The times of rows are among those of the samples: this is their index.
+                samples = np.searchsorted(motion.time, self.rows.time[chosen])
+                placed[chosen] = in_band_at(motion, factor[:, None] * parts[run], samples)
         return placed
-
-    @cached_property
-    def _by_equation(self) -> list[tuple[float, int, Array, IndexArray, IndexArray]]:
-        """One entry per equation and motion: how its columns get from samples to rows.
-
-        It has the factor, the number of the motion, 1 where friction is known (T,), the rows, and
-        their samples.
-        """
-        places = []
-        is_elastic = self.robot.drives[self.joint].is_elastic
-        for (index, factor), run in product(self.factors.items(), range(len(self.motions))):
-            motion = self.motions[run]
-            if is_elastic:
-                regressor = self.regressor(self.robot, self.joint)
-                known = regression.known_friction(self.robot, motion, self.joint, regressor)
-            else:
-                known = regression.known_load_friction(self.robot, motion, index)
-            chosen = np.flatnonzero((self.rows.joint == index) & (self.rows.run == run))
-            # The times of rows are among those of the samples: this is their index.
-            samples = np.searchsorted(motion.time, self.rows.time[chosen])
-            places.append((factor, run, known, chosen, samples))
-        return places
 
 
 def _deflection_zero(
@@ -252,7 +233,8 @@ def actuator_drive(
     is_motor = equations[0][0] == motor_regressor(robot, joint)
     regressor = motor_regressor if is_motor else regression.spring_regressor
     signals = [by_name for _, by_name in equations]
-    factors = {robot.index(joint): 1.0}
+    index, drive = robot.index(joint), regressor(robot, joint)
+    factors = [{index: regression.known_friction(robot, x, joint, drive)} for x in motions]
     return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
 
 
@@ -262,10 +244,14 @@ def load_drive(
     joint: str,
     rows: Regression,
     theta: Array,
+    parts: Sequence[Mapping[int, Array]],
     *,
     at_joint: bool = False,
 ) -> DriveRows:
-    """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`."""
+    """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`.
+
+    `parts` are those of all torques in the equations, as `LoadSide.parts` has them, by motion.
+    """
     index = robot.index(joint)
     # The rows of (8) are torques on the drives' coordinates: N times those of a motor, and those at
     # a joint by C^-T.
@@ -277,7 +263,7 @@ def load_drive(
         for by_name, motion in zip(signals, motions, strict=True):
             states = (state[:, index] for state in motion.joint_states)
             by_name |= dict(zip(("theta_L", "theta_L_dot", "theta_L_ddot"), states, strict=True))
-    factors = {place: share for place, share in enumerate(shares.tolist()) if share}
+    factors = [{x: y @ shares for x, y in each.items() if np.any(y @ shares)} for each in parts]
     return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
 
 

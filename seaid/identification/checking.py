@@ -194,8 +194,8 @@ def checked_sides(
         return []
     with guarded(CODES["contact"], notes):
         contacts = RobotFit(robot.joint_names, load).contacts
-    widths = resolved_widths(robot, logs, motions)
-    shared = widths, frozenset(gears), tuple(notes), base, offset_std, tuple(numbers), actuators
+    resolved = resolved_widths(robot, logs, motions), frozenset(gears), tuple(notes)
+    shared = *resolved, base, offset_std, tuple(numbers), actuators, logs
     sides = [
         Side(robot, motions, _without_contacts(fitted, contacts), (joint,), True, *shared)
         for joint, fitted in actuators.items()

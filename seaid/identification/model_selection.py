@@ -54,7 +54,7 @@ from seaid.identification.nonlinear_terms import (
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import actuator_regression
-from seaid.regressor.load import with_gear_torque
+from seaid.regressor.load import load_side, with_gear_torque
 from seaid.regressor.regression import stacked
 from seaid.robot import Robot
 from seaid.robot.robot import check_held
@@ -369,7 +369,9 @@ class _Model:
         assert fitted.rows is not None
         motions = self._with_gear_torque.motions if at_motor else self.motions
         theta = fitted.estimate.values
-        return load_drive(robot, motions, joint, fitted.rows, theta, at_joint=not at_motor), fitted
+        parts = [load_side(robot).parts(motion, fitted.rows.joint) for motion in motions]
+        drive = load_drive(robot, motions, joint, fitted.rows, theta, parts, at_joint=not at_motor)
+        return drive, fitted
 
     def with_term(self, term: TermComparison) -> _Model:
         """Return the model with a selected term, near the best values of its comparison."""

@@ -46,7 +46,7 @@ from seaid.identification.stacked_fits import LOAD, spring_of, with_spring_torqu
 from seaid.identification.two_step import spring_torque_joints, two_step_equations
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, motor_regressor, regression
-from seaid.regressor.load import LoadModel, load_model_of, with_gear_torque
+from seaid.regressor.load import LoadModel, load_model_of, load_side, with_gear_torque
 from seaid.robot import Robot
 
 _SINGULAR = 1e-6
@@ -222,8 +222,8 @@ class _Search:
         """
         is_level = np.array([name in LEVEL_OF.values() for name in self.linear], dtype=bool)
         largest = np.max(np.abs(columns), axis=0, initial=0.0)
-        factor = max(map(abs, self.drive.factors.values()))
-        return np.asarray(is_level & (largest < _SEEN * factor))
+        factors = (np.max(np.abs(x)) for each in self.drive.factors for x in each.values())
+        return np.asarray(is_level & (largest < _SEEN * max(factors)))
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the nonlinear parameters in the same way."""
@@ -507,7 +507,9 @@ def _searched(
 
 def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:
     """Return the search on the load side of a stiff drive; its other columns are projected out."""
-    rows, drive = fit.rows, load_drive(robot, motions, joint, fit.rows, fit.values)
+    rows = fit.rows
+    parts = [load_side(robot).parts(motion, rows.joint) for motion in motions]
+    drive = load_drive(robot, motions, joint, rows, fit.values, parts)
     regressor = motor_regressor(robot, joint)
     drive_names = [ParameterName(name, joint) for name in regressor.names]
     # (E,) per equation -> (R,) per row; `equations` are sorted.

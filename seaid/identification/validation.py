@@ -17,7 +17,7 @@ from seaid.identification.drive_estimates import CONSTANTS
 from seaid.identification.result import Fit, Identification, Validation, extension_of
 from seaid.identification.stacked_fits import TORQUE_OFFSET
 from seaid.log import Motion, in_band
-from seaid.regressor.load import load_side, load_torques, unknown_friction, with_gear_torque
+from seaid.regressor.load import load_side, unknown_friction, with_gear_torque
 from seaid.regressor.regression import (
     INPUTS,
     actuator_columns,
@@ -137,17 +137,12 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array,
         # H has minus N times the logged input in the column of an unknown constant K: torque - H K
         # is what counts as measured.
         constants[place] = theta[place] if name in CONSTANTS else 0.0
-    torque, payload, parts = load_torques(
-        identification.known,
-        motion,
-        model,
-        identification.springs,
-        np.column_stack([theta, constants]),
-    )
+    thetas, side = np.column_stack([theta, constants]), load_side(identification.known)
+    torque, payload, parts = side.torques(motion, model, identification.springs, thetas)
     made, known = parts[:, :, 0], parts[:, :, 1]
     both = np.stack([torque, payload + made], axis=2)
     # What is compared is the torque of the joint alone.
-    known += load_side(identification.known).contact_torques(motion, model)
+    known += side.contact_torques(motion, model)
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [identification.robot.index(joint) for joint in model.torque_joints]

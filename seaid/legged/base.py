@@ -554,18 +554,14 @@ def _limits(bases: Sequence[BaseMotion]) -> dict[tuple[str, int], tuple[float, f
     limits: dict[tuple[str, int], tuple[float, float]] = {}
     if all(base.imu is not None for base in bases):
         limits = {("", axis): (_BIASED_M_S2, _NO_BIAS_M_S2) for axis in range(3)}
-    if len({_axes_of_sensors(base) for base in bases}) > 1:
+    # The force sensors of all logs, and their numbers of axes.
+    if len({frozenset((x, y.shape[1]) for x, y in base.wrenches.items()) for base in bases}) > 1:
         return limits
     for link in bases[0].wrenches:
         sizes = _sizes_of_axes(np.concatenate([base.wrenches[link] for base in bases]))
         for axis, size in enumerate(sizes):
             limits[link, axis] = (_LEAST_ZERO * size, _NO_ZERO * size)
     return limits
-
-
-def _axes_of_sensors(base: BaseMotion) -> tuple[tuple[str, int], ...]:
-    """Return the force sensors of a motion and their numbers of axes."""
-    return tuple(sorted((link, wrench.shape[1]) for link, wrench in base.wrenches.items()))
 
 
 def _sizes_of_axes(wrench: Array) -> list[float]:

@@ -269,7 +269,8 @@ def foot_places(robot: FloatingRobot, q: Array, links: Sequence[str]) -> Array:
 def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Finding]:
     """Yield feet that are in the air too briefly for any of these samples to be used."""
     for link in base.contact_links:
-        flagged = _flagged(link, motions)
+        # The motions that have flags of the contact, and those of their bases.
+        flagged = [(x, x.base) for x in motions if x.base is not None and link in x.base.contacts]
         lifts = [~base_motion.contacts[link] for _, base_motion in flagged]
         count = sum(map(len, map(runs, lifts)))
         used = [base_motion.used for _, base_motion in flagged]
@@ -288,11 +289,6 @@ def unused_lifts(base: FloatingBase, motions: Sequence[Motion]) -> Iterator[Find
             remedy=f"lift the foot for a second or more, or at least {least_s:.2g} s at a time",
             certainty="certain",
         )
-
-
-def _flagged(link: str, motions: Sequence[Motion]) -> list[tuple[Motion, BaseMotion]]:
-    """Return the motions that have flags of a contact, and those of their bases."""
-    return [(x, x.base) for x in motions if x.base is not None and link in x.base.contacts]
 
 
 def feet_findings(

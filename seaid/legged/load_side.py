@@ -8,12 +8,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, compress
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array, BoolArray, IndexArray, seed_of
 from seaid.errors import LogError, RobotError, unknown_name
@@ -144,7 +145,7 @@ class FloatingLoadSide(LoadSide):
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the `load_torques`, without the columns in memory, which are many."""
+        """Return torque, payload, and H @ `thetas`, without the many columns in memory."""
         columns = floating_columns(self.robot, motion, model, springs, thetas)
         return columns.torque, columns.payload, columns.H
 
@@ -161,9 +162,17 @@ class FloatingLoadSide(LoadSide):
         rows = without_contact_forces(robot, q, base.contacts, joints, rows, unknown, base.up)
         return np.asarray(rows[:, :, 0] * base.used[:, None])
 
+    def parts(self, motion: Motion, equations: Array) -> Mapping[int, Array]:
+        """Return {index of an equation: its parts (T, n) of the torques at all drives}."""
+        joints = np.unique(equations[equations < self.robot.n]).astype(int).tolist()
+        count, known = 6 + len(joints), np.eye(self.robot.n)[joints]
+        units = np.broadcast_to(np.eye(count), (len(motion.time), count, count))
+        rows = as_equations(self.robot, motion, joints, units)[:, :, 6:-1] @ known
+        return dict(zip(_indices(self.robot, joints), rows.swapaxes(0, 1), strict=True))
+
     def in_pieces(self, motion: Motion, model: LoadModel) -> tuple[Motion, int]:
         """Return the thinned motion, and the samples of its pieces, which order its rows."""
-        return _thinned(motion), _piece_samples(model)
+        return thinned(motion), _piece_samples(model)
 
     def with_all_equations(
         self, motion: Motion, rows: IndexArray, joints: Joints, usable: BoolArray
@@ -176,8 +185,7 @@ class FloatingLoadSide(LoadSide):
         robot = guided(self.robot, motion.base.guided)
         free = np.repeat(robot.free_axes[:, None], len(rows), axis=1)
         usable = np.concatenate([free, usable]) & motion.base.used[rows]
-        indices = [*range(robot.n, robot.n + 6), *joints]
-        return (*robot.joint_names, *BASE_ROWS), indices, usable
+        return (*robot.joint_names, *BASE_ROWS), _indices(robot, joints), usable
 
     def with_equation(self, usable: BoolArray, H: Array, y: Array) -> BoolArray:
         """Return the usable rows without those of zeros, as of a base that is held."""
@@ -237,6 +245,58 @@ def floating_columns(
     return LoadColumns(torque, payload, H, table[:, :, count + 2 :])
 
 
+def _indices(robot: Robot, joints: Joints) -> list[int]:
+    """Return the indices of the equations of the base, which follow those of joints, and of k."""
+    return [*range(robot.n, robot.n + 6), *joints]
+
+
+def as_equations(robot: Robot, motion: Motion, joints: Joints, rows: Array) -> Array:
+    """Return rows (T, 6 + k, m) of the base and of k joints without contact forces.
+
+    They have one column more, which is zero only where a row is no equation.
+    """
+    base, q = motion.base, motion.joint_position
+    assert base is not None
+    unknown = unknown_frictions(robot, motion, [robot.joint_names[joint] for joint in joints])
+    robot = guided(robot, base.guided)
+    # No combination of contact forces makes these zero.
+    nonzero = np.broadcast_to(np.cos(np.arange(rows.shape[1])), rows.shape[:2])
+    rows = np.concatenate([rows, nonzero[:, :, None]], axis=2)
+    rows = without_contact_forces(robot, q, base.contacts, joints, rows, unknown, base.up)
+    return np.asarray(rows * base.used[:, None, None])
+
+
+def late_base(
+    robot: Robot, motion: Motion, joints: Joints, bodies: Array, delay_s: float
+) -> dict[int, Array]:
+    """Return {index of an equation: torque (T,) of a base that is ahead, less the logged one}.
+
+    It is that of `bodies` (10N,). A base that is `delay_s` late is right so much ahead.
+    """
+    base, time = motion.base, motion.time
+    assert base is not None
+    ahead_s = np.clip(time + delay_s, time[0], time[-1])
+    ahead = [CubicSpline(time, state)(ahead_s) for state in base.states]
+    change = _body_rows(robot, motion, joints, ahead, bodies)
+    change -= _body_rows(robot, motion, joints, base.states, bodies)
+    rows = as_equations(robot, motion, joints, change[:, :, None])
+    return dict(zip(_indices(robot, joints), rows[:, :, 0].T, strict=True))
+
+
+def _body_rows(
+    robot: Robot, motion: Motion, joints: Joints, base_states: Sequence[Array], bodies: Array
+) -> Array:
+    """Return the rows (T, 6 + k) of bodies, block by block, whose base has some states."""
+    rows = np.empty((len(motion.time), 6 + len(joints)))
+    step = max(_BLOCK_NUMBERS // (rows.shape[1] * len(bodies)), 1)
+    for start in range(0, len(rows), step):
+        part = slice(start, start + step)
+        (q, v, a), (w, e, f) = ([x[part] for x in y] for y in (motion.joint_states, base_states))
+        Y = floating_regressor(robot, q, v, a, (w, e, f)) @ bodies
+        rows[part] = floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
+    return rows
+
+
 def contact_force_rows(
     robot: Robot,
     motion: Motion,
@@ -250,17 +310,12 @@ def contact_force_rows(
     They are Y `bodies` less the torques of the drives by a fit `theta` of the load side; the
     friction of unknown rows is not known.
     """
-    base, q = motion.base, motion.joint_position
+    base = motion.base
     assert base is not None
     robot = guided(robot, base.guided)
     joints = [robot.index(joint) for joint in model.torque_joints]
-    rows = -below_base(drive_torques(robot, motion, model, springs, theta))
-    step = max(_BLOCK_NUMBERS // (rows.shape[1] * len(bodies)), 1)
-    for start in range(0, len(q), step):
-        part = slice(start, start + step)
-        states = (q[part], motion.joint_velocity[part], motion.joint_acceleration[part])
-        Y = floating_regressor(robot, *states, base.samples(part).states) @ bodies
-        rows[part] += floating_rows(robot, Y[:, :, None], joints)[:, :, 0]
+    rows = _body_rows(robot, motion, joints, base.states, bodies)
+    rows -= below_base(drive_torques(robot, motion, model, springs, theta))
     return rows, unknown_frictions(robot, motion, model.torque_joints)
 
 
@@ -466,21 +521,13 @@ def _further_rows(
     unit: str,
 ) -> Regression:
     """Return the rows of `load_regression` with other columns (T, 6 + n, m) of a piece."""
-    motion = _thinned(motion)
+    motion = thinned(motion)
     joints = [robot.index(joint) for joint in model.torque_joints]
 
     def regress(piece: Motion) -> Regression:
-        base, q = piece.base, piece.joint_position
-        assert base is not None
-        unknown = unknown_frictions(robot, piece, model.torque_joints)
-        held = guided(robot, base.guided)
-        A = floating_rows(held, columns_of(piece), joints)
-        # A y that is zero nowhere, and that no combination of contact forces makes zero, so that
-        # `load_rows` drops exactly the rows without an equation.
-        nonzero_y = np.broadcast_to(np.cos(np.arange(A.shape[1])), A.shape[:2])
-        A = np.concatenate([A, nonzero_y[:, :, None]], axis=2)
-        A = without_contact_forces(held, q, base.contacts, joints, A, unknown, base.up)
-        A *= base.used[:, None, None]
+        assert piece.base is not None
+        held = guided(robot, piece.base.guided)
+        A = as_equations(robot, piece, joints, floating_rows(held, columns_of(piece), joints))
         torque = A[:, :, -1]
         columns = LoadColumns(torque, np.zeros_like(torque), A[:, :, :-1], A[:, :, :0])
         return load_rows(robot, piece, model, columns, (names, (unit,) * len(names)))
@@ -494,7 +541,7 @@ def _piece_samples(model: LoadModel) -> int:
     return min(max(_PIECE_NUMBERS // size, 1), PIECE_SAMPLES)
 
 
-def _thinned(motion: Motion) -> Motion:
+def thinned(motion: Motion) -> Motion:
     """Return the motion of a floating base at a rate that its columns need, if it has no wrenches.
 
     Its positions have passed a low pass, its measured wrenches have not.

@@ -225,13 +225,22 @@ class LoadSide:
     def torques(
         self, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the `load_torques`."""
+        """Return torque and payload (T, rows) of the columns, and H @ `thetas` (T, rows, k)."""
         columns = self.columns(motion, model, springs)
         return columns.torque, columns.payload, columns.H @ thetas
 
     def contact_torques(self, motion: Motion, model: LoadModel) -> Array | float:
         """Return what measured forces of the ground contribute to the torque (T, rows)."""
         return 0.0
+
+    def parts(self, motion: Motion, equations: Array) -> Mapping[int, Array]:
+        """Return {index of an equation: its parts (T, n) of the torques at all drives}.
+
+        They are zero where friction in the equation is not known. `equations` (R,) are those of
+        the rows of a fit.
+        """
+        known = known_frictions(self.robot, motion, self.robot.joint_names)
+        return dict(enumerate(known.T[:, :, None] * np.eye(self.robot.n)[:, None]))
 
     def in_pieces(self, motion: Motion, model: LoadModel) -> tuple[Motion, int]:
         """Return the motion at the rate that its columns need, and the samples of its pieces."""
@@ -380,16 +389,6 @@ def torque_changes(
     Y = equations.body_columns(motion, joints, columns)
     # Heavier known bodies take more of the torque: they are on its side with a minus.
     return np.asarray(changes - Y @ bodies[columns])
-
-
-def load_torques(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Springs, thetas: Array
-) -> tuple[Array, Array, Array]:
-    """Return torque and payload (T, rows) of `load_columns`, and H @ `thetas` (T, rows, k).
-
-    The columns H of a floating base, which are many, are not held in memory.
-    """
-    return load_side(robot).torques(motion, model, springs, thetas)
 
 
 def drive_torques(

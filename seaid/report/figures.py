@@ -25,7 +25,7 @@ from seaid.drives.equations import states
 from seaid.drives.terms import parameter_named
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
-from seaid.regressor.load import drive_columns, load_torques
+from seaid.regressor.load import drive_columns, load_side
 from seaid.regressor.regression import actuator_columns, signals
 from seaid.report.formats import cut
 from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
@@ -192,9 +192,8 @@ def _stiff_sides(result: Identification, motion: Motion) -> dict[str, tuple[Arra
     }
     if not any(rows.values()):
         return {}
-    torque, payload, made = load_torques(
-        result.known, motion, model, result.springs, theta[:, None]
-    )
+    side = load_side(result.known)
+    torque, payload, made = side.torques(motion, model, result.springs, theta[:, None])
     # The rows of the joints are the last ones, behind those of a floating base.
     residual = (torque - payload - made[:, :, 0])[:, -len(rows) :]
     columns, values = drive_columns(result.known, motion, model), theta[len(model.expressions) :]
