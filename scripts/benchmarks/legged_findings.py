@@ -31,6 +31,8 @@ from seaid.errors import listed
 FIRST_SEED = 200
 SLIPPERY, PUSH_NM, LATE_S = 0.5, 15.0, 0.08
 """Friction of a ground on which feet slip, torque of a hand on a leg [N m], and delay of flags."""
+CLOCK_LATE_S = 0.01
+"""Delay of the channels of the base, or of all torques."""
 
 _FOLDER = Path(tempfile.gettempdir()) / "seaid_legged_findings"
 
@@ -112,6 +114,29 @@ def late_flags(case: Case) -> Case:
     return robot, replace(log, base=replace(log.base, contacts=contacts))
 
 
+def _late(log: seaid.Log, values: np.ndarray) -> np.ndarray:
+    """Return samples (T, k) that are late by some milliseconds."""
+    before = log.time - CLOCK_LATE_S
+    return np.column_stack([np.interp(before, log.time, column) for column in values.T])
+
+
+def late_imu(case: Case) -> Case:
+    """All channels of the base are late."""
+    robot, log = case
+    assert log.base is not None
+    names = ("orientation", "angular_velocity", "specific_force")
+    logged = {x: getattr(log.base, x) for x in names if getattr(log.base, x) is not None}
+    return robot, replace(
+        log, base=replace(log.base, **{x: _late(log, values) for x, values in logged.items()})
+    )
+
+
+def late_torques(case: Case) -> Case:
+    """The torques of all joints are late."""
+    robot, log = case
+    return robot, replace(log, motor_torque=_late(log, log.motor_torque))
+
+
 def biased(case: Case) -> Case:
     """The accelerometer has a bias."""
     robot, log = case
@@ -138,6 +163,9 @@ FAULTS: dict[str, tuple[str, Callable[[int], Case]]] = {
     "late flags": ("contact-flags", lambda seed: late_flags(walk(GO2, 30.0, seed))),
     "feet slip": ("contact-flags", partial(sway, GO2, 8.0, friction=SLIPPERY)),
     "soft feet": ("soft-feet", partial(walk, GO2, 30.0, soft=True)),
+    "late base, walk": ("delay", lambda seed: late_imu(walk(GO2, 30.0, seed))),
+    "late base, biped": ("delay", lambda seed: late_imu(biped(False, 20.0, seed))),
+    "late torques, walk": ("delay", lambda seed: late_torques(walk(GO2, 30.0, seed))),
     "biased accelerometer, walk": ("base-bias", lambda seed: biased(walk(GO2, 30.0, seed))),
     "biased accelerometer, sway": ("base-bias", lambda seed: biased(sway(GO2, 40.0, seed))),
     "a hand pushes": ("contact", lambda seed: pushed(sway(GO2, 40.0, seed))),

@@ -448,7 +448,7 @@ def _varied(q: Array, apart: Array, deflection: Array) -> Array:
 
 def _late_torque(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """Yield what a late torque adds to the equation: tau - d tau' to first order, late by d."""
-    if channel := _torque_channel(side, joint):
+    if channel := torque_channel(side, joint):
         yield engine.linear_candidate(joint, "delay", channel, partial(_slope, side, joint))
 
 
@@ -467,7 +467,7 @@ def _late_position(side: Side, joint: str) -> Iterator[engine.Candidate]:
         yield engine.linear_candidate(joint, "delay", "joint_position", lambda: factor * slope)
 
 
-def _torque_channel(side: Side, joint: str) -> str:
+def torque_channel(side: Side, joint: str) -> str:
     """Return the torque in the equation of a joint, "" if it is one of commands or of no sensor."""
     drive, index = side.robot.drives[joint], side.robot.index(joint)
     is_behind_spring = drive.is_elastic and not side.is_motor
@@ -482,7 +482,7 @@ def _torque_channel(side: Side, joint: str) -> str:
 
 def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
-    slope, alike = side.once(_late_columns, joint)
+    slope, alike = side.once(late_columns, joint)
     weighted = side.equation.weight[:, None] * np.hstack([slope, alike])
     # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
     # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
@@ -490,14 +490,14 @@ def _slope(side: Side, joint: str) -> Array:
     return np.asarray(slope - (alike @ scaled_svd(rest[:, 1:]).solve(rest[:, 0]))[:, None])
 
 
-def _late_columns(side: Side, joint: str) -> tuple[Array, Array]:
+def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
     """Return -tau' (R, 1) of a torque at the rows, and what resembles it in another drive (R, c).
 
     Friction that changes gradually near reversals resembles an early torque. What is in the model
     already is zero.
     """
     rows, drive, index = side.drive(joint), side.robot.drives[joint], side.robot.index(joint)
-    is_ideal, channel = drive == IDEAL_DRIVE, _torque_channel(side, joint)
+    is_ideal, channel = drive == IDEAL_DRIVE, torque_channel(side, joint)
     is_open = is_ideal or drive.motor_inertia_kg_m2 is None
     fastest = max(float(np.max(np.abs(x.motor_velocity[:, index]))) for x in side.motions)
 
@@ -538,10 +538,10 @@ def _is_late(
     if delay is None:
         return None
     surely = abs(delay[0]) - tol.SURE * delay[1]
-    return _late_channels(side, {joint: channel}, delay, share, surely)
+    return late_channels(side, {joint: channel}, delay, share, surely)
 
 
-def _late_channels(
+def late_channels(
     side: Side, channels: Mapping[str, str], value: tuple[float, float], share: float, surely: float
 ) -> Finding:
     """Return the finding that {joint: channel}, of one kind, are late, or early.
@@ -591,8 +591,8 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
     shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
     explained = max(shares, default=0.0)
     side = selected[0][0]
-    channels = {joint: _torque_channel(side, joint) for joint in delays}
-    return _late_channels(side, channels, (common, error), explained, abs(common))
+    channels = {joint: torque_channel(side, joint) for joint in delays}
+    return late_channels(side, channels, (common, error), explained, abs(common))
 
 
 def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:
@@ -601,12 +601,12 @@ def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, f
     They are next to what was accepted but for delays: a torque that is late spoils the bodies, and
     with them the other joints.
     """
-    joints = [joint for joint in side.joints if _torque_channel(side, joint)]
+    joints = [joint for joint in side.joints if torque_channel(side, joint)]
     if not joints:
         return {}
     trials = (x.trial for x in selection.accepted)
-    accepted = [x.alternative for x in trials if x.candidate.about.code is not codes.CODES["delay"]]
-    columns = [side.once(_late_columns, joint) for joint in joints]
+    accepted = [x.alternative for x in trials if x.candidate.field != "delay"]
+    columns = [side.once(late_columns, joint) for joint in joints]
     late = np.hstack([*(alike for _, alike in columns), *(slope for slope, _ in columns)])
     larger = side.equation.with_alternatives([*accepted, engine.Alternative(late, 0)])
     values, errors = larger.last(len(joints))

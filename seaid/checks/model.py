@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, singledispatch
 from itertools import chain, product
 
 import numpy as np
@@ -86,6 +86,12 @@ COLUMN_CHECKS = (
     engine.ColumnCheck(CODES["logs-differ"], _other_set_ups, _is_another_set_up),
 )
 """The checks of an equation, in the order in which their findings are listed."""
+
+
+@singledispatch
+def column_checks(robot: Robot) -> tuple[engine.ColumnCheck[Side], ...]:
+    """Return the checks of an equation of this kind of robot."""
+    return COLUMN_CHECKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +241,7 @@ def selections(sides: Sequence[Side]) -> list[SideSelection]:
 def _proposed(side: Side) -> tuple[list[engine.Candidate], list[Finding]]:
     """Return the candidates of a side, and notes on the checks that raise."""
     candidates, notes = list[engine.Candidate](), list(side.notes)
-    for check, joint in product(COLUMN_CHECKS, side.joints):
+    for check, joint in product(column_checks(side.robot), side.joints):
         with guarded(check.code, notes):
             of_check = [replace(x, about=check) for x in check.candidates(side, joint)]
             candidates += [x for x in of_check if x.alternatives is not None]  # computed here
@@ -249,7 +255,7 @@ def _selected(
     selection, findings = engine.Selection((), side.equation, ()), {}
     with guarded(CODES["missing-term"], notes):
         selection = engine.forward_selection(side.equation, candidates, asked, STRONG)
-    for joint, check in product(side.joints, COLUMN_CHECKS):
+    for joint, check in product(side.joints, column_checks(side.robot)):
         accepted = [x for x in selection.accepted if x.trial.candidate.origin == (check, joint)]
         if not accepted:
             continue
@@ -313,9 +319,9 @@ def _with_common_delay(
     findings: list[Finding], selected: Sequence[SideSelection], mistakes: Sequence[Finding]
 ) -> list[Finding]:
     """Return findings with one delay in place of those of all joints, and none if it is known."""
-    is_known = any(finding.code == "delay" for finding in mistakes)
+    # One of no joint, of the base or of all torques of a side, stands for those of single joints.
+    others = [finding for finding in findings if finding.code != "delay" or not finding.joint]
+    if any(finding.code == "delay" for finding in (*mistakes, *others)):
+        return others
     common = common_delay([(side.side, side.selection) for side in selected])
-    if common is None and not is_known:
-        return findings
-    others = [finding for finding in findings if finding.code != "delay"]
-    return others if is_known or common is None else [common, *others]
+    return findings if common is None else [common, *others]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import chain, compress
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,15 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import toml_table
-from seaid.checks import CODES
-from seaid.checks.codes import is_wrong, observed
+from seaid.checks import CODES, engine
+from seaid.checks.codes import Remedy, is_wrong, observed
+from seaid.checks.columns import Side
+from seaid.checks.experiment import MOST_STEPS
+from seaid.checks.gears import late_channels, late_columns, torque_channel
+from seaid.checks.model import COLUMN_CHECKS, column_checks
 from seaid.checks.predictions import unseen_motion
-from seaid.checks.tolerances import FEW, RARE, SURE, TWICE
-from seaid.errors import Finding
+from seaid.checks.tolerances import FEW, LEAST_DELAY_S, POOR, RARE, SURE, TWICE
+from seaid.errors import Finding, listed
 from seaid.estimation import FittedRows
 from seaid.excitation.stance import standing_robot
 from seaid.identification import Fit, Identification, Validation
@@ -44,13 +49,16 @@ from seaid.legged.contacts import (
 )
 from seaid.legged.feet import feet_findings
 from seaid.legged.floating import FloatingRobot, floating, row_scale
-from seaid.legged.load_side import FloatingBodies, FloatingLoadSide
+from seaid.legged.load_side import FloatingBodies, FloatingLoadSide, late_base, thinned
 from seaid.log import Log, Motion
+from seaid.log.base_log import needed_columns
+from seaid.log.channels import ANGLE, CHANNELS
+from seaid.log.description import as_toml, changed_source
 from seaid.regressor import Identifiability, base_parameters
 from seaid.regressor.base import BodyEquations, body_equations
 from seaid.regressor.load import LoadModel, LoadSide, load_side
 from seaid.regressor.structural_identifiability import of_stances
-from seaid.robot import BASE_ROWS, Robot
+from seaid.robot import BASE_ROWS, FloatingBase, Robot
 
 if TYPE_CHECKING:
     from seaid.excitation import Limits, Stance
@@ -263,9 +271,98 @@ def _contradictions(identification: Identification, result: LeggedValidation) ->
         yield from unseen_motion(f"the {kind} on the base", "", error, float(ratio))
 
 
+# What the rows of a fit contradict in the time of the base, and of all torques
+
+
+def _late_base(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what a late base adds to the load side, which is one equation of all joints."""
+    if not side.is_motor and joint == side.joints[0]:
+        yield engine.linear_candidate(joint, "late", "base", partial(_slope_of_base, side))
+
+
+def _late_torques(side: Side, joint: str) -> Iterator[engine.Candidate]:
+    """Yield what torques that are all late add to the load side, -d tau' to first order."""
+    is_whole = all(torque_channel(side, x) for x in side.joints)
+    if is_whole and not side.is_motor and joint == side.joints[0]:
+        slopes = (side.once(late_columns, x)[0] for x in side.joints)
+        yield engine.linear_candidate(joint, "late", "torques", lambda: np.sum([*slopes], axis=0))
+
+
+def _slope_of_base(side: Side) -> Array:
+    """Return the change (R, 1) of y per second at the delay of the base that explains most.
+
+    By Gauss and Newton's steps, at the delay and with the bodies of the step before: those of the
+    fit were fitted to the mistake, and a delay is no small step of a fast motion.
+    """
+    assert side.base is not None
+    joints, motions = list(map(side.robot.index, side.joints)), list(map(thinned, side.motions))
+    drive, units = side.drive(side.joints[0]), [np.ones((len(x.time), 1)) for x in motions]
+    equation, delay_s = side.equation, 1.0 / motions[0].rate_hz
+    for _ in range(MOST_STEPS):
+        values = equation.values[: len(side.base.grouping)]
+        bodies = side.base.least(values) + side.robot.known_parameters
+        changes = [late_base(side.robot, x, joints, bodies, delay_s) for x in motions]
+        column = replace(drive, motions=motions, factors=changes).at_rows(units) / delay_s
+        equation = side.equation.with_alternatives([engine.Alternative(column, 1)])
+        (next_s,), (error_s,) = (x.tolist() for x in equation.last(1))
+        # More than a period of the cutoff is no shift of this motion.
+        if abs(next_s - delay_s) < POOR * error_s or not 0 < abs(next_s) < 1 / motions[0].cutoff_hz:
+            break
+        delay_s = next_s
+    return column
+
+
+def _are_late(
+    side: Side, joint: str, accepted: Sequence[engine.Accepted], share: float
+) -> Finding | None:
+    """Return the finding of torques, or channels of the base, that are late or early as a whole."""
+    (delay,), (error,) = accepted[0].coefficients.tolist(), accepted[0].errors.tolist()
+    surely = abs(delay) - SURE * error
+    if accepted[0].trial.candidate.term == "torques":
+        torques = {x: torque_channel(side, x) for x in side.joints}
+        return late_channels(side, torques, (delay, error), share, surely)
+    sources = base_sources(floating(side.robot).floating_base, side.records[0])
+    earlier = partial(changed_source, delay_s=round(delay, 5))
+    lines = [f"{name} = {as_toml(earlier(source))}" for name, source in sources.items()]
+    return CODES["delay"].finding(
+        f"{listed([name.replace('_', ' ') for name in sources])} of the base are "
+        f"{1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms {'late' if delay > 0 else 'early'} "
+        "against the torques and positions of the joints",
+        severity="doubtful" if surely > LEAST_DELAY_S else "note",
+        evidence={"delay [s]": delay, "standard error [s]": error, "explained": share},
+        remedy=Remedy("in the description of the log:", {toml_table("base"): lines}),
+    )
+
+
+def base_sources(base: FloatingBase, log: Log) -> dict[str, Mapping[str, Any]]:
+    """Return the sources of what the equations of a base have, as the description of a log."""
+    own = {x: needed_columns(base, x) for x in CHANNELS if getattr(log.base, x) is not None}
+    if base.normal is not None:  # the column of the angle is in place of the orientation
+        own.pop("orientation", ())
+        own["angle"] = (ANGLE,)
+    described = (log.description or {}).get("base", own)
+    sources = {x: y if isinstance(y, Mapping) else {"columns": y} for x, y in described.items()}
+    # A pose is in the equations where the log has no specific force.
+    for name in ("position", "velocity") if "specific_force" in own else ():
+        sources.pop(name, {})
+    return sources
+
+
+LATE_CHECKS = (
+    engine.ColumnCheck(CODES["delay"], _late_base, _are_late),
+    engine.ColumnCheck(CODES["delay"], _late_torques, _are_late),
+)
+"""What is late in all rows of a fit, as the base or all torques."""
+
+
 @extension_of.register(FloatingRobot)
 def _(robot: FloatingRobot) -> Extension:
     return LeggedExtension()
+
+
+@column_checks.register(FloatingRobot)
+def _(robot: FloatingRobot) -> tuple[engine.ColumnCheck[Side], ...]:
+    return (*COLUMN_CHECKS, *LATE_CHECKS)
 
 
 @body_equations.register(FloatingRobot)

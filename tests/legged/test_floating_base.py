@@ -10,13 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import seaid
 from scripts.benchmarks.legged import noisy, quadruped
 from scripts.example_robots import example_urdf
 from scripts.legged_plant import GO2, changed_bodies, plan, plant, simulate
 from seaid._arrays import Array, FrozenMapping
-from seaid.errors import IdentificationError, LogError, SeaidError
+from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.legged import FloatingRobot, LeggedValidation, whole_body
 from seaid.legged.base import _Axes, _limits, _significant
 from seaid.legged.floating import contact_map, floating, floating_regressor
@@ -107,6 +108,58 @@ def swayed() -> seaid.Log:
 
 STANDING = seaid.load_robot(example_urdf("go2.urdf"), base="floating", contacts=GO2.feet)
 GO2_JOINTS = STANDING.joint_names
+
+
+def ahead(log: seaid.Log, values: Array, late_s: float) -> Array:
+    """Return samples as they are logged by a clock that is late."""
+    at = np.clip(log.time - late_s, log.time[0], log.time[-1])
+    return np.asarray(CubicSpline(log.time, values)(at))
+
+
+IMU = ("angular_velocity", "specific_force")
+
+
+def late_base(log: seaid.Log, late_s: float) -> seaid.Log:
+    return with_base(log, **{x: ahead(log, getattr(log.base, x), late_s) for x in IMU})
+
+
+def late_torques(log: seaid.Log, late_s: float) -> seaid.Log:
+    return replace(log, motor_torque=ahead(log, log.motor_torque, late_s))
+
+
+LATE = {
+    "base": (late_base, "angular velocity, specific force of the base are"),
+    "torques": (late_torques, "the torques of FL_hip_joint"),
+}
+
+
+def doubtful_delays(found: seaid.Identification) -> list[Finding]:
+    return [x for x in found.warnings if x.code == "delay" and x.severity != "note"]
+
+
+@pytest.mark.slow  # two fits of a whole quadruped each
+@pytest.mark.parametrize("late_s", [0.005, -0.01, 0.02])
+@pytest.mark.parametrize("what", LATE)
+def test_what_is_late_as_a_whole_is_named_with_the_line_that_repairs_it(
+    tmp_path: Path, what: str, late_s: float
+) -> None:
+    """The torque of a joint acts on all equations without contact forces, not on its own alone."""
+    (change, words), robot = LATE[what], STANDING.without_nominal()
+    log = change(noisy(swayed(), 5), late_s)
+    (finding,) = doubtful_delays(fitted(robot, log))
+    assert finding.message.startswith(words)
+    delay_s, error_s = (finding.evidence[x] for x in ("delay [s]", "standard error [s]"))
+    assert abs(delay_s - late_s) < 3 * error_s < 0.002
+    seaid.write_log(log, tmp_path / "late.csv")
+    (tmp_path / "repair.toml").write_text(finding.remedy.split("\n", 1)[1])
+    repaired = seaid.read_log(tmp_path / "late.csv", robot, description=tmp_path / "repair.toml")
+    assert not doubtful_delays(fitted(robot, repaired))
+
+
+@pytest.mark.slow  # fits of a whole quadruped
+@pytest.mark.parametrize("seed", range(3))
+def test_a_base_and_torques_in_time_are_not_late(seed: int) -> None:
+    assert not doubtful_delays(fitted(STANDING.without_nominal(), noisy(swayed(), 10 + seed)))
 
 
 @cache
