@@ -28,7 +28,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
-from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle
+from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle, whitened
 from seaid.log.filtering import ROWS_PER_PERIOD
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def _shared_model(equation: Equation, alternatives: Sequence[Alternative]) -> _S
     core = [place for place in range(p) if place not in replaced]
     # columns: the shared ones, those that some alternative replaces, those of alternatives, y
     parts = [rows.H[:, core], rows.H[:, replaced], *(model.columns for model in alternatives)]
-    X = equation.weight[:, None] * np.column_stack([*parts, rows.y])
+    X = equation.weighted(np.column_stack([*parts, rows.y]))
     # The factors R_b of the blocks have all sums of squares that follow: R_b^T R_b = X_b^T X_b.
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
     joint_factor = np.concatenate(factors)
@@ -389,10 +389,15 @@ def best_trial(trials: Iterable[Trial]) -> Trial | None:
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """The rows of a fit, with the weights (E,) of its equations."""
+    """The rows of a fit, with the weights (E,) of its equations.
+
+    `errors` are the parts of the weighted residual that follow errors of earlier values, those of
+    springs: orthonormal (R, k), and their standard deviations (k,) over that of the noise.
+    """
 
     rows: Regression
     weights: Array
+    errors: tuple[Array, Array] | None = None
 
     @cached_property
     def weight(self) -> Array:
@@ -401,10 +406,18 @@ class Equation:
         places = np.searchsorted(np.unique(self.rows.joint), self.rows.joint)
         return np.asarray(self.weights[places])
 
+    def weighted(self, columns: Array) -> Array:
+        """Return columns (R, c) times the root of the inverse covariance of the residual."""
+        weighted = self.weight[:, None] * columns
+        if self.errors is None:
+            return weighted
+        directions, sizes = self.errors
+        return whitened(weighted, directions, [(np.eye(len(sizes)), sizes)])
+
     @cached_property
     def basis(self) -> Array:
         """An orthonormal basis (R, p) of the weighted columns."""
-        columns = self.weight[:, None] * self.rows.H
+        columns = self.weighted(self.rows.H)
         norms = np.linalg.norm(columns, axis=0)
         columns = columns[:, norms > 0] / norms[norms > 0]
         return np.linalg.qr(columns)[0]
@@ -412,7 +425,7 @@ class Equation:
     @cached_property
     def residual(self) -> Array:
         """The weighted residual (R,)."""
-        return self.residual_of(self.weight * self.rows.y)
+        return self.residual_of(self.weighted(self.rows.y[:, None])[:, 0])
 
     def residual_of(self, columns: Array) -> Array:
         """Return what the columns of the rows do not explain of weighted ones (R,) or (R, c)."""
@@ -426,22 +439,19 @@ class Equation:
     @cached_property
     def factor(self) -> Array:
         """The triangular factor of the weighted columns and torques [H y]."""
-        columns = np.column_stack([self.rows.H, self.rows.y])
-        columns *= self.weight[:, None]
-        return triangle(columns)
+        return triangle(self.weighted(np.column_stack([self.rows.H, self.rows.y])))
 
     def last(self, count: int) -> tuple[Array, Array]:
         """Return the last parameters (count,), and their standard errors (count,).
 
         The errors allow for autocorrelation, as those of the estimate do.
         """
-        rows, X = self.rows, self.weight[:, None] * self.rows.H
+        rows, X = self.rows, self.weighted(self.rows.H)
         svd = scaled_svd(self.factor[:, :-1])
         kept = slice(svd.rank())
         # root root^T = (X^T X)^+ in the units of the parameters.
         root = (svd.vectors[kept].T / svd.sizes[kept]) / svd.norms[:, None]
-        residual = self.weight * rows.y - X @ self.values
-        scores = long_run_of(X, residual, rows.time, rows.run).for_normal_intervals
+        scores = long_run_of(X, self.residual, rows.time, rows.run).for_normal_intervals
         bread = (root @ root.T)[len(root) - count :]  # of the sandwich B S B^T
         errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", bread, scores, bread), 0.0))
         return self.values[len(root) - count :], errors
@@ -456,9 +466,9 @@ class Equation:
         That is a part of it, and of the torque of some joint. Columns in place of others explain no
         more than they do next to all columns.
         """
-        columns = [self.weight[:, None] * model.columns for model in alternatives]
-        whole = np.hstack(columns)
-        rows, rest = np.any(whole != 0, axis=1), self.residual_of(whole)
+        columns = [model.columns for model in alternatives]
+        rows, whole = np.any(np.hstack(columns) != 0, axis=1), self.weighted(np.hstack(columns))
+        rest = self.residual_of(whole)
         of_joints = [rows & (self.rows.joint == x) for x in np.unique(self.rows.joint[rows])]
         # All rows of a joint have one weight: std(y) |w| is the norm of the weighted changes of its
         # torque, and NEGLIGIBLE is a ratio of rms values.
@@ -478,7 +488,7 @@ class Equation:
         more = tuple(f"accepted column {place}" for place in range(width, H.shape[1]))
         units = (*self.rows.units, *len(more) * ("",))
         rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
-        return Equation(rows, self.weights)
+        return replace(self, rows=rows)
 
 
 def equation_of(fitted: FittedRows) -> Equation:
@@ -488,7 +498,19 @@ def equation_of(fitted: FittedRows) -> Equation:
     """
     assert fitted.rows is not None
     remaining = np.isin(fitted.qr_factor.equations, fitted.rows.joint)
-    return Equation(fitted.rows, fitted.weights[remaining])
+    equation = Equation(fitted.rows, fitted.weights[remaining])
+    if fitted.propagated is None:
+        return equation
+    columns = fitted.rows.propagated
+    # The noise is what is left if the earlier values are free; a row has a part of an independent
+    # one's information.
+    free = equation.with_alternatives([Alternative(columns, 0)])
+    noise = np.sqrt(np.mean(free.residual**2) * ROWS_PER_PERIOD / 2)
+    values, vectors = np.linalg.eigh(fitted.propagated)
+    # C = L L^T: errors L u of unit variance u.
+    effects = equation.weighted(columns @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+    directions, sizes, _ = np.linalg.svd(effects, full_matrices=False)
+    return replace(equation, errors=(directions, sizes / max(float(noise), 1e-300)))
 
 
 _LOST = 1e-6

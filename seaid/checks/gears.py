@@ -483,7 +483,7 @@ def torque_channel(side: Side, joint: str) -> str:
 def _slope(side: Side, joint: str) -> Array:
     """Return -tau' (R, 1) at the rows, without what friction and rotor of another drive explain."""
     slope, alike = side.once(late_columns, joint)
-    weighted = side.equation.weight[:, None] * np.hstack([slope, alike])
+    weighted = side.equation.weighted(np.hstack([slope, alike]))
     # The multiples of `alike` that explain most of the slope next to the columns of the fit (Frisch
     # and Waugh 1933) are subtracted: the coefficient of the rest is still the delay.
     rest = side.equation.residual_of(weighted)
@@ -508,9 +508,10 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
         columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
         return np.column_stack(columns)
 
-    alike, weight = rows.at_rows([*map(of_drive, side.motions)]), side.equation.weight[:, None]
-    rest = np.linalg.norm(side.equation.residual_of(weight * alike), axis=0)
-    alike[:, rest < _ROUNDING * np.linalg.norm(weight * alike, axis=0)] = 0.0
+    alike = rows.at_rows([*map(of_drive, side.motions)])
+    weighted = side.equation.weighted(alike)
+    rest = np.linalg.norm(side.equation.residual_of(weighted), axis=0)
+    alike[:, rest < _ROUNDING * np.linalg.norm(weighted, axis=0)] = 0.0
     # Filtered first: at the ends of a log the filter continues a torque and not a slope, the noise
     # of which is as large as its first difference.
     slopes = [

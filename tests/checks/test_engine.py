@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy import linalg
 
 from seaid._arrays import Array
 from seaid.checks.engine import (
@@ -26,6 +27,7 @@ from seaid.estimation import fit
 from seaid.estimation.estimate import term_test
 from seaid.estimation.fitting import ESTIMATORS
 from seaid.estimation.qr_factor import qr_factor_of
+from seaid.log.filtering import ROWS_PER_PERIOD
 from seaid.regressor import Regression
 from tests.plants import regression
 
@@ -52,6 +54,42 @@ def test_an_equation_without_rows_takes_its_weight_with_it() -> None:
     expected = equation_of(fitted).weight[joint != 1]
     assert len(np.unique(expected)) == 2
     np.testing.assert_array_equal(equation_of(without).weight, expected)
+
+
+def test_what_an_error_of_a_spring_leaves_is_no_missing_term() -> None:
+    """The torque of a spring whose stiffness was estimated before is off by what it may be."""
+    springs = np.array([[0.04, -0.01], [-0.01, 0.01]])
+    alone, with_errors = 0, 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        data = rows((1.0, -2.0, 0.0, 0.0), seed=seed)
+        # The candidate resembles what the errors of the springs leave.
+        of_springs = rng.normal(size=(400, 2)) + 2 * data.H[:, [2, 2]]
+        errors = rng.multivariate_normal([0.0, 0.0], springs)
+        data = replace(data, y=data.y + of_springs @ errors, propagated=of_springs)
+        fitted = fit(first(data, 2), ESTIMATORS["wls"], springs)
+        larger = [Alternative(data.H[:, [2]], 1)]
+        equation = equation_of(fitted)
+        with_errors += compare(equation, larger, 20)[0].is_supported_overall
+        alone += compare(replace(equation, errors=None), larger, 20)[0].is_supported_overall
+    assert alone > 40
+    assert with_errors <= 3
+
+
+def test_rows_are_weighted_by_the_root_of_the_covariance_of_their_residual() -> None:
+    """That is noise, with the information of its independent rows, and the errors of springs."""
+    data = rows((1.0, -2.0, 0.0, 0.0))
+    data = replace(data, propagated=np.random.default_rng(1).normal(size=(400, 2)))
+    springs = np.array([[0.4, -0.1], [-0.1, 0.1]])
+    equation = equation_of(fit(data, ESTIMATORS["wls"], springs))
+    plain = replace(equation, errors=None)
+    W, columns = np.diag(plain.weight), data.propagated
+    free = plain.residual_of(plain.weighted(columns))
+    left = plain.residual - free @ np.linalg.lstsq(free, plain.residual)[0]
+    noise = np.mean(left**2) * ROWS_PER_PERIOD / 2
+    covariance = np.eye(400) + W @ columns @ springs @ columns.T @ W / noise
+    expected = linalg.inv(linalg.sqrtm(covariance)) @ W
+    np.testing.assert_allclose(equation.weighted(np.eye(400)), expected, atol=1e-9)
 
 
 def first(data: Regression, count: int) -> Regression:
