@@ -139,7 +139,7 @@ def quarter_turns(experiment: Experiment) -> Iterator[Transform]:
     turning = _turning(experiment) if experiment.has_bodies else []
     for j, turn in product(turning, _TURNS):
         yield _off(experiment, {j: turn}, tol.SLIGHT)
-    for pair, turns in product(combinations(turning, 2), product(_TURNS[:2], repeat=2)):
+    for pair, turns in product(experiment.pairs(turning), product(_TURNS[:2], repeat=2)):
         yield _off(experiment, dict(zip(pair, turns, strict=True)), 2 * tol.SLIGHT)
 
 
@@ -175,12 +175,10 @@ def _with_zeros(
     joints: Sequence[int], experiment: Experiment, angles: float | Sequence[float]
 ) -> Experiment:
     """Return the experiment with angles added to the positions of joints, and of their motors."""
-    added = np.zeros(experiment.robot.n)
-    added[joints] = angles
-    joint, motor = experiment.joint.copy(), experiment.motor.copy()
-    joint[0] += added
-    motor[0] += experiment.lever * (experiment.robot.transmission @ added)
-    return experiment.with_changes(joint=joint, motor=motor)
+    added = np.zeros((3, 1, experiment.robot.n))
+    added[0, 0, joints] = angles
+    turned = experiment.lever * (added @ experiment.robot.transmission.T)
+    return experiment.with_changes(joint=experiment.joint + added, motor=experiment.motor + turned)
 
 
 def _with_length(joint: str, experiment: Experiment, log_factor: float) -> Experiment:

@@ -106,8 +106,7 @@ class Code:
 
 def _codes() -> Mapping[str, Code]:
     """Return {name of a code: the code} of codes.toml."""
-    path = Path(__file__).with_name("codes.toml")
-    tables = read_toml(path, "the texts of codes", SeaidError)
+    tables = read_toml(Path(__file__).with_name("codes.toml"), "the texts of codes", SeaidError)
     codes = dict[str, Code]()
     for name, texts in tables.items():
         attributes: dict[str, Any] = {key: " ".join(text.split()) for key, text in texts.items()}
@@ -411,8 +410,7 @@ def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:
     if finding.severity == "note":
         return finding
     if _is_symptom(finding):
-        is_brought = any(_brings(cause, finding) for cause in findings)
-        return as_note(finding) if is_brought else finding
+        return as_note(finding) if any(_brings(x, finding) for x in findings) else finding
     symptoms = (other for other in findings if _is_symptom(other) and _brings(finding, other))
     return replace(finding, severity=by_severity([finding, *symptoms])[0].severity)
 

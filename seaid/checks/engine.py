@@ -248,8 +248,7 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
     error = residual - columns @ svd.solve(residual)
     # The left singular vectors are orthonormal columns with the same span: (H^T H)^-1 is 1.
     scores = long_run_of(svd.left[:, : max(svd.rank(), 1)], error, rows.time, rows.run)
-    inflation = scores.inflation(np.eye(len(scores.white)))
-    return len(residual) / max(inflation, ROWS_PER_PERIOD / 2)
+    return len(residual) / max(scores.inflation(np.eye(len(scores.white))), ROWS_PER_PERIOD / 2)
 
 
 def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:

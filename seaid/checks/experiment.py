@@ -9,10 +9,10 @@ joint counts as misfit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, combinations
 from typing import Any, TypeVar
 
 import numpy as np
@@ -42,13 +42,14 @@ _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
 KINDS = {
-    "nominal": ("nominal", tol.SLIGHT, "torque (by the bodies of the robot file)"),
-    "free": ("free", tol.FEW, "torque (by any bodies)"),
-    "motor": ("of_motors", tol.FEW, "motor torque"),
-    "encoders": ("of_encoders", tol.FEW, "motion between the encoders"),
     "sensors": ("of_sensors", tol.FEW, "torque between motor and sensor"),
+    "nominal": ("nominal", tol.SLIGHT, "torque (by the bodies of the robot file)"),
+    "encoders": ("of_encoders", tol.FEW, "motion between the encoders"),
+    "motor": ("of_motors", tol.FEW, "motor torque"),
+    "free": ("free", tol.FEW, "torque (by any bodies)"),
 }
-"""{kind of misfit: its property, what counts as none, and what it leaves unexplained}."""
+"""{kind of misfit: its property, what counts as none, and what it leaves unexplained}, those
+first that are quickly computed."""
 
 _ARRAYS = {
     "q": ("joint",),
@@ -99,6 +100,13 @@ _SIGNALS = (*_OF_TORQUES, "both", "counted")
 
 _OF_INSTANTS = (*chain.from_iterable(_ARRAYS.values()), "time", "unscaled", "counted")
 """Fields (..., R, k) with a value for each instant."""
+
+SHORTLIST = 12
+"""Joints with the largest misfits, whose pairs with all joints are tried, and transforms, best by
+what is quickly computed, whose other misfits are computed too."""
+
+_LARGE = ("regressor", "columns", "_factors", "_seen", "_effects", "_rows")
+"""What grows with the number of bodies besides that of instants or of joints."""
 
 Value = TypeVar("Value")
 
@@ -189,6 +197,11 @@ class Experiment:
         vars(changed).update(stays)
         return changed
 
+    def forget_rows(self) -> None:
+        """Forget the large arrays that were derived, which are derived again if they are needed."""
+        for name in _LARGE:
+            vars(self).pop(name, None)
+
     def described_as(self, sources: Sources, number: int | None = None) -> Experiment:
         """Return the experiment whose description has other sources of some quantities.
 
@@ -235,8 +248,7 @@ class Experiment:
         names, sources = self.robot.joint_names, self.sources[0]
         is_alone = np.array(["joint_position" not in sources.get(x, {}) for x in names])
         of_motors = at_joints(self.robot.transmission, self.motor / self.lever)
-        joint = np.where(is_alone & ~self.both, of_motors, self.joint)
-        changed = self.with_changes(joint=joint)
+        changed = self.with_changes(joint=np.where(is_alone & ~self.both, of_motors, self.joint))
         motor = np.where(is_alone | self.both, self.motor, changed.lever * changed.turned)
         return changed.with_changes(motor=motor)
 
@@ -294,7 +306,7 @@ class Experiment:
     def _torque_sizes(self) -> Array:
         """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
         # joint by joint: the mean of a constant torque over several columns is rounded
-        return np.array([np.std(torque) for torque in self.target.T])
+        return np.std(np.ascontiguousarray(self.target.T), axis=1)
 
     @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
@@ -340,10 +352,9 @@ class Experiment:
         return np.concatenate([self.friction, springs, rotors], axis=2)
 
     @derived(*_SIGNALS)
-    def _of_loads(self) -> tuple[Array, Array]:
-        """The spans and pseudo-inverses of the `loads` of joints at the instants that count."""
-        svd = qr_factor.scaled_svd(self.loads * self.counted.T[..., None], "friction")
-        return svd.spans, svd.inverses
+    def _of_loads(self) -> qr_factor.ScaledSVD:
+        """The decomposition of the `loads` of joints at the instants that count."""
+        return qr_factor.scaled_svd(self.loads * self.counted.T[..., None], "friction")
 
     @derived("robot")
     def base(self) -> BaseParameters:
@@ -404,7 +415,7 @@ class Experiment:
         Their columns are the base columns of bodies, the torque, and its rate. All sums of squares
         of misfits are in them (Frisch and Waugh 1933).
         """
-        used, U = self.on_bodies, self._of_loads[0][self.on_bodies]
+        used, U = self.on_bodies, self._of_loads.spans[self.on_bodies]
         torques = np.stack([self.target.T, self._rates], axis=-1)[used]
         Z = np.concatenate([self.columns[used], torques], axis=2)
         Z *= self.counted.T[used, :, None]
@@ -453,7 +464,7 @@ class Experiment:
         """
         used, counted = self.on_bodies, self.counted.T[self.on_bodies]
         y = self.target.T[used] - torques
-        x = self._of_loads[1][used] @ y[..., None]
+        x = self._of_loads.inverses[used] @ y[..., None]
         residual = y - (self.loads[used] @ x)[..., 0]
         # The mean is zero, because a constant is among the loads.
         rms = np.sqrt(np.sum(counted * residual**2, axis=1) / np.sum(counted, axis=1))
@@ -490,8 +501,7 @@ class Experiment:
             if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
                 # tau_L / lever = k r_M / N stretch + c, with the zeros of all sensors in c.
                 y, columns = self.sensed[:, j] / self.lever[j], [self.friction[j][:, 2]]
-            H = np.column_stack([*columns, self.apart[:, j]])
-            misfit[j] = self._of_spring_law(j, y, H)
+            misfit[j] = self._of_spring_law(j, y, np.column_stack([*columns, self.apart[:, j]]))
         return misfit
 
     @derived(*_SIGNALS)
@@ -603,12 +613,11 @@ class Experiment:
         ratios = {}
         # the zeros of the encoders of each log but the first
         zeros = np.equal.outer(self.log, np.unique(self.log)[1:]).astype(float)
-        is_elastic = [drive.is_elastic for drive in self.robot.drives.values()]
         for j in np.flatnonzero(self.both).tolist():
             motor, joint = self.motor[0][:, j], self.turned[0][:, j]
             if stands_locked(self.lever[j] * joint, motor):
                 continue
-            if is_elastic[j]:
+            if self.robot.joint_names[j] in self.robot.elastic_joints:
                 rows, y, others = self._of_spring(j)
                 columns = np.column_stack([motor, joint, others, zeros])
                 if np.sum(rows) <= 3 * columns.shape[1]:
@@ -664,6 +673,13 @@ class Experiment:
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
         return {kind: self.misfit(kind) for kind in KINDS}
+
+    def pairs(self, joints: Iterable[int]) -> Iterator[tuple[int, int]]:
+        """Return the pairs of joints of which one has a large misfit, of n joints O(n)."""
+        # Both need not have one: a joint whose torque does not change has no misfit.
+        largest = np.max(np.nan_to_num([*self.misfits.values()]), axis=0)
+        worst = {*np.argsort(-largest, kind="stable")[:SHORTLIST].tolist()}
+        return (pair for pair in combinations(joints, 2) if not worst.isdisjoint(pair))
 
     @derived("robot")
     def widths(self) -> Array:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations
+from itertools import chain
 from operator import attrgetter
 
 import numpy as np
@@ -37,6 +37,7 @@ from seaid.checks.codes import (
 )
 from seaid.checks.experiment import (
     KINDS,
+    SHORTLIST,
     Experiment,
     Transform,
     best_factors,
@@ -54,9 +55,6 @@ from seaid.robot.transmission import group_of
 
 _MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
-
-_SHORTLIST = 12
-"""Transforms, best by what is quickly computed, whose other misfits are computed too."""
 
 _DIRECT = ("free", "motor", "encoders", "sensors")
 """Misfits that do not rest on the bodies of the robot file."""
@@ -137,13 +135,9 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     return _Trial(before, transform, falls, min(direct, shown), direct, bodies_of_file)
 
 
-_BY_COST = ("sensors", "nominal", "encoders", "motor", "free")
-"""The kinds of misfit, those first that are quickly computed."""
-
-
 def _is_contradicted(before: Experiment, transform: Transform) -> bool:
     """Whether a kind of misfit that matters grows by more than chance, which no mistake does."""
-    for kind in _BY_COST:
+    for kind in KINDS:
         x, y = (np.maximum(each.misfit(kind), tol.FEW) for each in (before, transform.changed))
         losses = before.independent_rows * np.log(y / x)
         # z standard errors are z^2 / 2 of a log likelihood.
@@ -209,26 +203,28 @@ def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Tr
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
     """Return the transforms that the log demands, the best first, and add `notes` as above."""
     costs, rows = dict[Transform, tuple[float, float]](), experiment.independent_rows
+    best, count, trials = list[Transform](), 0, list[_Trial]()
     for transform in transforms(experiment, possible, notes):
         with guarded(transform.code, notes):
             changed = transform.changed
             cost = changed.file if experiment.has_bodies else changed.cost("free", rows)
             cost += sum(changed.cost(kind, rows) for kind in ("motor", "encoders", "sensors"))
             # one of several mistakes repairs its joints, while others still contradict the file
-            costs[transform] = cost, changed.cost("nominal", rows)
-    best = [
-        transform
-        for kind in range(2)
-        for transform in sorted(costs, key=lambda x: costs[x][kind] + x.penalty)[:_SHORTLIST]
-    ]
-    trials = []
+            nominal = changed.cost("nominal", rows) + transform.penalty
+            costs[transform], count = (cost + transform.penalty, nominal), count + 1
+            changed.forget_rows()
+            # of a robot with many joints there are thousands of transforms
+            best = [
+                x for k in range(2) for x in sorted(costs, key=lambda x: costs[x][k])[:SHORTLIST]
+            ]
+            costs = {x: costs[x] for x in costs if x in best}
     # Only then: in the place of one that the log contradicts another would be compared that its
     # costs do not suggest.
     for transform in dict.fromkeys(best):
         with guarded(transform.code, notes):
             if not _is_contradicted(experiment, transform):
                 trials.append(_trial(experiment, transform))
-    demanded = [trial for trial in trials if trial.is_demanded(len(costs))]
+    demanded = [trial for trial in trials if trial.is_demanded(count)]
     return sorted(demanded, key=lambda trial: -trial.total)
 
 
@@ -728,7 +724,7 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
 
 
 def _exchanges(experiment: Experiment) -> Iterator[Transform]:
-    for i, j in combinations(range(experiment.robot.n), 2):
+    for i, j in experiment.pairs(range(experiment.robot.n)):
         first, second = (experiment.robot.joint_names[place] for place in (i, j))
         order = np.arange(experiment.robot.n)
         order[[i, j]] = j, i

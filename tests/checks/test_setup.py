@@ -2,6 +2,8 @@
 
 import ast
 import inspect
+import weakref
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -10,10 +12,14 @@ import pinocchio as pin
 import pytest
 
 from seaid.checks.bodies import file_findings
+from seaid.checks.codes import CODES
 from seaid.checks.experiment import (
     _FIELDS_OF,
+    SHORTLIST,
     Experiment,
+    Transform,
     experiment_of,
+    multiplied,
 )
 from seaid.checks.setup import _all_torque_scales, mistakes, setup_findings
 from seaid.errors import Finding
@@ -318,6 +324,37 @@ def test_a_joint_without_a_torque_hides_no_exchange_of_others() -> None:
     torque[:, 0] = np.nan
     finding = the_mistake(robot, replace(log, motor_torque=torque))
     assert (finding.code, finding.joint) == ("swapped-joints", robot.joint_names[3])
+
+
+def test_no_more_trials_are_in_memory_than_are_compared() -> None:
+    references = list[weakref.ref[Experiment]]()
+
+    def factors(before: Experiment) -> Iterator[Transform]:
+        for factor in np.geomspace(0.5, 2.0, 4 * SHORTLIST).tolist():
+            transform = multiplied(CODES["unit"], before, {0: factor}, "t", f"times {factor}")
+            references.append(weakref.ref(transform.changed))
+            yield transform
+            assert "columns" not in vars(transform.changed)
+        del transform
+        assert sum(reference() is not None for reference in references) <= 2 * SHORTLIST
+
+    mistakes(experiment(arm(), arm_log()), {lambda _: True: {factors: CODES["unit"]}})
+    assert len(references) >= 4 * SHORTLIST
+
+
+@pytest.mark.parametrize("exchanged", [(5, 20), (14, 15), (20, 27)])  # no torque of 5, and of 27
+def test_exchanged_joints_of_a_large_robot_are_tried(exchanged: tuple[int, int]) -> None:
+    robot = load_robot("romeo", snap_tolerance_rad=0)
+    rng, time = np.random.default_rng(0), np.arange(0, 4, 0.004)
+    rates, phases = rng.uniform(1, 4, robot.n), rng.uniform(0, 6, robot.n)
+    angle = rates * time[:, None] + phases
+    q, v, a = 0.3 * np.sin(angle), 0.3 * rates * np.cos(angle), -0.3 * rates**2 * np.sin(angle)
+    torque = joint_torques(robot, q, v, a)
+    q[:, exchanged] = q[:, exchanged[::-1]]
+    log = log_with(robot.joint_names, time, joint_position=q, joint_torque=torque)
+    pairs = {*experiment(robot, log).pairs(range(robot.n))}
+    assert exchanged in pairs
+    assert len(pairs) < SHORTLIST * robot.n
 
 
 @pytest.mark.parametrize("known", [("torque_constant",), ()])
