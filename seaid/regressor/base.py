@@ -65,6 +65,11 @@ def _memory_of(model: pin.Model) -> pin.Data:
     return _MEMORY.data
 
 
+def samples_of_block(robot: Robot) -> int:
+    """Return the samples whose regressor takes a tenth of the memory that is allowed, or less."""
+    return int(_MOST_BYTES / (8 * robot.parameters.size**2)) + 1
+
+
 def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the joint-torque regressor Y of the rigid bodies: Y[t] @ theta = inverse dynamics.
 
@@ -320,8 +325,7 @@ def with_base_columns(robot: Robot, width: int) -> tuple[list[int], Array, float
     """
     columns, by_base, gap = _structural(robot, None, tuple(range(robot.n)), 0, ((),), ())
     drives = range(by_base.shape[1], width)
-    of_all = np.pad(by_base, ((0, 0), (0, len(drives))))
-    return *with_independent(columns, of_all, drives), gap
+    return *with_independent(columns, np.pad(by_base, ((0, 0), (0, len(drives)))), drives), gap
 
 
 def with_independent(
@@ -379,7 +383,7 @@ class BodyEquations:
 
     def _blocks(self, states: JointStates, known: Joints) -> Iterator[tuple[JointStates, Array]]:
         """Yield states that take little memory, and the rows (T, k, m) of bodies there."""
-        samples = int(_MOST_BYTES / (8 * self.robot.parameters.size**2)) + 1
+        samples = samples_of_block(self.robot)
         for start in range(0, len(states[0]), samples):
             q, v, a = (state[start : start + samples] for state in states)
             yield (q, v, a), regressor_at_drives(self.robot, q, v, a)[:, known]
@@ -459,10 +463,9 @@ def random_states(
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
-    bodies = len(robot.body_names)
     # Bodies without a known torque between them act on the rest of the robot by one force and one
     # moment: an instant gives at most six of three rows per parameter.
-    enough = -(-30 * (bodies - known + 1) // min(known, 6))
+    enough = -(-30 * (len(robot.body_names) - known + 1) // min(known, 6))
     shape = (count or max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     q = rng.uniform(-reach, reach, shape)

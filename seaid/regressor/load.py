@@ -31,6 +31,7 @@ from seaid.regressor.base import (
     left_to_right,
     negligible,
     regressor_at_drives,
+    samples_of_block,
     with_independent,
 )
 from seaid.regressor.regression import (
@@ -213,8 +214,9 @@ class LoadSide:
             H[:, :, p:] = drive_columns(robot, motion, model)
         # (k, p) places in a flat sample: ten parameters of each body, and n joints per parameter.
         places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
-        for start in range(0, len(H), _BLOCK):
-            block = slice(start, start + _BLOCK)
+        samples = min(_BLOCK, samples_of_block(robot))
+        for start in range(0, len(H), samples):
+            block = slice(start, start + samples)
             Y = regressor_at_drives(robot, *(state[block] for state in motion.joint_states))
             flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of Y
             H[block, :, :p] = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)

@@ -22,6 +22,7 @@ from seaid.regressor import (
     rigid_body_regressor,
 )
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
+from seaid.regressor.load import load_columns, load_model
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 from tests.experiments import motion_of
@@ -165,9 +166,11 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
     """A block has few samples, and the base parameters are those of all samples at once."""
     time = np.arange(200) / 100
     q, v, a = (state[:200] for state in random_states(tulip_leg, 1, 2, count=200))
-    motion = motion_of(tulip_leg, time, (q, v, a), (q, v, a))
+    motion = motion_of(tulip_leg, time, (q, v, a), (q, v, a), q, joint_torque=q)
     robots = tulip_leg, tulip_leg.with_drives(tulip_leg.drives)  # what is kept of one is not its
     whole = [base_parameters(robots[0], x, torque_joints=PITCHES) for x in (None, motion)]
+    model = load_model(robots[0], base_parameters(robots[0], torque_joints=PITCHES), PITCHES)
+    columns = load_columns(robots[0], motion, model, {}).H
     sizes, compute = list[int](), rigid_body_regressor
     monkeypatch.setattr("seaid.regressor.base._MOST_BYTES", 1e5)
 
@@ -177,6 +180,7 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
 
     monkeypatch.setattr("seaid.regressor.base.rigid_body_regressor", counted)
     blocks = [base_parameters(robots[1], x, torque_joints=PITCHES) for x in (None, motion)]
+    assert np.array_equal(load_columns(robots[1], motion, model, {}).H, columns)
     assert max(sizes) == 6
     assert len(sizes) > 40
     for at_once, in_blocks in zip(whole, blocks, strict=True):

@@ -123,8 +123,7 @@ def base_parameters(
     if floating_base:
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
-    nulls = null_space(exact_tree(robot), floating=floating_base)
-    echelon = from_null_space(nulls, len(names))
+    echelon = from_null_space(null_space(exact_tree(robot), floating=floating_base), len(names))
     echelon = _without_known(robot, echelon, len(names) - len(robot.parameters))
     return _checked(robot, packed(echelon, names, route))
 

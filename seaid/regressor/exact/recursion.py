@@ -301,8 +301,7 @@ def _group_nulls(
         after = len(rows), [_sizes(reached[place]) for place in group]
         unchanged = unchanged + 1 if after == before else 0
     spans.update(reached)
-    changes = _nullspace(rows, columns, 10 * len(group))
-    return _compensated_changes(tree, still, changes, floating)
+    return _compensated_changes(tree, still, _nullspace(rows, columns, 10 * len(group)), floating)
 
 
 def _residues(rows: list[Vector]) -> nmod_mat:
