@@ -306,7 +306,7 @@ class Experiment:
     def _torque_sizes(self) -> Array:
         """Standard deviations (n,) of `target`, by which misfits and noise are measured."""
         # joint by joint: the mean of a constant torque over several columns is rounded
-        return np.std(np.ascontiguousarray(self.target.T), axis=1)
+        return np.asarray(np.std(np.ascontiguousarray(self.target.T), axis=1))
 
     @derived(*_OF_TORQUES)
     def used(self) -> list[int]:
