@@ -438,11 +438,12 @@ def fitted_columns(columns: Array, y: Array, inflation: float, count: int) -> tu
 def fitted_slope(columns: Array, y: Array, inflation: float) -> tuple[float, float]:
     """Return -b/a of the parameters a, b of the first two columns, and its standard error.
 
-    Between a motor and a joint angle it is the gear ratio. The error is that of the fit,
-    `inflation` times as for white noise, or of the halves of the rows if they differ by more; and,
-    as in `gear_ratio`, the error of the gear, the smooth part of the residual: what rows that are
-    no neighbours share, in time or in the angle, beyond the standard error of such a correlation of
-    noise.
+    Between a motor and a joint angle it is the gear ratio. Noise of the first column biases it, and
+    noise of y that of the reverse regression, of the first column on y: the true slope is anywhere
+    between them. The error is that of the fit, `inflation` times as for white noise, or of the
+    halves of the rows if they differ by more; and, as in `gear_ratio`, the error of the gear, the
+    smooth part of the residual: what rows that are no neighbours share, in time or in the angle,
+    beyond the standard error of such a correlation of noise.
     """
 
     def part(rows: slice) -> tuple[float, float, Array]:
@@ -464,7 +465,11 @@ def fitted_slope(columns: Array, y: Array, inflation: float) -> tuple[float, flo
     shared = max(float(residual[2:] @ residual[:-2]), float(by_angle[1:] @ by_angle[:-1])) / count
     # Of white noise a mean of products has the standard deviation sigma^2 / sqrt(count).
     smooth = np.sqrt(max(shared - float(residual @ residual) / count**1.5, 0.0))
-    return slope, float(np.hypot(error, slope * smooth / max(float(np.std(joint)), 1e-300)))
+    error = math.hypot(error, slope * smooth / max(float(np.std(joint)), 1e-300))
+    # y = a x_0 + b x_1 + ... is x_0 = y / a - b / a x_1 - ...
+    reverse = float(scaled_svd(np.column_stack([y, columns[:, 1:]])).solve(columns[:, 0])[1])
+    # of a uniform distribution between both
+    return (slope + reverse) / 2, math.hypot(error, (slope - reverse) / math.sqrt(12))
 
 
 def explained_squares(columns: Array, y: Array) -> float:

@@ -115,7 +115,7 @@ def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Pa
 @pytest.mark.parametrize("ratio", [1.0, 1.002])
 def test_the_ratio_of_a_spring_comes_from_an_unscaled_current(urdf: Path, ratio: float) -> None:
     one = seaid.check(robot_of(urdf, ratio), log_of(1, 1.0)).joints["x_axis"]
-    assert abs(one.gear_ratio - 1) < 3 * one.gear_ratio_error < 1e-3
+    assert abs(one.gear_ratio - 1) < 3 * one.gear_ratio_error < 1.2e-3
 
 
 def test_the_first_project_of_an_axis_with_a_screw_and_a_spring(urdf: Path, tmp_path: Path) -> None:
