@@ -162,8 +162,9 @@ def _other_ratios(experiment: Experiment, j: int, slope: float) -> Iterator[Sequ
     """Yield the factors on a gear ratio as `best_factors` does, by the slope of two encoders."""
     if not experiment.both[j]:
         yield from best_factors(experiment, partial(_with_ratio, j))
-    elif slope != 1:
-        yield from ((factor, 0.0, float(factor == slope)) for factor in near(slope))
+    elif slope != 1 and j in experiment.encoder_ratios:
+        ratio, error = experiment.encoder_ratios[j]
+        yield from ((x, error / abs(ratio), float(x == slope)) for x in near(slope))
 
 
 def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
@@ -177,17 +178,15 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         if experiment.both[j]:
             evidence["slope between the encoders over the gear ratio"] = slope
         for factor, error, penalty in _other_ratios(experiment, j, slope):
-            std = ratio * factor * error
-            by = f"+- {std:.2g}" if error else "by its two encoders"
-            line = f"{key} = {ratio * factor:.6g}" + f"\n{key}_std = {std:.2g}" * bool(error)
-            if ratio * factor <= tol.LARGEST_RATIO[is_linear]:
+            value, std = ratio * factor, ratio * factor * error
+            if value <= tol.LARGEST_RATIO[is_linear]:
                 yield Transform(
                     codes.CODES["gear-ratio"],
-                    f"the gear ratio of {joint} is {ratio * factor:.4g} {by}, not {ratio:.4g}",
+                    f"the gear ratio of {joint} is {value:.4g} +- {std:.2g}, not {ratio:.4g}",
                     _with_ratio(j, experiment, math.log(factor)),
                     joint,
-                    codes.in_drives({(joint,): line}),
-                    evidence=evidence | ({"standard error": std} if error else {}),
+                    codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"}),
+                    evidence=evidence | {"standard error": std},
                     penalty=penalty,
                 )
 

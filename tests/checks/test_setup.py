@@ -251,8 +251,9 @@ def test_a_gear_ratio_next_to_the_true_one_is_named(case: str, joint: str, facto
     wrong = replace(drive, gear_ratio=factor * drive.ratio)
     finding = the_mistake(rough(robot, 0).with_drives({joint: wrong}), log)
     assert (finding.code, finding.joint) == ("gear-ratio", joint)
-    ratio = lines_of(finding, joint)["gear_ratio"]
+    ratio, error = (lines_of(finding, joint)[key] for key in ("gear_ratio", "gear_ratio_std"))
     assert ratio == pytest.approx(drive.ratio, rel=0.2 * abs(factor - 1))
+    assert abs(ratio - drive.ratio) < 3 * error < abs(factor - 1) * drive.ratio
 
 
 @pytest.mark.parametrize("ratio", quick_first([100.0, 97.0, 48.0]))
