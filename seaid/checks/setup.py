@@ -342,18 +342,21 @@ _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2}
 """{unit of the position of a sliding joint: the factor that repairs it}."""
 
-_STEPS = {f"steps, {times:g} times as many per turn": 1 / times for times in (0.25, 0.5, 2.0, 4.0)}
-"""{unit of one of two encoders: the factor that repairs it}; an encoder counts one, two or four
-edges of each of its lines."""
-
 
 def _units_by(slope: float, is_length: bool) -> dict[str, float]:
-    """Return units of positions: with a slope between encoders, also counts of a power of two."""
-    if is_length or not slope:
-        return _LENGTHS if is_length else _ANGLES
-    counts = 2 ** round(math.log2(2 * math.pi * max(slope, 1 / slope)))
-    is_count = counts >= tol.FEWEST_COUNTS
-    return _ANGLES | ({f"counts, {counts} per turn": 2 * math.pi / counts} if is_count else {})
+    """Return units of positions: with a slope between encoders, also counts of a power of two.
+
+    The unit may be another number of counts: an encoder counts one, two or four edges of each of
+    its lines, and of the bits of an absolute one some may be missing.
+    """
+    units = _LENGTHS if is_length else _ANGLES
+    if not slope:
+        return units
+    power, of_turn = (round(math.log2(x)) for x in (slope, 2 * math.pi * max(slope, 1 / slope)))
+    steps = {f"steps, {2.0**k:g} times as many per turn": 2.0**-k for k in {power, -power} - {0}}
+    is_count = 2**of_turn >= tol.FEWEST_COUNTS and not is_length
+    raw = {f"counts, {2**of_turn} per turn": 2 * math.pi / 2**of_turn} if is_count else {}
+    return units | steps | raw
 
 
 def _in_units(
@@ -365,8 +368,7 @@ def _in_units(
     would hardly move. Two turns are the range of a wrist.
     """
     is_length = "q" in channels and experiment.robot.is_prismatic[joints[0]]
-    units = _units_by(slope, is_length) | (_STEPS if slope else {})
-    for unit, factor in units.items():
+    for unit, factor in _units_by(slope, is_length).items():
         moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
         if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
             continue

@@ -146,7 +146,7 @@ def write_first_project(
     describe = partial(describe_log, rate_hz=rate_hz, columns=columns)
     files_of_logs, of_files = _files_of_logs(paths, robot, rate_hz, columns)
     read, robot = _read_all(files_of_logs, robot, folder, describe, known is None)
-    texts, of_columns = _descriptions(read)
+    texts, of_columns, guessed = _descriptions(read)
     logs_read = [entry.log for entry in read]
     without, untrue = _joints_without_torque(robot, logs_read)
     doubts = [*of_neighbour, *unnamed, *of_files, *of_columns, *untrue]
@@ -154,7 +154,7 @@ def write_first_project(
     tables: dict[str, _Table] = {}
     if known is None:
         gains, of_gains = _logged_gains(read, controllers or {})
-        tables, unsure = _drives_of_logs(robot, logs_read, without, gains)
+        tables, unsure = _drives_of_logs(robot, logs_read, without, gains, guessed)
         doubts += [*of_gains, *unsure]
         if tables:
             known = folder / f"{Path(urdf).stem}_drives.toml"
@@ -280,7 +280,7 @@ class _ReadLog:
     files: tuple[Path, ...]
     log: Log
     described: _Described | None = None
-    gains: Mapping[str, Controller] = field(default_factory=dict)
+    gains: _Gains = field(default_factory=dict)
 
 
 def _read_all(
@@ -362,12 +362,17 @@ _FEWEST = 2
 """Columns that each joint needs: a position, and a torque or what stands for it."""
 
 
-def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[str]]:
-    """Return the new descriptions of logs {file: text}, and what is doubtful about them."""
+def _descriptions(read: Sequence[_ReadLog]) -> tuple[dict[Path, str], list[str], set[str]]:
+    """Return the new descriptions of logs {file: text}, and what is doubtful about them.
+
+    Last come the joints with an encoder whose counts are a guess.
+    """
     described = dict.fromkeys(entry.described for entry in read if entry.described)
     new = [x for x in described if not x.is_edited]
     texts = {x.file: x.guess.to_toml() for x in new}
-    return texts, [f"{x.name}: {doubt}" for x in new for doubt in x.guess.unsure]
+    joints = chain(*(x.guess.description.joints.items() for x in new))
+    guessed = {name for name, sources in joints for x in sources.values() if x.unit == "counts"}
+    return texts, [f"{x.name}: {doubt}" for x in new for doubt in x.guess.unsure], guessed
 
 
 def _with_springs(robot: Robot, joints: Iterable[str]) -> Robot:
@@ -409,8 +414,7 @@ def _lock_hints(robot: Robot, logs: Sequence[Log]) -> Iterator[str]:
     logged = np.isfinite(positions[:, still])
     # Without a position it is not known where to lock a joint.
     if 0 < len(still) < robot.n and np.all(np.any(logged, axis=0)):
-        places = np.mean(positions[:, still], axis=0, where=logged)
-        at = {robot.joint_names[j]: place for j, place in zip(still, places.tolist(), strict=True)}
+        at = {robot.joint_names[j]: float(np.nanmean(positions[:, j])) for j in still}
         option = ",".join(f"{joint}={place:.4g}" for joint, place in at.items())
         yield from _about(at, "still", option=option)
 
@@ -459,8 +463,8 @@ def _contact_tables(robot: Robot) -> list[dict[str, Any]]:
     """Return a table for all links of each shape of contacts of a floating base."""
     tables: dict[str, dict[str, Any]] = {}
     for point in robot.floating_base.contacts if isinstance(robot, FloatingRobot) else ():
-        position: Any = list(map(float, point.position_m))
-        shape = {"radius_m": point.radius_m, "is_flat": point.is_flat, "position_m": position}
+        shape: dict[str, Any] = {"radius_m": point.radius_m, "is_flat": point.is_flat}
+        shape["position_m"] = [*map(float, point.position_m)]
         shape = {name: value for name, value in shape.items() if np.any(value)}
         tables.setdefault(str(shape), {"links": [], **shape})["links"].append(point.link)
     return list(tables.values())
@@ -510,6 +514,9 @@ _GAP = "?"
 _Table = dict[str, Any]
 """Table of a drive as in TOML, with gaps; its controller is a table, too."""
 
+_Gains = Mapping[str, Controller]
+"""{joint: its controller}."""
+
 _INPUTS: tuple[MotorInput, ...] = ("torque", "current", "voltage")
 """Kinds of a motor's input, the most direct one first."""
 
@@ -542,14 +549,15 @@ _SAME_RATIO = 0.03
 
 
 def _drives_of_logs(
-    robot: Robot, logs: Sequence[Log], without: Set[str], gains: Mapping[str, Controller]
+    robot: Robot, logs: Sequence[Log], without: Set[str], gains: _Gains, guessed: Set[str]
 ) -> tuple[dict[str, _Table], list[str]]:
     """Return the drives of logs, those of commands with their controllers, and what is doubtful.
 
-    The torques of the joints `without` are no measurements.
+    The torques of the joints `without` are no measurements, and the counts of those `guessed` are
+    a guess.
     """
     commanded = _commanded(robot, logs, without)
-    tables, doubts = inferred_drives(robot, logs, commanded)
+    tables, doubts = inferred_drives(robot, logs, commanded, guessed)
     tables |= {joint: _controlled(robot, joint, logs, gains.get(joint)) for joint in commanded}
     laws = {joint: tables[joint]["controller"] for joint in commanded}
     doubts += _about([joint for joint, law in laws.items() if _GAP in law.values()], "gains")
@@ -565,9 +573,8 @@ def _commanded(robot: Robot, logs: Sequence[Log], untrue: Set[str]) -> tuple[str
 
     The torques and currents of the joints `untrue` are no measurements.
     """
-    joints = robot.joint_names
-    measured = {x for x in joints for log in logs if {*_TORQUES} & {*log.logged(x)}} - {*untrue}
-    return tuple(joint for joint in joints if _sent(logs, joint) and joint not in measured)
+    measured = {x for x in robot.joint_names for log in logs if {*_TORQUES} & {*log.logged(x)}}
+    return tuple(x for x in robot.joint_names if _sent(logs, x) and x not in measured - untrue)
 
 
 def _sent(logs: Sequence[Log], joint: str) -> list[str]:
@@ -673,20 +680,20 @@ def _ratio_key(robot: Robot, index: int) -> str:
 
 
 def inferred_drives(
-    robot: Robot, logs: Sequence[Log], without: Sequence[str] = ()
+    robot: Robot, logs: Sequence[Log], without: Sequence[str] = (), guessed: Collection[str] = ()
 ) -> tuple[dict[str, _Table], list[str]]:
     """Return drive tables of joints with a motor's torque, and what is doubtful about them.
 
-    Nothing is said of the joints `without`. Numbers that no log shows are gaps, see `filled`.
+    Nothing is said of the joints `without`; those with counts that are `guessed` have no ratio.
+    Numbers that no log shows are gaps, see `filled`.
     """
     drives = {
         joint: _inferred_drive(robot, index, logs)
         for index, joint in enumerate(robot.joint_names)
         if joint not in without
     }
-    tables, sizes = _with_confirmed_ratios(
-        robot, logs, {joint: drive.table for joint, drive in drives.items() if drive.table}
-    )
+    inferred = {joint: drive.table for joint, drive in drives.items() if drive.table}
+    tables, sizes = _with_confirmed_ratios(robot, logs, inferred, guessed)
     doubts, shared = list[str](), dict[str, list[str]](no_encoder=[], no_motor=[])
     for joint, drive in drives.items():
         if drive.doubt.code in shared:
@@ -747,13 +754,13 @@ def _drive_without_encoder(sensors: Set[str], key: str) -> _Drive:
 
 
 def _with_confirmed_ratios(
-    robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table]
+    robot: Robot, logs: Sequence[Log], tables: Mapping[str, _Table], guessed: Collection[str]
 ) -> tuple[dict[str, _Table], dict[str, str]]:
     """Return drive tables with the ratios of `check`, and each ratio as a text {joint: text}.
 
     That takes a search over all logs: it knows the springs of these drives, and takes (7) where the
     motor moves. The standard errors go into those of the estimates (`gear_ratio_std`). A ratio with
-    a large one is a gap.
+    a large one, or by counts that are `guessed`, is a gap.
     """
     keys = {joint: key for joint, table in tables.items() for key in table if _STD in key}
     better, sizes = {joint: {**table} for joint, table in tables.items()}, dict[str, str]()
@@ -765,10 +772,12 @@ def _with_confirmed_ratios(
         table, key = better[joint], key_of_error.removesuffix(_STD)
         fit, is_radius = checks.get(joint), "pulley" in key
         value, error = _confirmed(table[key], table[key_of_error], fit, is_radius)
-        if error > POOR * value:  # the rotor's inertia behind the gear, N^2 I, has twice as much
+        # the rotor's inertia behind the gear, N^2 I, has twice as much
+        if joint in guessed or error > POOR * value:
             table[key] = _GAP
             del table[key_of_error]
-            sizes[joint] = _doubt("undetermined", key=key, value=value, error=error)
+            code = "of_guessed_counts" if joint in guessed else "undetermined"
+            sizes[joint] = _doubt(code, key=key, value=value, error=error)
         else:
             table[key], table[key_of_error] = _shortest(value, error), float(f"{error:.2g}")
             sizes[joint] = f"{key} = {table[key]:.7g} +- {error:.2g} "
@@ -832,8 +841,7 @@ def _drive_of_encoders(
 
 def _ratio_with_drift(time: Array, sensors: Mapping[str, Array]) -> tuple[float, float, float]:
     """Return what `_ratio` does, with half of the change between both halves in the error."""
-    torques = [name for name in _TORQUES if name in sensors]
-    names = ["motor_position", "joint_position", *torques[:1]]
+    names = [x for x in ("motor_position", "joint_position", *_TORQUES) if x in sensors][:3]
     signals = np.column_stack([sensors[name] for name in names])
     ratio, explained, error = _ratio(time, signals)
     halves = zip(np.array_split(time, 2), np.array_split(signals, 2), strict=True)

@@ -19,6 +19,7 @@ from seaid.checks.tolerances import BODY as WIDTH_OF_BODIES
 from seaid.errors import IdentificationError, SeaidError
 from seaid.project import FirstProject, Project, load_project, run_project, write_first_project
 from seaid.project.first_project import _drives_text, _lock_hints, inferred_drives
+from seaid.regressor import joint_torques
 from tests import experiments
 from tests.legged.test_floating_base import base_of, swayed
 from tests.measured import LOGS
@@ -224,6 +225,41 @@ def test_logs_with_the_same_columns_have_one_description(tmp_path: Path) -> None
     for log in (part.read(robot) for part in project.logs):
         both = np.hstack([log.joint_position, log.motor_position])
         assert np.nanmax(np.abs(both)) == pytest.approx(0.6, rel=1e-2)
+
+
+def test_a_ratio_by_counts_that_are_a_guess_is_none(tmp_path: Path) -> None:
+    """A motor with 4096 counts that makes 20 turns was one with 131072 counts and a gear of 3."""
+    robot, gear, stiffness = one_joint(tmp_path, "revolute"), 100.0, 50.0
+    time, random = np.arange(0, 20, 0.002), np.random.default_rng(3)
+    q, v, a = np.zeros((3, len(time), 1))
+    for rate, phase in ((1.1, 0.0), (2.3, 1.0), (4.7, 2.0), (8.3, 0.5)):
+        for order, x in enumerate((q, v, a)):
+            x[:, 0] += 0.3 * rate**order * np.sin(rate * time + phase + order * np.pi / 2)
+    load = joint_torques(robot, q, v, a)
+    motor = gear * (q + load / stiffness)
+    speed, rate = np.gradient(motor, time, axis=0), gear * a
+    torque = load / gear + 1e-6 * rate + 1e-5 * speed + 2e-3 * np.sign(speed)
+    columns = {"t": time, "q [rad]": q + 1e-4 * random.normal(size=q.shape), "tau [Nm]": torque}
+    columns["motor position"] = np.round(motor * 4096 / (2 * np.pi))
+    path = write_columns(tmp_path / "run.csv", {key: x.ravel() for key, x in columns.items()})
+    made = write_first_project(tmp_path / "arm.urdf", path, folder=tmp_path / "p")
+    (drives,) = (file for file in made.files if file.name == "arm_drives.toml")
+    assert any(x.startswith('arm: gear_ratio = "?": write that') for x in made.doubts)
+    with pytest.raises(SeaidError, match=r"key 'gear_ratio' is missing or '\?'"):
+        run_project(tmp_path / "p")
+    drives.write_text(drives.read_text().replace('"?"', "100.0"))  # that of the data sheet
+    robot, (log,) = project_of(tmp_path / "p")
+    (finding,) = (x for x in seaid.check(robot, log).warnings if x.severity == "wrong")
+    assert (finding.code, finding.joint) == ("unit", "arm")
+    counts = finding.remedy.split("counts_per_turn = ")[1].split(" }")[0].split(", scale = ")
+    assert float(counts[0]) / float(counts[1]) == 4096
+
+
+def project_of(folder: Path) -> tuple[seaid.Robot, list[seaid.Log]]:
+    """Return the robot and the logs of a project."""
+    project = load_project(folder)
+    robot = project.robot()
+    return robot, [log.read(robot) for log in project.logs]
 
 
 def test_an_inferred_ratio_always_has_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
