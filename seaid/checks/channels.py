@@ -450,8 +450,7 @@ def _standing(logged: Logged) -> Iterator[Finding]:
 
 def without_torque(findings: Iterable[Finding]) -> set[str]:
     """Return the joints whose torques are in another unit, wrap around, or are those of a stop."""
-    wrong = (finding for finding in findings if finding.code in ("unit", "wraps", "contact"))
-    return {joint for finding in wrong for joint in finding.joints}
+    return {joint for x in findings if x.code in ("unit", "wraps", "contact") for joint in x.joints}
 
 
 OF_LOGS = (

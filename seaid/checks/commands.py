@@ -94,8 +94,8 @@ def _exchanged_commands(first: Commanded, second: Commanded) -> Iterator[Finding
     crossed, other, *own = (_correlation(x.command, y.position) for x, y in pairs)
     if min(crossed, other) <= 1 - tol.POOR or max(own) >= tol.MOST:
         return
-    sources = {x.joint: first.log.sources()[y.joint]["position_command"] for x, y in pairs[:2]}
-    lines = {joint: {"position_command": changed_source(x)} for joint, x in sources.items()}
+    name, sources = "position_command", first.log.sources()
+    lines = {x.joint: {name: changed_source(sources[y.joint][name])} for x, y in pairs[:2]}
     yield codes.CODES["swapped-joints"].finding(
         f"the position commands of {first.joint} and {second.joint} are exchanged: each joint "
         f"follows that of the other one (correlations {crossed:.3f} and {other:.3f})",
@@ -250,8 +250,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
 def _declared_scale(robot: Robot, joints: Sequence[str]) -> str:
     """Return the remedy of gains in units of the drive."""
     bodies = "" if robot.known_bodies else " with known bodies (known_bodies=)"
-    line = "is_up_to_scale = true"
-    lines: dict[tuple[str, ...], str] = {(joint, "controller"): line for joint in joints}
+    lines: dict[tuple[str, ...], str] = {(x, "controller"): "is_up_to_scale = true" for x in joints}
     return codes.in_drives(lines, f"gains in N m/rad, or their scale as a parameter{bodies}, ")
 
 

@@ -30,6 +30,7 @@ from seaid.checks.codes import (
     CODES,
     Code,
     Observation,
+    Source,
     guarded,
     in_drives,
     observed,
@@ -726,36 +727,43 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
 
 
 def _exchanges(experiment: Experiment) -> Iterator[Transform]:
+    is_commanded, code = experiment.robot.has_controllers, CODES["swapped-joints"]
     for i, j in experiment.pairs(range(experiment.robot.n)):
-        first, second = (experiment.robot.joint_names[place] for place in (i, j))
+        first, second = pair = tuple(experiment.robot.joint_names[place] for place in (i, j))
         order = np.arange(experiment.robot.n)
         order[[i, j]] = j, i
         are_apart = experiment.both[i] and experiment.both[j]
         are_twice = experiment.has_both_torques[i] and experiment.has_both_torques[j]
-        for sides in ("qmts", "qm", "t", *("qm" if are_apart else ""), *("s" if are_twice else "")):
+        parts = ("qm", "t", *("qm" if are_apart else ""), *("s" if are_twice else ""))
+        for sides in ("qmts", *(() if is_commanded else parts)):
             words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
-            # the constant of a motor stays with it where columns of currents are exchanged
-            factor = _constant(experiment, i) / _constant(experiment, j) if sides == "t" else 1.0
+            # constants and gains of motors stay with them where columns are exchanged
+            stays = sides == "t" or is_commanded
+            factor = _constant(experiment, i) / _constant(experiment, j) if stays else 1.0
             both = experiment.both[order] if {"q", "m"} <= {*sides} else experiment.both
             changed = experiment.with_changes(both=both).with_channels(
                 sides, partial(np.take, indices=order, axis=-1)
             )
             sources = {first: experiment.entries(j, sides, factor=factor)}
             sources[second] = experiment.entries(i, sides, factor=1 / factor)
+            if is_commanded:  # the commands too, and the gains of each controller stay
+                sources = {x: _of_controller(experiment, y) for x, y in ((first, j), (second, i))}
             if factor != 1:
                 changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
-            yield Transform(
-                CODES["swapped-joints"],
-                f"the {words} of {first} and {second} are exchanged",
-                changed,
-                first,
-                joints=(first, second),
-                sources=sources,
-            )
+            message = f"the {words} of {first} and {second} are exchanged"
+            yield Transform(code, message, changed, first, joints=pair, sources=sources)
+
+
+def _of_controller(experiment: Experiment, j: int) -> dict[str, Source]:
+    """Return the sources of joint j but for its torque, which its controller computes."""
+    sources = experiment.sources[0][experiment.robot.joint_names[j]]
+    return {name: source for name, source in sources.items() if name != experiment.input(j)}
 
 
 def _constant(experiment: Experiment, j: int) -> float:
-    """Return the constant by which the description turns a current of joint j into its torque."""
+    """Return what turns a current or a command of joint j into its torque."""
+    if controller := experiment.robot.drives[experiment.robot.joint_names[j]].controller:
+        return controller.position_gain_Nm_per_rad or controller.velocity_gain_Nms_per_rad
     sources = [experiment.source(j, quantity) for quantity in experiment.logged(j, "t")]
     tables = [source for source in sources if not isinstance(source, str)]
     return float(tables[0].get("torque_constant_Nm_per_A", 1.0)) if tables else 1.0
@@ -773,9 +781,6 @@ def _is_off(experiment: Experiment, kind: str, least: float) -> bool:
     """Whether the misfit of a kind is larger than `least` at some joint."""
     return bool(np.nanmax(experiment.misfit(kind), initial=0.0) > least)
 
-
-_has_encoders_apart = partial(_is_off, kind="encoders", least=tol.FEW)
-_has_sensors_apart = partial(_is_off, kind="sensors", least=tol.SLIGHT)
 
 Generator = Callable[[Experiment], Iterator[Transform]]
 Possible = Mapping[Callable[[Experiment], bool], Mapping[Generator, Code]]
@@ -802,9 +807,9 @@ MISTAKES: Possible = {
         _positions: CODES["unit"],
         _exchanges: CODES["swapped-joints"],
     },
-    _has_sensors_apart: {_sensor_scales: CODES["torque-scale"]},
+    partial(_is_off, kind="sensors", least=tol.SLIGHT): {_sensor_scales: CODES["torque-scale"]},
     attrgetter("used"): {gears.gear_ratios: CODES["gear-ratio"], _times: CODES["time-unit"]},
-    _has_encoders_apart: {
+    partial(_is_off, kind="encoders", least=tol.FEW): {
         gears.coupled_motors: CODES["coupled-joints"],
         gears.differentials: CODES["coupled-joints"],
         gears.undeclared_springs: CODES["gear-compliance"],
@@ -814,7 +819,7 @@ MISTAKES: Possible = {
 """The mistakes that torques show."""
 
 
-def _contradicts_known_bodies(experiment: Experiment) -> bool:
+def _contradicts_bodies(experiment: Experiment) -> bool:
     """Whether the torques of known bodies are not those of the joints."""
     return bool(experiment.robot.known_bodies) and _is_off(experiment, "nominal", tol.POOR)
 
@@ -823,8 +828,9 @@ OF_COMMANDS: Possible = {
     attrgetter("has_bodies"): {
         commands.torque_limits: CODES["saturation"],
         commands.gain_scales: CODES["gain-scale"],
+        bodies.zeros: CODES["encoder-offset"],
     },
-    _contradicts_known_bodies: {bodies.poses: CODES["encoder-offset"]},
+    _contradicts_bodies: {bodies.poses: CODES["sign"], _exchanges: CODES["swapped-joints"]},
 }
 """The mistakes that the torques of controllers show."""
 

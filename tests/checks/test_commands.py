@@ -131,6 +131,7 @@ def test_logs_without_commands_and_delays_beyond_all_buses_are_refused(urdf: Pat
     ("signs", "zeros"),
     [
         ((1, 1), (0.0, 0.0)),
+        ((1, 1), (0.0, 0.1)),
         ((1, -1), (0.0, 0.0)),
         ((-1, -1), (0.0, 0.0)),
         ((1, 1), (-1.5708, 0.0)),
@@ -156,6 +157,30 @@ def test_signs_and_zeros_are_found_by_gravity_and_repaired(
     np.testing.assert_allclose(right.joint_position, log.joint_position, atol=0.03)
     assert right.position_command is not None
     np.testing.assert_allclose(right.position_command, log.position_command, atol=0.03)
+
+
+def test_exchanged_joints_are_named_with_their_commands(
+    chain: tuple[seaid.Robot, seaid.Log],
+) -> None:
+    """It was another scale of the gains, or good."""
+    robot, log = chain
+    assert log.position_command is not None
+    order = [1, 0]
+    wrong = replace(
+        log,
+        joint_position=log.joint_position[:, order],
+        position_command=log.position_command[:, order],
+    )
+    (finding,) = wrong_of(robot, wrong)
+    assert (finding.code, finding.severity, finding.joints) == (
+        *("swapped-joints", "wrong"),
+        ("j0", "j1"),
+    )
+    sources = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]
+    assert sources["j0"] == {
+        "joint_position": "j1.joint_position_rad",
+        "position_command": "j1.position_command_rad",
+    }
 
 
 @pytest.mark.parametrize("delay_s", quick_first([-0.04, 0.08, -0.001, 0.01], 2))  # 0.4 s each
@@ -238,7 +263,6 @@ def with_lines(robot: seaid.Robot, finding: seaid.Finding) -> tuple[seaid.Robot,
     """Return a robot whose controller has the lines of a remedy, and these."""
     table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["j"]["controller"]
     drive = robot.drives["j"]
-    assert drive.controller is not None
     changed = replace(drive.controller, **table)
     return robot.with_drives({"j": replace(drive, controller=changed)}), table
 
