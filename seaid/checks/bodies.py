@@ -42,10 +42,8 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
         return
     # down is the usual one, where a torque does not have the sign of gravity
     axes = [(sign * axis, tol.SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
-    choices = [*axes[:-1], (-np.eye(3)[2], 0.0)]
-    best = _best_gravity(experiment)
-    if best is not None:
-        choices.append((best, 2.0))
+    best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
+    choices = [*axes[:-1], (-np.eye(3)[2], 0.0), *best]
     for direction, penalty in choices:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
         if tilt < tol.SLIGHT:
@@ -201,11 +199,12 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         com = ",".join(f"{x:.4g}" for x in known[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
         without = f"option: without --payload {name}:{mass:g}:{com}"
-        factor = 1 + experiment.multiple(experiment.regressor @ payload)
+        more, error = experiment.multiple(experiment.regressor @ payload)
+        factor, spread = 1 + more, f" +- {mass * error:.2g}" * math.isfinite(error)
         is_off = factor > tol.POOR and abs(factor - 1) > tol.POOR
         # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
-            message = f"{text} has {times * mass:.3g} kg" if times else f"{text} is not there"
+            message = f"{text} {f'has {times * mass:.3g}{spread} kg' if times else 'is not there'}"
             remedy = with_payload(name, times * mass, com) if times else without
             yield Transform(
                 CODES["payload"],

@@ -795,14 +795,15 @@ class Experiment:
         """What the bodies of the robot file leave of the torques, `weighed`."""
         return self.weighed(self.target - self.of_file)
 
-    def multiple(self, torques: Array) -> float:
+    def multiple(self, torques: Array) -> tuple[float, float]:
         """Return the multiple of torques (R, n) that is in what the robot file leaves unexplained.
 
-        It is that of generalised least squares, zero for torques that it does not see.
+        It is that of generalised least squares, with its standard error, which is infinite for
+        torques that it does not see.
         """
         x = self.weighed(torques)
         size = float(x @ x)
-        return float(x @ self.unexplained) / size if size > 0 else 0.0
+        return (float(x @ self.unexplained) / size, size**-0.5) if size > 0 else (0.0, math.inf)
 
     @cached_property
     def computed(self) -> Experiment:

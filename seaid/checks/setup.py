@@ -678,12 +678,12 @@ def _parallel_springs(experiment: Experiment) -> Iterator[Transform]:
     for j in experiment.used:
         joint, is_own = experiment.robot.joint_names[j], np.arange(experiment.robot.n) == j
         # what the file leaves of the torque, over the angle
-        stiffness = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
+        stiffness, error = experiment.multiple(np.where(is_own, experiment.joint[0], 0.0))
         if stiffness > 0 and not experiment.sprung[j]:
             unit = "N/m" if experiment.robot.is_prismatic[j] else "N m/rad"
             yield Transform(
                 CODES["missing-term"],
-                f"a spring of about {stiffness:.3g} {unit} is parallel to {joint}",
+                f"a spring of about {stiffness:.3g} +- {error:.2g} {unit} is parallel to {joint}",
                 experiment.with_changes(sprung=experiment.sprung | is_own),
                 joint,
                 in_drives({(joint,): 'parallel_spring = ["linear", "preload"]'}),

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import weakref
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -446,6 +447,10 @@ def test_a_named_payload_is_contradicted_before_the_bodies_are(case: str, kg: fl
         robot = load_robot(plain.urdf, plain.drives, payloads=[payload])
     (finding, *_), _ = mistakes(experiment(robot, CASES[case][1]()))
     assert (finding.code, finding.severity) == ("payload", "wrong")
+    if case == "leg":
+        (said,) = re.findall(r"has (\S+) \+- (\S+) kg", finding.message)
+        mass, error = map(float, said)
+        assert abs(mass - 2.0) < 3 * error < 0.8
 
 
 @pytest.mark.parametrize("joint", quick_first([2, 1]))  # 1.3 s each
