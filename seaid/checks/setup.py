@@ -198,7 +198,8 @@ def _in_single_logs(experiment: Experiment, generator: Generator) -> Iterator[Tr
             if transform.sources:
                 message = f"in log {number + 1} {transform.message}"
                 changed = experiment.with_log(alone, transform.changed)
-                yield replace(transform, message=message, changed=changed, log=number)
+                # a line of the drives would be one of all logs
+                yield replace(transform, message=message, changed=changed, log=number, remedy="")
 
 
 def _trials(experiment: Experiment, possible: Possible, notes: list[Finding]) -> list[_Trial]:
