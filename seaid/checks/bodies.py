@@ -43,8 +43,7 @@ def gravities(experiment: Experiment) -> Iterator[Transform]:
     # down is the usual one, where a torque does not have the sign of gravity
     axes = [(sign * axis, tol.SLIGHT) for axis in np.eye(3) for sign in (1.0, -1.0)]
     best = [(x, 2.0) for x in [_best_gravity(experiment)] if x is not None]
-    choices = [*axes[:-1], (-np.eye(3)[2], 0.0), *best]
-    for direction, penalty in choices:
+    for direction, penalty in [*axes[:-1], (-np.eye(3)[2], 0.0), *best]:
         tilt = math.acos(float(np.clip(direction @ now / size, -1, 1)))
         if tilt < tol.SLIGHT:
             continue
@@ -205,13 +204,12 @@ def payloads(experiment: Experiment) -> Iterator[Transform]:
         # Round multiples come without a penalty, since only `factor` itself is a fitted number.
         for times in (0.0, *(near(factor) if is_off else ())):
             message = f"{text} {f'has {times * mass:.3g}{spread} kg' if times else 'is not there'}"
-            remedy = with_payload(name, times * mass, com) if times else without
             yield Transform(
                 CODES["payload"],
                 message,
                 experiment.with_changes(bodies=experiment.bodies + (times - 1) * payload),
                 robot.joint_of(body),
-                remedy,
+                with_payload(name, times * mass, com) if times else without,
                 penalty=float(times == factor),
             )
         yield from _placed(experiment, experiment.bodies - payload, text, mass)

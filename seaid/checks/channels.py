@@ -600,8 +600,7 @@ def stop_findings(experiment: Experiment, logs: Sequence[Log]) -> Iterator[Findi
         y = experiment.target[:, j] / np.std(experiment.target[:, j])
         H = np.column_stack([experiment.regressor[:, j], experiment.loads[j]])
         residual, noise = deleted_residual(H, y, at_limit, tol.CORRELATED_ROWS)
-        outwards = residual[at_limit] * np.sign(place[at_limit])
-        push = float(np.median(outwards)) / max(noise, tol.FEW)
+        push = float(np.median(residual[at_limit] * np.sign(place[at_limit]))) / max(noise, tol.FEW)
         if push > tol.SIGNIFICANT:
             yield CODES["contact"].wrong(
                 f"{joint} is at its limit in the robot file, or beyond it, in {share:.0%} of the "

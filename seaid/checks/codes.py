@@ -410,7 +410,7 @@ def _among(finding: Finding, findings: Sequence[Finding]) -> Finding:
     if finding.severity == "note":
         return finding
     if _is_symptom(finding):
-        return as_note(finding) if any(_brings(x, finding) for x in findings) else finding
+        return as_note(finding) if any(_brings(cause, finding) for cause in findings) else finding
     symptoms = (other for other in findings if _is_symptom(other) and _brings(finding, other))
     return replace(finding, severity=by_severity([finding, *symptoms])[0].severity)
 

@@ -504,8 +504,7 @@ def late_columns(side: Side, joint: str) -> tuple[Array, Array]:
         speed, acceleration = motion.motor_velocity[:, index], motion.motor_acceleration[:, index]
         # tanh(v / w) is 1 from about 2 w on, as the sign of Coulomb friction.
         gradual = np.tanh(speed / (tol.POOR * fastest))
-        columns = [gradual, speed, is_ideal * np.sign(speed), is_open * acceleration]
-        return np.column_stack(columns)
+        return np.column_stack([gradual, speed, is_ideal * np.sign(speed), is_open * acceleration])
 
     alike = rows.at_rows([*map(of_drive, side.motions)])
     weighted = side.equation.weighted(alike)

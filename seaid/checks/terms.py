@@ -140,10 +140,9 @@ class DriveRows:
         ]
         columns = np.split(self.at_rows(parts), len(points), axis=1)
         # Columns that replace others are no further parameters, values on a grid are.
-        parameter_count = len(added) + len(grid)
         for point, H in zip(points, columns, strict=True):
             at = FrozenMapping(point | zero_value)
-            yield engine.Alternative(H, parameter_count, places, at, names)
+            yield engine.Alternative(H, len(added) + len(grid), places, at, names)
 
     def _places(self, names: Sequence[str]) -> tuple[int, ...]:
         """Return the places of parameters of the drive among those of the rows."""

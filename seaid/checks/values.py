@@ -78,9 +78,8 @@ def homogeneous(fit: FittedRows, weights: Array, cutoff_hz: float) -> Iterator[F
     is all that they contain.
     """
     factor, theta = fit.qr_factor, fit.estimate.values
-    torques = np.linalg.norm(factor.factors[:, :, -1], axis=1)
     # The model fits these equations worse than zero parameters do.
-    zero_fits = factor.residual_norms(theta) > torques
+    zero_fits = factor.residual_norms(theta) > np.linalg.norm(factor.factors[:, :, -1], axis=1)
     # |W H theta|^2 by equation, from the triangular factors: |R theta| = |H theta|.
     power = (weights * np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)) ** 2
     pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
@@ -527,10 +526,9 @@ def inconsistent_bodies(robot: Robot, is_nearest: bool) -> Iterator[Finding]:
 
     `is_nearest` says whether the nearest consistent ones were asked for.
     """
-    bodies = robot.parameters.reshape(-1, 10)
     wrong = [
         name
-        for name, body in zip(robot.body_names, bodies, strict=True)
+        for name, body in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
         if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
     if wrong:

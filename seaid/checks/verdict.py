@@ -373,8 +373,7 @@ def _load_sizes(experiment: Experiment, bodies: Array) -> Mapping[int, float]:
     if experiment.has_wrenches:
         logged = np.flatnonzero(np.all(np.isfinite(target), axis=0)).tolist()
         return {j: float(np.std(target[:, j])) for j in logged}
-    is_free = not robot.base_is_held
-    if is_free or not robot.known_bodies or not np.all(np.isfinite(bodies)):
+    if not robot.base_is_held or not robot.known_bodies or not np.all(np.isfinite(bodies)):
         return {}
     return dict(enumerate(np.std(experiment.regressor @ bodies, axis=0).tolist()))
 
@@ -410,10 +409,9 @@ def _blocks(fit: FittedRows) -> tuple[Array, float]:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
         return np.full(len(rows.y), NAN), float("inf")
-    parts = [qr_factor.qr_factor_of(rows.at(mask)) for mask in masks]
     factors = [
         part.weighted_factor(fit.weights[np.searchsorted(fit.qr_factor.equations, part.equations)])
-        for part in parts
+        for part in [qr_factor.qr_factor_of(rows.at(mask)) for mask in masks]
     ]
     R = qr_factor.triangle(np.concatenate(factors))
     svd = qr_factor.scaled_svd(R[:, :-1])
