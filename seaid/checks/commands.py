@@ -213,10 +213,9 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     """Yield a controller that is at its limit, or asks more than the limit of the robot file."""
     robot, joint, limit = commanded.robot, commanded.joint, commanded.law.torque_limit_Nm
     has_limit = bool(np.isfinite(limit))
-    if not has_limit:
-        if robot.drives[joint].is_up_to_scale:
-            return  # its gains are in other units than the limit
-        limit = float(robot.effort_limits[robot.index(joint)])
+    if not has_limit and robot.drives[joint].is_up_to_scale:
+        return  # its gains are in other units than the limit
+    limit = limit if has_limit else float(robot.effort_limits[robot.index(joint)])
     asked, unit = np.abs(commanded.asked), commanded.units[1]
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
@@ -346,13 +345,17 @@ def _no_measurement(
         what = f"is {times:.4g} times the tracking error (correlation {r:.4f})"
     table = f'type = "stiff"\ngear_ratio = {drive.ratio:.6g}\nmotor_input = "position_command"'
     law = f"position_gain_Nm_per_rad = {known}"
+    remedy: str = codes.in_drives({(channel.joint,): table, (channel.joint, "controller"): law})
+    if drive.is_elastic:  # a joint with a controller has a stiff drive
+        others = [name for name in log.joint_names if name != channel.joint]
+        remedy = f"log the measured current or torque{codes.excluding_torque(others)}"
     yield codes.CODES["no-measurement"].finding(
         f"the {channel.quantity.replace('_', ' ')} of {channel.joint} {what}, so that it measures "
         "no torque",
         channel.joint,
         "wrong" if is_magnitude else "doubtful",
         {"correlation with the tracking error": r},
-        codes.in_drives({(channel.joint,): table, (channel.joint, "controller"): law}),
+        remedy,
     )
 
 
@@ -427,10 +430,9 @@ def _is_folded(error: Array, torque: Array) -> bool:
     """Whether a torque (T,) without sign rises with the size of the error (T,) on both sides."""
     if np.isnan(error[0]) or not is_unsigned(torque):
         return False
-    sides = ((1, error > 0), (-1, error < 0))
     return all(
         np.mean(part) >= tol.SLIGHT and side * _correlation(error[part], torque[part]) >= tol.MOST
-        for side, part in sides
+        for side, part in ((1, error > 0), (-1, error < 0))
     )
 
 

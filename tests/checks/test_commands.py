@@ -411,6 +411,10 @@ def test_torques_without_sign_and_outputs_of_a_controller_are_named() -> None:
     assert head == "in the drives file:"
     (drive,) = drives_from_mapping(tomllib.loads(table)).values()
     assert drive.controller == law(20.0)
+    robot, log = _servo_log(20 * error, position + error)
+    sprung = robot.with_drives({"pendulum": seaid.SeriesElasticDrive(gear_ratio=10.0)})
+    (finding,) = no_measurements(sprung, log)  # the keys of a spring are none of a stiff drive
+    assert finding.remedy == "log the measured current or torque"
     # a signed torque with noise, one of gravity that never changes sign, one with a free sign
     assert named(torque) == named(torque, position + error) == []
     assert named(5 + 20 * error + noise) == []
