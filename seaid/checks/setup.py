@@ -254,13 +254,7 @@ def _finding(best: _Trial, rivals: Sequence[_Trial]) -> Finding:
     # what rests on the bodies of the robot file is at most likely
     certainty: Certainty = "certain" if best.shown > tol.SIGNIFICANT**2 / 2 else "likely"
     finding = transform.code.finding(
-        message,
-        transform.joint,
-        severity,
-        evidence,
-        transform.lines,
-        certainty,
-        transform.joints,
+        message, transform.joint, severity, evidence, transform.lines, certainty, transform.joints
     )
     others = {x.transform.code.finding(x.transform.message): best.total - x.total for x in rivals}
     return undecided(finding, others) if others else finding
@@ -859,15 +853,31 @@ def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
 
 
 def _sizes(logged: channels.Logged) -> Iterator[Finding]:
-    """Yield that the lengths of the robot file are in mm."""
-    model = logged.robot.model
-    longest = max(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
-    if longest > tol.LONGEST_M:
-        yield CODES["geometry"].finding(
-            f"two joints of the robot file are {longest:.3g} m apart: its lengths are in mm, not m",
-            severity="wrong",
-            evidence={"longest distance [m]": longest},
-            remedy="in the robot file: all lengths times 0.001, and inertias in kg mm^2 times 1e-6",
+    """Yield that lengths of the robot file are in mm, or gravity in another unit than m/s^2."""
+    model, bodies = logged.robot.model, logged.robot.parameters.reshape(-1, 10)
+    of_mass = bodies / np.where(bodies[:, :1] > 0, bodies[:, :1], np.inf)
+    sizes = {
+        "joints that are apart by": np.array([x.translation for x in model.jointPlacements]),
+        "centres of mass away from their joints by": of_mass[:, 1:4],
+        # I / m is the square of a radius of gyration
+        "radii of gyration of": np.sqrt(np.abs(of_mass[:, [4, 6, 9]])),
+    }
+    farthest = {words: float(np.max(np.linalg.norm(x, axis=1))) for words, x in sizes.items()}
+    far = [f"{words} {size:.3g} m" for words, size in farthest.items() if size > tol.LONGEST_M]
+    if far:
+        yield CODES["geometry"].wrong(
+            f"the robot file has {listed(far)}: its lengths, or inertias, are in mm, not m",
+            evidence={"longest distance [m]": max(farthest.values())},
+            remedy="in the robot file: lengths in mm times 0.001, inertias in kg mm^2 times 1e-6, "
+            "in g mm^2 times 1e-9",
+            certainty="certain",
+        )
+    size = float(np.linalg.norm(model.gravity.linear))
+    if size > tol.STRONGEST_M_PER_S2:
+        yield CODES["gravity"].wrong(
+            f"gravity is {size:.4g} m/s^2, more than on any planet: it is in another unit",
+            evidence={"gravity [m/s^2]": size},
+            remedy="option: --gravity 0,0,-9.81",
             certainty="certain",
         )
 
@@ -888,7 +898,7 @@ def setup_findings(experiment: Experiment, known: Sequence[Finding]) -> list[Fin
 
 def _of_motion(experiment: Experiment, known: Sequence[Finding]) -> list[Finding]:
     """Return the mistakes of the set-up that the motion shows, next to `known` findings."""
-    hiding = {"time-unit", "missing-drives", "wraps", "geometry", "holes"}
+    hiding = {"time-unit", "missing-drives", "wraps", "geometry", "gravity", "holes"}
     of_logs = {finding.code for finding in known if finding.severity != "note"}
     wrong = {finding.code for finding in known if finding.severity == "wrong"}
     if (of_logs & hiding) | (wrong & {"no-measurement"}):

@@ -89,6 +89,9 @@ shows no gear ratio, and what holds it yields too."""
 LONGEST_M = 20.0
 """Distance [m] between two joints that no robot has, which is that of 2 cm in mm."""
 
+STRONGEST_M_PER_S2 = 30.0
+"""Gravity [m/s^2] that no planet has: that of Jupiter is 25."""
+
 LEVELS = 50
 """Least number of different values of a channel whose extremes and zeros mean something."""
 

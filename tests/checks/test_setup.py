@@ -22,7 +22,7 @@ from seaid.checks.experiment import (
     experiment_of,
     multiplied,
 )
-from seaid.checks.setup import _all_torque_scales, mistakes, setup_findings
+from seaid.checks.setup import _all_torque_scales, log_findings, mistakes, setup_findings
 from seaid.errors import Finding
 from seaid.legged import load_robot
 from seaid.log import Log
@@ -41,7 +41,7 @@ from tests.experiments import (
 )
 from tests.mistakes import CASES as SPRUNG
 from tests.mistakes import lines_of, of_joint, with_channels
-from tests.plants import body, log_with
+from tests.plants import body, log_with, write_robot
 from tests.representatives import quick_first, quick_only
 
 
@@ -433,6 +433,32 @@ def test_what_the_log_does_not_decide_is_named_together_with_the_measurement_tha
     assert "; or the whole joint rail" in finding.message
     assert "sign =" not in finding.remedy
     assert "turn the joint by hand" in finding.remedy
+
+
+IN_OTHER_UNITS = {
+    "lengths": (1e3, 1e3, 1e6, -9.81, "geometry"),
+    "centres": (1.0, 1e3, 1.0, -9.81, "geometry"),
+    "kg mm^2": (1.0, 1.0, 1e6, -9.81, "geometry"),
+    "g mm^2": (1.0, 1.0, 1e9, -9.81, "geometry"),
+    "gravity": (1.0, 1.0, 1.0, -9810.0, "gravity"),
+    "": (1.0, 1.0, 1.0, -9.81, ""),
+}
+"""{what is in another unit: factors on distances, centres and inertias, gravity, the code}."""
+
+
+@pytest.mark.parametrize("what", IN_OTHER_UNITS)
+def test_units_of_a_robot_file_are_plausible(what: str, tmp_path: Path) -> None:
+    far, out, wide, gravity, code = IN_OTHER_UNITS[what]
+    moments = f'ixx="{0.02 * wide}" iyy="{0.02 * wide}" izz="{0.01 * wide}" ixy="0" ixz="0" iyz="0"'
+    inertial = f'<inertial><origin xyz="{0.05 * out} 0 0"/><mass value="1.5"/><inertia {moments}/>'
+    joints = {"a": "revolute base arm ", "b": f'revolute arm hand <origin xyz="0 0 {0.3 * far}"/>'}
+    path = write_robot(tmp_path / "arm.urdf", joints, f"{inertial}</inertial>")
+    robot = load_robot(path, gravity=(0.0, 0.0, gravity))
+    time = np.arange(500) / 100
+    moved = np.column_stack([np.sin(time), np.cos(2 * time)])
+    log = log_with(("a", "b"), time, joint_position=moved, motor_torque=moved)
+    findings = [x for x in log_findings(robot, [log]) if x.code in ("geometry", "gravity")]
+    assert [(x.code, x.severity) for x in findings] == [(code, "wrong")] * bool(code)
 
 
 @pytest.mark.parametrize(("case", "kg"), quick_first([("arm", 1.5), ("leg", 2.6), ("leg", 4.0)]))
