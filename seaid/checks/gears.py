@@ -653,8 +653,7 @@ _STEP_RAD = 1e-4
 
 def _turned(side: Side, joint: str) -> Array:
     """Return the derivative (R, 1) of the load's torque by the angle of a joint."""
-    ahead = side.torques_of(side.bodies, joint, _STEP_RAD)
-    return (ahead - side.torque_of_bodies) / _STEP_RAD
+    return (side.torques_of(side.bodies, joint, _STEP_RAD) - side.torque_of_bodies) / _STEP_RAD
 
 
 def _searched_zero(side: Side, joint: str) -> tuple[float, float]:

@@ -101,8 +101,7 @@ def replay_worse(
     `after` {joint: rms error}, with `units` of a thousandth; `ratios` {joint: that over the error
     before}. In open loop (not `is_closed`) torques drift apart.
     """
-    tiny = np.finfo(float).tiny
-    whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], tiny)))))
+    whole = float(np.exp(np.mean(np.log(np.maximum([*ratios.values()], np.finfo(float).tiny)))))
     # of a joint, less is within the scatter of parts of one log
     worse = {joint: ratio for joint, ratio in ratios.items() if ratio > 1 + POOR}
     unit_of = dict(zip(ratios, units, strict=True))

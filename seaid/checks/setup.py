@@ -722,35 +722,41 @@ def _with_clock(experiment: Experiment, log_factor: float) -> Experiment:
 
 
 def _exchanges(experiment: Experiment) -> Iterator[Transform]:
-    is_commanded, code = experiment.robot.has_controllers, CODES["swapped-joints"]
+    code = CODES["swapped-joints"]
     for i, j in experiment.pairs(range(experiment.robot.n)):
         first, second = pair = tuple(experiment.robot.joint_names[place] for place in (i, j))
         order = np.arange(experiment.robot.n)
         order[[i, j]] = j, i
-        are_apart = experiment.both[i] and experiment.both[j]
-        are_twice = experiment.has_both_torques[i] and experiment.has_both_torques[j]
-        parts = ("qm", "t", *("qm" if are_apart else ""), *("s" if are_twice else ""))
-        for sides in ("qmts", *(() if is_commanded else parts)):
+        for sides in _exchangeable(experiment, i, j):
             words = "channels" if sides == "qmts" else _words(experiment, i, sides, "s")
             # constants and gains of motors stay with them where columns are exchanged
-            stays = sides == "t" or is_commanded
+            stays = sides == "t" or experiment.robot.has_controllers
             factor = _constant(experiment, i) / _constant(experiment, j) if stays else 1.0
             both = experiment.both[order] if {"q", "m"} <= {*sides} else experiment.both
             changed = experiment.with_changes(both=both).with_channels(
                 sides, partial(np.take, indices=order, axis=-1)
             )
-            sources = {first: experiment.entries(j, sides, factor=factor)}
-            sources[second] = experiment.entries(i, sides, factor=1 / factor)
-            if is_commanded:  # the commands too, and the gains of each controller stay
-                sources = {x: _of_controller(experiment, y) for x, y in ((first, j), (second, i))}
+            sources = {first: _of_other(experiment, j, sides, factor)}
+            sources[second] = _of_other(experiment, i, sides, 1 / factor)
             if factor != 1:
                 changed = scaled(changed, {i: factor, j: 1 / factor}, "t")
             message = f"the {words} of {first} and {second} are exchanged"
             yield Transform(code, message, changed, first, joints=pair, sources=sources)
 
 
-def _of_controller(experiment: Experiment, j: int) -> dict[str, Source]:
-    """Return the sources of joint j but for its torque, which its controller computes."""
+def _exchangeable(experiment: Experiment, i: int, j: int) -> Iterator[str]:
+    """Yield the channels that two joints may have exchanged: with controllers all of them."""
+    yield "qmts"
+    if not experiment.robot.has_controllers:
+        yield from ("qm", "t")
+        yield from "qm" if experiment.both[i] and experiment.both[j] else ""
+        yield from "s" if np.all(experiment.has_both_torques[[i, j]]) else ""
+
+
+def _of_other(experiment: Experiment, j: int, channels: str, factor: float) -> dict[str, Source]:
+    """Return the sources of joint j for another one, but a torque that its controller computes."""
+    if not experiment.robot.has_controllers:
+        return experiment.entries(j, channels, factor=factor)
     sources = experiment.sources[0][experiment.robot.joint_names[j]]
     return {name: source for name, source in sources.items() if name != experiment.input(j)}
 
