@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -126,9 +127,8 @@ def late_imu(case: Case) -> Case:
     assert log.base is not None
     names = ("orientation", "angular_velocity", "specific_force")
     logged = {x: getattr(log.base, x) for x in names if getattr(log.base, x) is not None}
-    return robot, replace(
-        log, base=replace(log.base, **{x: _late(log, values) for x, values in logged.items()})
-    )
+    late: dict[str, Any] = {x: _late(log, values) for x, values in logged.items()}
+    return robot, replace(log, base=replace(log.base, **late))
 
 
 def late_torques(case: Case) -> Case:

@@ -298,10 +298,16 @@ def consequences(setup: Sequence[Finding], findings: Iterable[Finding]) -> list[
     offset of them would spoil the repaired result.
     """
     wrong = [finding for finding in setup if is_wrong([finding])]
-    if not wrong:
-        return [*findings]
-    is_whole = any(not x.joint or x.certainty == "certain" for x in wrong)
-    joints = {"", *joints_of(wrong)}  # a finding about no joint is of all
+    return notes_beside(
+        wrong, findings, any(not x.joint or x.certainty == "certain" for x in wrong)
+    )
+
+
+def notes_beside(
+    causes: Sequence[Finding], findings: Iterable[Finding], is_whole: bool
+) -> list[Finding]:
+    """Return findings: notes at the joints of causes and of no joint, all where `is_whole`."""
+    joints = {"" for _ in causes} | joints_of(causes)
     return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 

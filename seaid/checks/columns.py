@@ -394,15 +394,8 @@ def _known_rotors(side: Side, joint: str) -> Iterator[engine.Candidate]:
     """
     drive = side.robot.drives[joint]
     if side.is_motor and drive.values.get("motor_inertia") and side.drive(joint).is_of_motor:
-        yield engine.linear_candidate(
-            joint, "motor_inertia", "", partial(_acceleration, side, joint)
-        )
-
-
-def _acceleration(side: Side, joint: str) -> Array:
-    """Return the acceleration (R, 1) of the motor of a joint at the rows."""
-    drive = side.drive(joint)
-    return drive.at_rows([signals["theta_M_ddot"][:, None] for signals in drive.signals])
+        acceleration = partial(side.drive(joint).signal, "theta_M_ddot")
+        yield engine.linear_candidate(joint, "motor_inertia", "", acceleration)
 
 
 def _rotor_is_other(

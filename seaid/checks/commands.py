@@ -516,9 +516,7 @@ def _separation(
 
 def delay_estimate_findings(robot: Robot, load_side: Estimate) -> Iterator[Finding]:
     """Yield, after a fit, sums that the log determines in place of delays, and unusual delays."""
-    sums: list[str] = []
-    evidence: dict[str, float] = {}
-    stated_s = 0.0
+    sums, evidence, stated_s = list[str](), dict[str, float](), 0.0
     for bus in buses_of(robot.drives, load_side.names):
         joints, place = _joints_of(bus, load_side.names), bus.places[0]
         delay, std = float(load_side.values[place]), float(load_side.standard_errors[place])
@@ -560,15 +558,14 @@ def _sum_with_delay(load_side: Estimate, joint: str) -> tuple[float, float, floa
 
 def _unusual_delay(delay: float, joints: Sequence[str]) -> Finding:
     """Return the finding on commands that act before their time, or later than on any bus."""
-    is_late = delay > 0
     when, cause = "before", "they are logged late, or K_d is on the error (command_velocity_gain)"
-    if is_late:
+    if delay > 0:
         when, cause = "after", "no bus is so slow: clocks differ, or the drive filters its commands"
     return codes.CODES["delay"].finding(
         f"the commands of {listed(joints)} act {1e3 * abs(delay):.3g} ms {when} their time in the "
         f"log: {cause}",
         codes.only_joint(joints),
-        "doubtful" if is_late else "note",
+        "doubtful" if delay > 0 else "note",
         {"delay [s]": delay},
         "log the commands and the positions with one clock",
     )
@@ -638,7 +635,7 @@ def _in_other_units(
     robot, names = experiment.robot, experiment.robot.joint_names
     errors = [experiment.scales[j].error / factor for j, factor in off.items()]
     factors = {**dict.fromkeys(others, float(np.median([*off.values()]))), **off}
-    texts = [f"{names[j]} {_as_text(factor)}" for j, factor in off.items()]
+    texts = [f"{names[j]} {'1/' * (x < 1)}{max(x, 1 / x):.3g}" for j, x in off.items()]
     alike = f"; {listed([names[j] for j in others])} as the others" if others else ""
     joints = tuple(names[j] for j in sorted(factors))
     return Transform(
@@ -654,7 +651,3 @@ def _in_other_units(
         penalty=float(len(off)),
         joints=joints,
     )
-
-
-def _as_text(factor: float) -> str:
-    return f"{factor:.3g}" if factor > 1 else f"1/{1 / factor:.3g}"

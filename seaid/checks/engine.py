@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from scipy.special import stdtrit
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
@@ -391,12 +391,12 @@ class Equation:
     """The rows of a fit, with the weights (E,) of its equations.
 
     `errors` are the parts of the weighted residual that follow errors of earlier values, those of
-    springs: orthonormal (R, k), and their standard deviations (k,) over that of the noise.
+    springs: directions (R, k), which are orthonormal, and what `whitened` has of their sizes.
     """
 
     rows: Regression
     weights: Array
-    errors: tuple[Array, Array] | None = None
+    errors: tuple[Array, tuple[tuple[Array, Array], ...]] = (np.empty((0, 0)), ())
 
     @cached_property
     def weight(self) -> Array:
@@ -407,11 +407,7 @@ class Equation:
 
     def weighted(self, columns: Array) -> Array:
         """Return columns (R, c) times the root of the inverse covariance of the residual."""
-        weighted = self.weight[:, None] * columns
-        if self.errors is None:
-            return weighted
-        directions, sizes = self.errors
-        return whitened(weighted, directions, [(np.eye(len(sizes)), sizes)])
+        return whitened(self.weight[:, None] * columns, *self.errors)
 
     @cached_property
     def basis(self) -> Array:
@@ -504,12 +500,12 @@ def equation_of(fitted: FittedRows) -> Equation:
     # The noise is what is left if the earlier values are free; a row has a part of an independent
     # one's information.
     free = equation.with_alternatives([Alternative(columns, 0)])
-    noise = np.sqrt(np.mean(free.residual**2) * ROWS_PER_PERIOD / 2)
-    values, vectors = np.linalg.eigh(fitted.propagated)
-    # C = L L^T: errors L u of unit variance u.
-    effects = equation.weighted(columns @ (vectors * np.sqrt(np.maximum(values, 0.0))))
-    directions, sizes, _ = np.linalg.svd(effects, full_matrices=False)
-    return replace(equation, errors=(directions, sizes / max(float(noise), 1e-300)))
+    noise = np.mean(free.residual**2) * ROWS_PER_PERIOD / 2
+    # With T = Q R the errors T u of a covariance C of u have Q (R C R^T) Q^T.
+    Q, R = np.linalg.qr(equation.weighted(columns))
+    of_noise = R @ fitted.propagated @ R.T / max(float(noise), 1e-300)
+    squares, directions = safely(np.linalg.eigh, of_noise, what="the errors of springs")
+    return replace(equation, errors=(Q, ((directions, np.sqrt(np.maximum(squares, 0.0))),)))
 
 
 _LOST = 1e-6

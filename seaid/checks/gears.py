@@ -588,10 +588,9 @@ def common_delay(selected: Sequence[tuple[Side, engine.Selection]]) -> Finding |
         return None
     accepted = (x for _, selection in selected for x in selection.accepted)
     shares = [x.share for x in accepted if x.trial.candidate.about.code is codes.CODES["delay"]]
-    explained = max(shares, default=0.0)
-    side = selected[0][0]
+    side, share = selected[0][0], max(shares, default=0.0)
     channels = {joint: torque_channel(side, joint) for joint in delays}
-    return late_channels(side, channels, (common, error), explained, abs(common))
+    return late_channels(side, channels, (common, error), share, abs(common))
 
 
 def _delays(side: Side, selection: engine.Selection) -> dict[str, tuple[float, float]]:

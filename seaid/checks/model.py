@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.checks import engine
-from seaid.checks.codes import CODES, as_note, guarded, joints_of, undecided
+from seaid.checks.codes import CODES, guarded, joints_of, notes_beside, undecided
 from seaid.checks.columns import DRIVE_CHECKS, Side
 from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
@@ -284,13 +284,19 @@ def model_findings(
     """
     findings = _without_late_encoders(selected)
     mistakes = [finding for finding in known if finding.severity != "note"]
-    findings = _with_spoiled_notes(findings, mistakes)
+    spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
+    findings = notes_beside(spoiling, findings, any(map(_is_of_robot, spoiling)))
     findings = _with_common_delay(findings, selected, mistakes)
     if any(not finding.joint for finding in mistakes):
         # a mistake about the whole robot, such as a tilt, looks like the zero of a joint
         zero = "encoder-offset"
         findings = [replace(x, severity="note") if x.code == zero else x for x in findings]
     return [*findings, *dict.fromkeys(chain.from_iterable(side.notes for side in selected))]
+
+
+def _is_of_robot(mistake: Finding) -> bool:
+    """Whether a mistake is of no joints, as a clock or a tilt, and certain."""
+    return not mistake.joint and not mistake.joints and mistake.certainty == "certain"
 
 
 def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:
@@ -305,14 +311,6 @@ def _without_late_encoders(selected: Sequence[SideSelection]) -> list[Finding]:
     joints = joints_of(x for x in of_motors if x.code in late)
     kept = (x for x in of_load if x.joint not in joints or not {x.code, *x.evidence} & delays)
     return [*of_motors, *kept]
-
-
-def _with_spoiled_notes(findings: Sequence[Finding], mistakes: Sequence[Finding]) -> list[Finding]:
-    """Return findings: notes at joints whose channels are wrong, all where a whole log is."""
-    spoiling = [finding for finding in mistakes if CODES[finding.code].kind == "cause"]
-    joints = joints_of(spoiling) | {"" for _ in spoiling}  # what names no joint is of all
-    is_whole = any(not x.joint and not x.joints and x.certainty == "certain" for x in spoiling)
-    return [as_note(x) if is_whole or x.joint in joints else x for x in findings]
 
 
 def _with_common_delay(

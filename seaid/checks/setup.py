@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from operator import attrgetter
 
 import numpy as np
@@ -853,9 +853,9 @@ def log_findings(
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
     """Yield what is wrong with torques and commands, see `commands`."""
-    for log in logged.logs:
-        for look in (commands.no_measurements, commands.command_findings):
-            yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
+    looks = commands.no_measurements, commands.command_findings
+    for log, look in product(logged.logs, looks):
+        yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 
 def _sizes(logged: channels.Logged) -> Iterator[Finding]:

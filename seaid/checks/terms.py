@@ -301,9 +301,7 @@ def scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     middle, half = 0.0, 1.0
     if drive.is_elastic:
         signals = [regression.actuator_equation(robot, motion, joint)[1] for motion in motions]
-        angles = ([x[name] for x in signals] for name in ("theta_M", "theta_L"))
-        motor, load = map(np.concatenate, angles)
-        reached = deflection(drive, motor, load)
+        reached = np.concatenate([deflection(drive, x["theta_M"], x["theta_L"]) for x in signals])
         low, high = float(np.min(reached)), float(np.max(reached))
         middle, half = 0.5 * (low + high), max(0.5 * (high - low), 1e-12)
     return Scale(max(speed, 1e-9), max(angle, 1e-12), duration_s(motions), middle, half)

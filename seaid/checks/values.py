@@ -128,9 +128,8 @@ def noise_findings(estimate: Estimate) -> Iterator[Finding]:
 
 
 def _drifts(shown: Diagnostics) -> Iterator[Finding]:
-    for drift in shown.drifts:
-        if drift.ratio <= tol.FAR:  # it is in the standard errors all the same
-            continue
+    # Those below are in the standard errors all the same.
+    for drift in (drift for drift in shown.drifts if drift.ratio > tol.FAR):
         yield CODES["drift"].finding(
             f"the torque of {drift.joint or 'the joint'} has slow errors of {drift.share:.1%} of "
             "its rms, as of a sensor that drifts, or of a zero or a term that the model lacks: "

@@ -263,6 +263,7 @@ def with_lines(robot: seaid.Robot, finding: seaid.Finding) -> tuple[seaid.Robot,
     """Return a robot whose controller has the lines of a remedy, and these."""
     table = tomllib.loads(finding.remedy.partition("in the drives file:\n")[2])["j"]["controller"]
     drive = robot.drives["j"]
+    assert drive.controller is not None
     changed = replace(drive.controller, **table)
     return robot.with_drives({"j": replace(drive, controller=changed)}), table
 

@@ -237,8 +237,8 @@ def test_a_ratio_by_counts_that_are_a_guess_is_none(tmp_path: Path) -> None:
             x[:, 0] += 0.3 * rate**order * np.sin(rate * time + phase + order * np.pi / 2)
     load = joint_torques(robot, q, v, a)
     motor = gear * (q + load / stiffness)
-    speed, rate = np.gradient(motor, time, axis=0), gear * a
-    torque = load / gear + 1e-6 * rate + 1e-5 * speed + 2e-3 * np.sign(speed)
+    speed, acceleration = np.gradient(motor, time, axis=0), gear * a
+    torque = load / gear + 1e-6 * acceleration + 1e-5 * speed + 2e-3 * np.sign(speed)
     columns = {"t": time, "q [rad]": q + 1e-4 * random.normal(size=q.shape), "tau [Nm]": torque}
     columns["motor position"] = np.round(motor * 4096 / (2 * np.pi))
     path = write_columns(tmp_path / "run.csv", {key: x.ravel() for key, x in columns.items()})
