@@ -110,21 +110,14 @@ def read_log(
     complete = completed(table, described or LogDescription(), robot)
     selection = selected(path, table, complete, robot)
     data = table.load(selection.columns)
-    if described is None and selection.has_one_clock:
-        log = selection.log(data) if repair is None else _repaired(selection, data, repair)
+    if described is None and selection.has_one_clock and repair is None:
+        log = selection.log(data)
     else:
         log = _as_described(selection, data, complete, repair or complete.repair)
     if described is not None or not selection.is_own:
         log = replace(log, description=complete.to_dict())
     _warn_of_columns(path, log, robot, table.names, complete)
     return log
-
-
-def _repaired(selection: Selection, data: Block, limits: Repairs) -> Log:
-    """Return the log of columns with the names of seaid, repaired within limits."""
-    channels = selection.channels(data)
-    with selection.named():
-        return selection.composed(*repaired(channels, limits))
 
 
 def _as_described(

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import seaid
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
 from seaid.log import read_log
@@ -129,6 +130,13 @@ def test_fifty_samples_are_enough(arm: Robot, tmp_path: Path) -> None:
     assert len(read_log(columns, arm).time) == 50
     with pytest.raises(LogError, match="a log needs 50 samples or more, found 49"):
         read_log({name: values[:49] for name, values in columns.items()}, arm)
+
+
+def test_a_repair_refuses_a_dead_sensor_in_any_names(arm: Robot, tmp_path: Path) -> None:
+    """Only a log with a description was asked whether its sensors are alive."""
+    path = written(tmp_path, **{MOTOR: np.zeros(len(TIME))})
+    with pytest.raises(LogError, match="is 0 all the time while the other side of the joint"):
+        read_log(path, arm, repair=seaid.Repairs())
 
 
 def test_foreign_columns_come_in_by_name_unit_and_factor(arm: Robot, tmp_path: Path) -> None:
