@@ -452,7 +452,11 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
 
 
 def _clock(value: Any, where: str) -> Clock | None:
-    clock: Clock | None = _READER.value(Clock | None, _with_column(value), "time", where)
+    """Return a clock; a column alone makes one, and its number is its name in such a file."""
+    table = {"column": value} if isinstance(value, str | int) else value
+    if isinstance(table, Mapping) and type(table.get("column")) is int:
+        table = {**table, "column": str(table["column"])}
+    clock: Clock | None = _READER.value(Clock | None, table, "time", where)
     return clock
 
 
@@ -471,34 +475,36 @@ def _sources(where: str, table: Any, rows: Mapping[str, Quantity]) -> dict[str, 
     """Return the sources of a table by quantity, with the clock that they share."""
     values = _READER.table(dict.fromkeys(("time", *rows), Any), table, where)
     clock = _clock(values.pop("time", None), where)
-    read = _source if rows is OF_JOINTS else _vector
-    sources = {name: read(f"{where} {name}", rows[name], value) for name, value in values.items()}
+    sources = {x: _source(f"{where} {x}", rows[x], value) for x, value in values.items()}
     return {name: replace(x, time=x.time or clock) for name, x in sources.items()}
 
 
 _OF_VECTORS = ("columns", "frame", "order", "scale", "above", "unknown", "delay_s")
-_KEYS = types_of(Source)
-_KEYS_OF_VECTORS = {key: _KEYS[key] for key in _OF_VECTORS} | {"columns": Any}
-_KEYS_OF_JOINTS = {"column": ColumnName | None} | {
+_KEYS = types_of(Source) | {"columns": Any, "time": Any}
+_KEYS_OF_VECTORS = {key: _KEYS[key] for key in _OF_VECTORS}
+_KEYS_OF_JOINTS = {"column": Any} | {
     key: kind for key, kind in _KEYS.items() if key not in {*_OF_VECTORS} - {"scale", "delay_s"}
 }
 """{key: type} of the sources of a vector, and of those of a joint."""
 
 
-def _vector(where: str, row: Quantity, value: Any) -> Source:
-    """Return the source of a vector of the base or of a contact."""
+def _source(where: str, row: Quantity, value: Any) -> Source:
+    """Return the source of a quantity of a joint, or of a vector of the base or of a contact."""
     if isinstance(value, Source):
         return value
-    table = value if isinstance(value, Mapping) else {"columns": value}
-    values = _READER.table(_KEYS_OF_VECTORS, table, where, needed=["columns"])
-    columns = _expanded(where, values.pop("columns"))
-    # How many of them a planar base needs is known with the robot: `channels` checks that.
-    if len(columns) != row.width and not (row.name in _PLANAR and len(columns) < row.width):
-        raise LogError(f"{where}: needs {row.width} columns, found {len(columns)}")
-    for key, quantities in _ONLY_OF.items():
-        if key in table and row.name not in quantities:
-            raise LogError(f"{where}: {key} is not for {row.name}, found {shown(table[key])}")
-    return Source(columns, **values)
+    is_of_joint = row.name in OF_JOINTS
+    key, keys = ("column", _KEYS_OF_JOINTS) if is_of_joint else ("columns", _KEYS_OF_VECTORS)
+    table = value if isinstance(value, Mapping) else {key: value}
+    values = _READER.table(keys, table, where)
+    named = values.pop(key, None)
+    columns = () if named is None else _expanded(f"{where}: '{key}'", named)
+    time = _clock(values.pop("time", None), where)
+    for name, quantities in _ONLY_OF.items():
+        if name in table and row.name not in quantities:
+            raise LogError(f"{where}: {name} is not for {row.name}, found {shown(table[name])}")
+    source = Source(columns, time=time, **values)
+    _check_source(where, row, source)
+    return source
 
 
 _ONLY_OF: dict[str, Collection[str]] = {
@@ -512,8 +518,8 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
     """Return the names of columns: 'q[3:7]' stands for four, and a number for itself."""
     columns: list[str] = []
     for entry in value if isinstance(value, list | tuple) else [value]:
-        if type(entry) is not int and not (isinstance(entry, str) and entry):
-            raise LogError(f"{where}: columns must be names of columns, found {shown(entry)}")
+        if type(entry) is not int and not isinstance(entry, str):
+            raise LogError(f"{where} must be the name of a column, found {shown(entry)}")
         if part := _SLICE.fullmatch(str(entry)):
             places = range(int(part[2]), min(int(part[3]), MOST_COLUMNS))
             columns += [f"{part[1]}[{place}]" for place in places]
@@ -522,37 +528,18 @@ def _expanded(where: str, value: Any) -> tuple[str, ...]:
     return tuple(columns)
 
 
-def _source(where: str, row: Quantity, value: Any) -> Source:
-    """Return the source of a quantity of a joint."""
-    if isinstance(value, Source):
-        return value
-    table = _with_column(value)
-    if isinstance(table, Mapping) and "time" in table:
-        table = {**table, "time": _with_column(table["time"])}
-    values = _READER.table(_KEYS_OF_JOINTS, table, where)
-    column = values.pop("column", None)
-    source = Source(() if column is None else (column,), **values)
-    _check_source(where, row, source)
-    return source
-
-
-def _with_column(value: Any) -> Any:
-    """Return a table; a column alone makes one, and its number is its name in such a file."""
-    table = {"column": value} if isinstance(value, str | int) else value
-    if isinstance(table, Mapping) and type(table.get("column")) is int:
-        return {**table, "column": str(table["column"])}
-    return table
-
-
 def _check_source(where: str, row: Quantity, source: Source) -> None:
     """Raise LogError for keys that do not fit together or do not fit the quantity."""
     unit = source.unit
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = row.kind == "torque" and unit in UNIT_FACTORS["A"]
     units = sorted(units_of(row.kind))
+    count, is_whole = len(source.columns), row.name not in _PLANAR
     faults = {
-        "needs column (or, for a voltage, servo instead)": (
-            bool(source.columns) == bool(source.servo)
+        "needs column (or, for a voltage, servo instead)": bool(count) == bool(source.servo),
+        # How many of them a planar base needs is known with the robot, see `sources`.
+        f"needs {row.width} columns, found {count}": (
+            count > row.width or 0 < count * is_whole < row.width
         ),
         "servo gives a motor_voltage only": source.servo and row.name != "motor_voltage",
         unknown_name("unit of this quantity", unit, units): unit not in (None, *units),
