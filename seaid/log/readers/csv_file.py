@@ -7,7 +7,7 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -28,6 +28,7 @@ from seaid.log.readers.table import (
     damaged,
     has_samples_in_columns,
     in_pieces,
+    joined,
 )
 
 LONGEST_LINE = 1_000_000
@@ -125,11 +126,10 @@ def open_csv(path: Path) -> Table:
         with _opened(path) as file:
             lines, line = _lines(path, file), header.skipped + 1
             list(islice(lines, header.skipped))
-            while parts := _parts(header, lines, wanted, line, size):
-                line += sum(count for count, _ in parts)
-                filled = [part for _, part in parts if part]
-                if filled:
-                    yield {name: np.concatenate([part[name] for part in filled]) for name in wanted}
+            while batches := _batches(header, lines, wanted, line, size):
+                line += sum(count for count, _ in batches)
+                if parts := [part for _, part in batches if part]:
+                    yield joined(parts)
 
     return in_pieces(header.names, blocks, "" if header.has_names else _NUMBERED)
 
@@ -191,28 +191,26 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
         yield line
 
 
-def _parts(
+def _batches(
     header: _Header, lines: Iterator[str], wanted: list[str], first: int, most: int
 ) -> list[tuple[int, Block]]:
-    """Return the next `most` lines in parts: the number of lines, and their columns."""
-    parts: list[tuple[int, Block]] = []
-    count = 0
+    """Return the next `most` lines in batches: the number of lines, and their columns."""
+    batches, count = list[tuple[int, Block]](), 0
     while batch := _next_lines(lines, min(most - count, _LINES)):
-        parts.append((len(batch), _columns(header, batch, wanted, first + count)))
+        batches.append((len(batch), _columns(header, batch, wanted, first + count)))
         count += len(batch)
         check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
-    if first == header.skipped + 1 and not any(part for _, part in parts):
+    if first == header.skipped + 1 and not any(part for _, part in batches):
         raise LogError(
             f"'{header.path}' has column names but no samples: the recording wrote none, or the "
             "file was cut off; record or copy it again"
         )
-    return parts
+    return batches
 
 
 def _next_lines(lines: Iterator[str], most: int) -> list[str]:
     """Return the next lines, limited in number and size."""
-    batch: list[str] = []
-    size = 0
+    batch, size = list[str](), 0
     for line in islice(lines, most):
         batch.append(line)
         size += len(line)
@@ -223,17 +221,17 @@ def _next_lines(lines: Iterator[str], most: int) -> list[str]:
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
     """Return the names and the format of a file, from its comments and first three other lines."""
-    comments, (first, second, third), skipped = _head(path, lines)
+    comments, (first, second, third), (line, line_below) = _head(path, lines)
     numbers = _format_of(first)
     if not first or (comments and numbers):
-        header = _named(path, comments[-1], first, skipped, is_comment=True)
+        header = _named(path, comments[-1], first, line - 1, is_comment=True)
         has_names = numbers is None or numbers.fits(header)
-        return header if has_names else _numbered(path, first, skipped)
+        return header if has_names else _numbered(path, first, line - 1)
     if numbers and not _counts_from_zero(first):
-        return _numbered(path, first, skipped)
-    header = _named(path, first, second, skipped + 1)
+        return _numbered(path, first, line - 1)
+    header = _named(path, first, second, line)
     units = _units(path, second, header)
-    return _with_units(_named(path, first, third, skipped + 2), units) if units else header
+    return _with_units(_named(path, first, third, line_below), units) if units else header
 
 
 def _with_units(header: _Header, units: list[str]) -> _Header:
@@ -257,30 +255,47 @@ def _is_sample(cell: str) -> bool:
     return None not in numbers or bool(_DATE.search(cell))
 
 
-def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], int]:
-    """Return comments, the first three other lines, and the number of lines before these.
-
-    Raises LogError for an empty file.
-    """
-    comments, others, skipped = list[str](), list[str](), 0
-    for line in islice(lines, _MOST_HEAD):
+def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
+    """Return comments, three other lines from the names on, and the numbers of the first two."""
+    comments, others, number = list[str](), dict[int, str](), 0
+    for number, line in enumerate(islice(lines, _MOST_HEAD), 1):
         is_mark = bool(_EXCEL.fullmatch(line))
         if line.strip() and (others or not (is_mark or line[0] in "#%")):
-            others.append(line.rstrip("\r\n"))
+            others[number] = line.rstrip("\r\n")
         elif not is_mark:
             comments.append(line.rstrip("\r\n").lstrip("#% "))
         if len(others) == 3:
-            break
-        skipped += not others
-    comments = list(filter(None, comments))
+            if not _has_title(path, [*others.values()]):
+                break
+            del others[min(others)]
+    comments, texts = list(filter(None, comments)), [*others.values()]
+    _check_head(path, "".join(comments), texts)
+    return comments, [*texts, "", "", ""][:3], [*others, number + 1, number + 1][:2]
+
+
+def _check_head(path: Path, comments: str, lines: Sequence[str]) -> None:
+    """Raise LogError for an empty file, and for one that is no text."""
     # UTF-16 has a zero byte next to each letter.
-    if "\0" in "".join([*comments, *others[:1]]):
+    if "\0" in "".join([comments, *lines[:1]]):
         raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
-    if not "".join([*comments, *others[:2]]).strip(',;\t "'):
+    if not "".join([comments, *lines[:2]]).strip(',;\t "'):
         raise LogError(
             f"'{path}' is empty; a log starts with a line of column names, then a line per sample"
         )
-    return comments, [*others, "", "", ""][:3], skipped
+
+
+def _has_title(path: Path, lines: list[str]) -> bool:
+    """Return whether the first of three lines is a title above those of a table."""
+    # Of two titles the second has no delimiter.
+    names = lines[1] if re.search(r"[,;\t|]", lines[1]) else lines[2]
+    delimiter = _delimiter(names, lines[2], is_comment=False)
+    if delimiter == " ":
+        lines = [" ".join(line.split()) for line in lines]
+    rows = [cells for _, cells in _cells(path, lines, delimiter, 1)]
+    widths = [*map(len, rows), 0, 0]  # fewer than three, if a quotation goes on
+    # A title has one cell, or another number than the table; samples do not stand below it.
+    is_other = widths[2] > 1 and (widths[0] == 1 or widths[0] not in widths[1:3])
+    return is_other and not any(map(_is_sample, filter(str.strip, rows[1])))
 
 
 class _Format(NamedTuple):

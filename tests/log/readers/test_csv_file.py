@@ -96,6 +96,11 @@ def test_what_is_no_table_is_named_with_its_place(
         (text_of(",", head='"t","q","tau"\n').replace("\n", "\r\n"), NAMES),
         (text_of(",", head="t,q,tau\ns,rad,Nm\n"), ["t [s]", "q [rad]", "tau [Nm]"]),
         (text_of(";", ",", head="t;q;tau\n[s];;(Nm)\n"), ["t [s]", "q", "tau [Nm]"]),
+        (text_of(",", head="Log of the arm, run 3\nt,q,tau\n"), NAMES),
+        (text_of(";", ",", head="Bench 3\n\nrate: 100 Hz\nt;q;tau\n"), NAMES),
+        (text_of(" ", head="a bench with an arm\nt q tau\n"), NAMES),
+        (text_of(",", head='"Robot, arm 1, of 2"\nt,q,tau\n'), NAMES),
+        (text_of(",", head="Bench\nt,q,tau\n\ns,,Nm\n"), ["t [s]", "q", "tau [Nm]"]),
     ],
 )
 def test_a_table_of_text_is_read_in_its_own_format(
