@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, combinations, permutations
 from pathlib import Path
@@ -24,7 +24,7 @@ from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
 from seaid.log.describe.base import BaseGuess, infer_base
-from seaid.log.describe.inference import Doubt, Inference, Sources, check_used, is_state, sentences
+from seaid.log.describe.inference import Doubt, Inference, check_used, is_state, sentences
 from seaid.log.describe.joints import (
     every_joint,
     is_sensor,
@@ -177,7 +177,7 @@ def describe_log(
             f"columns are {about}"
         )
     drafts = {joint: quantities_of(inference, joint) for joint in dict.fromkeys(names.values())}
-    joints = _sources(drafts, clocks, names, table.files)
+    joints = _with_clocks(drafts, clocks, names, table.files)
     gains = _gains(samples, inference, joints)
     check_used(inference, drafts, {x for clock in clocks.values() for x in clock.columns()})
     description = LogDescription(
@@ -200,7 +200,7 @@ def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, Ba
     samples, guess = _all_samples(table, inference), BaseGuess()
     if robot is not None and not robot.base_is_held:
         guess = infer_base(table, replace(inference, data=samples), robot)
-        inference.meanings |= guess.meanings
+        inference.meanings |= guess.taken
     inference.data |= _signal_columns(samples, inference)
     return samples, inference, guess
 
@@ -239,21 +239,20 @@ def _places(columns: int, arrays: int, robot: Robot | None) -> Sequence[str]:
     return next((joints for joints in sets if len(joints) == width), ())
 
 
-def _sources(
-    drafts: Mapping[str, Sources],
+def _with_clocks(
+    drafts: Mapping[str, Mapping[str, Source]],
     clocks: Mapping[str, Clock],
     names: Mapping[str, str],
     files: Mapping[str, str],
 ) -> dict[str, dict[str, Source]]:
     """Return the sources of each joint, with its own clock or that of the file of the column."""
-    own = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
+    of_joints = {joint: clocks[tag] for tag, joint in names.items() if tag and tag in clocks}
 
-    def source(joint: str, column: str, **more: Any) -> Source:
-        return Source(
-            (column,), time=own.get(joint) or clocks.get(files.get(column, joint)), **more
-        )
+    def timed(joint: str, source: Source) -> Source:
+        clock = of_joints.get(joint) or clocks.get(files.get(source.column, joint))
+        return replace(source, time=clock)
 
-    return {x: {name: source(x, **y) for name, y in draft.items()} for x, draft in drafts.items()}
+    return {x: {name: timed(x, y) for name, y in draft.items()} for x, draft in drafts.items()}
 
 
 def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -264,52 +263,34 @@ def _file_names(paths: Sequence[Path]) -> tuple[str, ...]:
     return tuple(file.name if file.parent == folder else str(file.resolve()) for file in paths)
 
 
-_GAIN = re.compile(r"(?<![a-z])k_?([pd])(?![a-z])", re.IGNORECASE)
-"""A gain in the name of a column: "motor_cmd[0].kp"."""
+_GAINS = ("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad")
+"""Quantities of columns that are gains of a `Controller`."""
 
 
 def _gains(
     samples: Block, inference: Inference, joints: Mapping[str, Mapping[str, Source]]
 ) -> dict[str, Controller]:
-    """Return the controllers with gains of columns named as the command but for the quantity."""
+    """Return the controllers of commanded joints with columns of gains, and note each of these."""
     supplies = [name for name in samples if inference.meanings[name].quantity == "voltage"]
     unit = "N m at the joint"
     if supplies:
         unit = f"V per rad, as the motor has the supply '{supplies[0]}': is_up_to_scale = true"
-    controllers: dict[str, Controller] = {}
-    for joint, sources in joints.items():
-        command = next((sources[x].column for x in COMMANDS if x in sources), "")
-        if gains := _gains_at(samples, inference, command, unit):
-            controllers[joint] = Controller(
-                position_gain_Nm_per_rad=gains.get("p", 0.0),
-                velocity_gain_Nms_per_rad=gains.get("d", 0.0),
-                is_up_to_scale=bool(supplies),
-            )
-    return controllers
+    gains: dict[str, dict[str, Any]] = {}
+    for name, values in samples.items():
+        meaning = inference.meanings[name]
+        is_commanded = not joints.get(meaning.joint, {}).keys().isdisjoint(COMMANDS)
+        if meaning.quantity in _GAINS and is_commanded:
+            gain = _constant(values)
+            inference.note(name, "gain_changes" if gain is None else "gain", unit=unit)
+            if gain is not None:
+                gains.setdefault(meaning.joint, {})[meaning.quantity] = gain
+    return {joint: Controller(**x, is_up_to_scale=bool(supplies)) for joint, x in gains.items()}
 
 
-def _gains_at(samples: Block, inference: Inference, command: str, unit: str) -> dict[str, float]:
-    """Return {letter: gain} of the columns named as a command, each with a note."""
-    gains: dict[str, float] = {}
-    for name, letter in _gain_columns(samples, command):
-        values = samples[name][np.isfinite(samples[name])]
-        is_constant = len(values) and np.ptp(values) == 0 and values[0] >= 0
-        if is_constant:
-            gains[letter] = float(values[0])
-        inference.note(name, "gain" if is_constant else "gain_changes", unit=unit)
-    return gains
-
-
-def _gain_columns(names: Iterable[str], command: str) -> Iterator[tuple[str, str]]:
-    """Yield the columns named as a command but for the quantity, and the letter of their gain."""
-    for name in names:
-        if word := _GAIN.search(name):
-            head, tail = name[: word.start()], name[word.end() :]
-            # Of "motor_cmd[0].kp" and the command "motor_cmd[0].q" the middle is "q": any word may
-            # be there.
-            middle = command.removeprefix(head).removesuffix(tail)
-            if head + middle + tail == command and middle.replace("_", "").isalpha():
-                yield name, word[1].lower()
+def _constant(values: Array) -> float | None:
+    """Return the only value of a gain, None if it changes or is negative."""
+    finite = values[np.isfinite(values)]
+    return float(finite[0]) if len({*finite}) == 1 and finite[0] >= 0 else None
 
 
 def _common_clock(
@@ -355,6 +336,12 @@ class _File:
         """Whether it has both positions and torques."""
         return "position" in self.quantities and not _TORQUES.isdisjoint(self.quantities)
 
+    def is_of_log(self, file: _File) -> bool:
+        """Return whether files are of one log: of about the same time."""
+        common = min(self.end_s, file.end_s) - max(self.start_s, file.start_s)
+        shorter = min(self.end_s - self.start_s, file.end_s - file.start_s)
+        return self.complements(file) and common > _OVERLAP * shorter
+
     def complements(self, file: _File) -> bool:
         """Return whether files share no column, and one at least lacks positions or torques.
 
@@ -368,16 +355,6 @@ class _File:
             return True
         are_complete = self.is_complete and file.is_complete
         return self.columns.isdisjoint(file.columns) and not are_complete
-
-    def is_of_log(self, file: _File) -> bool:
-        """Return whether files are of one log."""
-        return self.complements(file) and self.overlaps(file)
-
-    def overlaps(self, file: _File) -> bool:
-        """Return whether files are of about the same time."""
-        common = min(self.end_s, file.end_s) - max(self.start_s, file.start_s)
-        shorter = min(self.end_s - self.start_s, file.end_s - file.start_s)
-        return common > _OVERLAP * shorter
 
 
 def logs_of_files(

@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from seaid.log.base_log import matrices
 from seaid.log.channels import UNIT_FACTORS, Frame
 from seaid.log.describe.inference import Inference
 from seaid.log.describe.names import (
+    PLANAR,
     Meaning,
     is_commanded,
     is_contact,
@@ -102,10 +104,12 @@ class BaseGuess:
     contacts: dict[str, dict[str, Source]] = field(default_factory=dict)
     meanings: dict[str, Meaning] = field(default_factory=dict)
 
-    def columns(self) -> list[str]:
-        """Return the columns of the vectors."""
-        vectors = [self.base, *self.contacts.values()]
-        return [name for x in vectors for source in x.values() for name in source.columns]
+    @property
+    def taken(self) -> dict[str, Meaning]:
+        """The meanings of all columns that are taken, those of the vectors too."""
+        tables = [self.base, *self.contacts.values()]
+        columns = chain.from_iterable(x.columns for table in tables for x in table.values())
+        return {**self.meanings, **dict.fromkeys(columns, _TAKEN)}
 
 
 def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
@@ -116,7 +120,7 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     search.take_states(vectors)
     search.take_wrenches(vectors)
     for vector in vectors:
-        if not {*vector.columns} & {*search.guess.meanings}:
+        if search.guess.taken.keys().isdisjoint(vector.columns):
             search.take_vector(vector)
     search.note_unused_forces()
     search.take_contacts(vectors)
@@ -124,7 +128,6 @@ def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
     search.take_planar()
     search.decide_frames()
     search.note_what_is_lacking()
-    search.guess.meanings |= dict.fromkeys(search.guess.columns(), _TAKEN)
     return search.guess
 
 
@@ -334,10 +337,6 @@ class _Search:
             return 0.0
         return 1.0
 
-    def _contact_in(self, name: str) -> str:
-        """Return the contact in a name that is one of a contact, an empty text if none."""
-        return nearest(name, self.floating.contact_links)[0] if is_contact(name) else ""
-
     def take_wrenches(self, vectors: Sequence[Vector]) -> None:
         """Take force sensors for the contacts whose names share the most words with theirs."""
         sensors = force_sensors(vectors)
@@ -350,8 +349,6 @@ class _Search:
                 self.other_forces[sensor] = parts["force"]
                 continue
             self.guess.contacts[link] = {x: vector.source() for x, vector in parts.items()}
-            columns = [name for vector in parts.values() for name in vector.columns]
-            self.guess.meanings |= dict.fromkeys(columns, _TAKEN)
             self.note(sensor, "force_sensor", link=link)
 
     def note_unused_forces(self) -> None:
@@ -371,6 +368,10 @@ class _Search:
         arrays = [x for x in vectors if is_contact(x.stem) and len(x.columns) == len(links)]
         if arrays and not self.guess.contacts:
             self._take_in_order(links, arrays[0])
+
+    def _contact_in(self, name: str) -> str:
+        """Return the contact in a name that is one of a contact, an empty text if none."""
+        return nearest(name, self.floating.contact_links)[0] if is_contact(name) else ""
 
     def _take_in_order(self, links: Sequence[str], vector: Vector) -> None:
         """Take an array for the contacts of the robot in their order."""
@@ -415,54 +416,52 @@ class _Search:
         vectors = self._planar_vectors(normal)
         for quantity in ("angle", "angular_velocity"):
             if quantity in vectors:
-                vectors[quantity] = self._in_radians(*vectors[quantity].columns)
+                vectors[quantity] = self._in_radians(vectors[quantity])
         self._check_signs(vectors)
         # If the normal points up, gravity is along it, and no component in the plane feels it.
         if "specific_force" in vectors and abs(float(self.floating.normal_in_world[2])) < 0.5:
-            force = vectors["specific_force"]
-            about, values = force.columns[0], self.samples(force.columns)
+            force = vectors.pop("specific_force")
+            about, values = force.column, self.samples(force.columns)
             if factor := self._acceleration_factor(about, values, "no_gravity_or_unit"):
                 vectors["specific_force"] = replace(force, scale=factor)
-            else:
-                del vectors["specific_force"]
         self.guess.base = {**vectors, **self.guess.base}
 
-    def _planar_columns(self, normal: str) -> dict[tuple[str, str], str]:
-        """Return {(quantity, axis): column} of single columns that nothing else has taken."""
-        # What arrays and vectors were taken for has precedence over single columns.
-        taken = {*self.guess.meanings, *self.guess.columns()}
-        columns: dict[tuple[str, str], str] = {}
-        for column in [x for x in self.inference.data if x not in taken]:
-            meaning = planar_meaning(self.table.label(column), normal)
-            if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
-                columns.setdefault(meaning, column)
-        return columns
-
     def _planar_vectors(self, normal: str) -> dict[str, Source]:
-        """Return the vectors of a planar base; note one that lacks an axis."""
-        columns = self._planar_columns(normal)
+        """Return the vectors of single columns; note one that lacks an axis."""
         plane, vectors = "xyz".replace(normal, ""), dict[str, Source]()
-        of_plane = dict.fromkeys(("position", "velocity", "specific_force"), plane)
-        for quantity, axes in {**of_plane, "angle": normal, "angular_velocity": normal}.items():
-            parts = {x: columns[quantity, x] for x in axes if (quantity, x) in columns}
-            if len(parts) == len(axes):
-                vectors[quantity] = Source(tuple(parts.values()))
-            elif parts:
-                lacking = next(x for x in axes if x not in parts)
-                self.note(next(iter(parts.values())), "no_plane_axis", axis=lacking)
+        axes = {**dict.fromkeys(PLANAR, plane), "angle": normal, "angular_velocity": normal}
+        columns = self._planar_columns(normal)
+        for quantity in [x for x in axes if x in columns]:
+            parts = columns[quantity]
+            if lacking := [axis for axis in axes[quantity] if axis not in parts]:
+                self.note(next(iter(parts.values())), "no_plane_axis", axis=lacking[0])
+            else:
+                vectors[quantity] = Source(tuple(parts[axis] for axis in axes[quantity]))
         return vectors
 
-    def _in_radians(self, column: str) -> Source:
+    def _planar_columns(self, normal: str) -> dict[str, dict[str, str]]:
+        """Return {quantity: {axis: column}} of single columns that nothing else has taken."""
+        # What arrays and vectors were taken for has precedence over single columns.
+        free, parts = (
+            self.inference.data.keys() - self.guess.taken.keys(),
+            dict[str, dict[str, str]](),
+        )
+        for column in filter(free.__contains__, self.inference.data):
+            meaning = planar_meaning(self.table.label(column), normal)
+            if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
+                parts.setdefault(meaning[0], {}).setdefault(meaning[1], column)
+        return parts
+
+    def _in_radians(self, source: Source) -> Source:
         """Return the source of an angle or its rate, in degrees by its name or its range."""
-        unit, values = self.inference.meanings[column].unit, self.inference.finite(column)
-        words = {*words_of(column)}
-        is_in_degrees = unit in ("deg", "deg/s") or "°" in column
-        is_in_degrees |= not words.isdisjoint(("deg", "degree", "degrees", "dps"))
-        is_unknown = unit is None and not is_in_degrees and "rad" not in column.lower()
-        if is_unknown and np.ptp(values) > _TURNS:
-            is_in_degrees = True
-            self.note(column, "in_degrees", turn=np.ptp(values))
-        return Source((column,), scale=math.pi / 180 if is_in_degrees else 1.0)
+        unit, turn = (
+            self.inference.meanings[source.column].unit,
+            np.ptp(self.inference.finite(source.column)),
+        )
+        if unit is None and turn > _TURNS:
+            unit = "deg"
+            self.note(source.column, "in_degrees", turn=turn)
+        return replace(source, scale=math.pi / 180 if unit in ("deg", "deg/s") else 1.0)
 
     def _check_signs(self, vectors: Mapping[str, Source]) -> None:
         """Note an angle whose derivative is minus the angular velocity."""

@@ -23,6 +23,7 @@ from seaid._files import read_toml
 from seaid.errors import LogError, in_one_line, listed
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.names import Meaning, Role, is_of_another_part
+from seaid.log.description import Source
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
 
@@ -52,8 +53,8 @@ class Doubt(str):
         return type(self)(in_one_line(f"{listed(names, most)}: {self}"), self.code)
 
 
-Sources = dict[str, dict[str, Any]]
-"""Arguments of the Source of each quantity of a joint."""
+Sources = Mapping[str, Source]
+"""{quantity of a joint: its source}."""
 
 _LISTED = 100
 """Most columns named in one note."""
@@ -319,12 +320,11 @@ def check_used(
 ) -> None:
     """Note what words or samples of the columns leave in doubt; `clocks` are those of the time."""
     sources = [source for of_joint in joints.values() for source in of_joint.values()]
-    used = {source[key] for source in sources for key in ("column", "times") if key in source}
-    used &= inference.meanings.keys()
+    used = {name for source in sources for name in source.used} & inference.meanings.keys()
     _note_unknown_words(inference, used)
     for joint, of_joint in joints.items():
         for quantity, source in of_joint.items():
-            column, kind = source["column"], quantity.rpartition("_")[2]
+            column, kind = source.column, quantity.rpartition("_")[2]
             if kind == "position":
                 _check_position(inference, source, joint, quantity)
             elif kind in ("torque", "current"):
@@ -345,16 +345,14 @@ def _note_unknown_words(inference: Inference, used: set[str]) -> None:
             inference.note(name, "unknown_words", words=listed(words))
 
 
-def _check_position(
-    inference: Inference, source: Mapping[str, Any], joint: str, quantity: str
-) -> None:
+def _check_position(inference: Inference, source: Source, joint: str, quantity: str) -> None:
     """Note a position that its velocities, the type or the limits of its joint contradict."""
-    column, unit = source["column"], source.get("unit") or "rad"
+    column, unit = source.column, source.unit or "rad"
     _check_velocities(inference, column, joint, UNIT_FACTORS["rad"].get(unit, 0.0))
     if quantity == "motor_position" or inference.limits(joint) is None:
         return
     slides, factor = inference.is_prismatic(joint), POSITION_FACTORS.get(unit)
-    if source.get("unit") not in (None, "counts") and (unit in UNIT_FACTORS["m"]) != slides:
+    if source.unit not in (None, "counts") and (unit in UNIT_FACTORS["m"]) != slides:
         inference.note(column, "other_type", unit=unit, joint=joint)
     elif unit in ("deg", "mdeg") and not inference.is_far(column):
         inference.note(column, "hardly_moves", unit=unit)
@@ -423,10 +421,8 @@ def _note_unknown_columns(
     """Note columns of no known quantity that move like a joint, or may be what one lacks."""
     unknown = inference.logged("").keys() - used
     names = [x for x, y in inference.data.items() if x in unknown and not is_state(y)]
-    like = _matching_signals(
-        {name: inference.data[name] for name in names[:1000]}, list(_signals(inference, joints))
-    )
-    is_lacking = not all(map(efforts_of, joints.values()))
+    signals, is_lacking = [*_signals(inference, joints)], not all(map(efforts_of, joints.values()))
+    like = {x: _signal_like(inference.data[x], signals) for x in names[:1000]}
     for name in names:
         if like.get(name):
             inference.note(name, "moves_like", signal=like[name])
@@ -434,7 +430,12 @@ def _note_unknown_columns(
             inference.note(name, "maybe_lacking")
 
 
-def efforts_of(sources: Sources) -> list[dict[str, Any]]:
+def _signal_like(values: Array, signals: list[tuple[str, Array]]) -> str:
+    """Return the name of the signal to which a channel is proportional, an empty text if none."""
+    return next((x for x, signal in signals if abs(correlation(signal, values)) > _ALIKE), "")
+
+
+def efforts_of(sources: Sources) -> list[Source]:
     """Return the sources of what drives a joint: torques, currents and voltages."""
     kinds = ("torque", "current", "voltage")
     return [source for name, source in sources.items() if name.endswith(kinds)]
@@ -451,7 +452,7 @@ def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tu
     for joint, sources in joints.items():
         for quantity in ("joint_position", "motor_position"):
             if quantity in sources:
-                values, time = inference.data[sources[quantity]["column"]], inference.time
+                values, time = inference.data[sources[quantity].column], inference.time
                 if time is None or len(time) != len(values) or np.any(np.diff(time) <= 0):
                     time = np.arange(len(values), dtype=float)
                 if len(values) < 100:
@@ -459,11 +460,3 @@ def _signals(inference: Inference, joints: Mapping[str, Sources]) -> Iterator[tu
                 yield f"the position of {joint}", values
                 yield f"the velocity of {joint}", np.gradient(values, time)
                 break
-
-
-def _matching_signals(columns: Block, signals: list[tuple[str, Array]]) -> dict[str, str]:
-    """Return {column: name of the signal to which it is proportional, "" if to none}."""
-    return {
-        name: next((x for x, signal in signals if abs(correlation(signal, values)) > _ALIKE), "")
-        for name, values in columns.items()
-    }

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -22,13 +22,13 @@ from seaid.log.channels import OF_JOINTS, UNIT_FACTORS
 from seaid.log.describe.inference import (
     POSITION_FACTORS,
     Inference,
-    Sources,
     correlation,
     efforts_of,
     follows,
     unit_by_velocity,
 )
 from seaid.log.describe.names import Meaning, Role, joint_alone, nearest, vocabulary, words_of
+from seaid.log.description import Source
 from seaid.robot import Robot
 
 MEASURED = ("position", "torque", "deflection", "current", "voltage", "duty")
@@ -119,15 +119,21 @@ def _labels(inference: Inference) -> list[str]:
     return sorted(labels, key=int) if all(map(_is_number, labels)) else list(labels)
 
 
+_LED = {"": "", "position": "current"}
+"""{quantity of a command: that in the name of what may follow it}: "current_q" is a current, or the
+present q."""
+
+
 def _measured_next_to_commands(inference: Inference) -> list[str]:
     """Return the labels of "actual_1" next to "target_1", which are taken for positions."""
-    unnamed = inference.logged("")
-    commands = {m.joint: name for name, m in unnamed.items() if m.role == "command"}
-    measured = {name: m for name, m in unnamed.items() if m.is_raw and m.is_said}
-    for name, meaning in measured.items():
-        leads = commands.get(meaning.joint, "")
-        if leads and follows(inference.data[name], inference.data[leads]):
-            inference.take(name, "measured", quantity="position")
+    for of_command, of_measured in _LED.items():
+        logged = inference.logged(of_command).items()
+        commands = {meaning.joint: name for name, meaning in logged if meaning.role == "command"}
+        for name, meaning in inference.logged(of_measured).items():
+            leads = commands.get(meaning.joint, "") if meaning.is_raw else ""
+            is_free = meaning.is_said or of_measured != ""
+            if leads and is_free and follows(inference.data[name], inference.data[leads]):
+                inference.take(name, "measured", quantity="position")
     return _labels(inference)
 
 
@@ -141,7 +147,7 @@ def _assign_motor(inference: Inference, labels: list[str]) -> list[str]:
     # Exactly one label, and no position of a joint without one: "mpos" or "motor_current" next to
     # "elbow_pos".
     label, *others = [*filter(None, labels), ""]
-    if others != [""] or any(_is_at_joint(meaning) for meaning in sensors.values()):
+    if others != [""] or any(map(_is_at_joint, sensors.values())):
         return labels
     for name, meaning in sensors.items():
         # A voltage next to a motor that has no other column is as likely that of the supply.
@@ -255,8 +261,8 @@ def _note_guesses(labels: Sequence[str], inference: Inference) -> None:
             inference.note(name, "guessed_joint")
 
 
-def quantities_of(inference: Inference, joint: str) -> Sources:
-    """Return {quantity: arguments of its Source} of a joint."""
+def quantities_of(inference: Inference, joint: str) -> dict[str, Source]:
+    """Return {quantity: its source} of a joint."""
     columns = _Columns(inference, joint)
     columns.add_positions()
     has_both = len(columns.sources) == 2
@@ -280,34 +286,52 @@ _USUAL_UNITS = {
 
 @dataclass
 class _Columns:
-    """The columns of one joint, and what was selected of them: arguments of `Source`."""
+    """The columns of one joint, and the sources that were selected of them."""
 
     inference: Inference
     joint: str
-    sources: Sources = field(default_factory=dict)
+    sources: dict[str, Source] = field(default_factory=dict)
 
-    def having(self, quantity: str, *sides: str) -> list[str]:
-        """Return the measured columns of a quantity of the joint."""
-        return self.inference.having(quantity, self.joint, *sides)
+    def having(self, quantity: str, *sides: str, role: Role = "measured") -> list[str]:
+        """Return the columns of a quantity of the joint, by default the measured ones."""
+        return self.inference.having(quantity, self.joint, *sides, role=role)
 
     def meaning(self, column: str) -> Meaning:
         """Return the meaning of a column."""
         return self.inference.meanings[column]
 
+    def finite(self, column: str) -> Array:
+        """Return the samples of a column that are finite."""
+        return self.inference.finite(column)
+
     def note(self, about: str, doubt: str, /, *, is_usual: bool = False, **values: Any) -> None:
         """Note what is in doubt about a column."""
         self.inference.note(about, doubt, is_usual=is_usual, **values)
 
-    def take(self, quantity: str, column: str, doubt: str = "", **more: Any) -> None:
+    def take(
+        self,
+        quantity: str,
+        column: str,
+        doubt: str = "",
+        /,
+        like: Source | None = None,
+        **more: Any,
+    ) -> None:
         """Take a column, in the unit of its name, for a quantity; note what is in doubt."""
         unit = self.meaning(column).unit
-        units = {} if unit in (None, _USUAL_UNITS.get(quantity)) else {"unit": unit}
-        self.sources[quantity] = {"column": column, **more, **units}
+        if unit in UNIT_FACTORS["1"]:
+            more["scale"] = more.get("scale", 1.0) * UNIT_FACTORS["1"][unit]
+        elif unit not in (None, _USUAL_UNITS.get(quantity)):
+            more["unit"] = unit
+        self.sources[quantity] = replace(like or Source(), columns=(column,), **more)
         self.note(column, doubt)
 
-    def take_first(self, quantity: str, columns: Sequence[str], what: str, **more: Any) -> None:
-        """Take the first of several columns for a quantity; note that there are others."""
-        self.take(quantity, columns[0], **more)
+    def change(self, quantity: str, **changes: Any) -> None:
+        """Change the source of a quantity."""
+        self.sources[quantity] = replace(self.sources[quantity], **changes)
+
+    def note_others(self, what: str, columns: Sequence[str]) -> None:
+        """Note that the first of several columns was taken."""
         if len(columns) > 1:
             self.note(columns[0], "several", what=what, columns=", ".join(columns))
 
@@ -318,19 +342,19 @@ class _Columns:
             motor, load = self._sides_by_range(load)
         for quantity, columns in (("motor_position", motor), ("joint_position", load)):
             if columns:
-                self.take_first(quantity, columns, "positions")
-        for quantity, source in reversed(self.sources.items()):
-            source |= self._position_unit(source["column"], quantity)
-        if [source.get("unit") for source in self.sources.values()] == [None, "deg"]:
-            source = self.sources["motor_position"]
-            source["unit"] = "deg"
-            self.note(source["column"], "also_degrees")
+                self.take(quantity, columns[0])
+                self.note_others("positions", columns)
+        for quantity in reversed([*self.sources]):
+            self.change(quantity, **self._position_unit(self.sources[quantity].column, quantity))
+        if [source.unit for source in self.sources.values()] == [None, "deg"]:
+            self.change("motor_position", unit="deg")
+            self.note(motor[0], "also_degrees")
         if [*self.sources] == ["joint_position"]:
             self._note_side(self.sources["joint_position"])
 
     def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Return motor positions and joint positions, if no name states the motor's side."""
-        ranges = {name: float(np.ptp(self.inference.finite(name))) for name in names}
+        ranges = {name: float(np.ptp(self.finite(name))) for name in names}
         small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
         # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
         if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
@@ -338,17 +362,17 @@ class _Columns:
             return [large], [small]
         return [], names
 
-    def _note_side(self, source: Mapping[str, Any]) -> None:
+    def _note_side(self, source: Source) -> None:
         """Note the side of an only position: usual is that of the joint, within its limits."""
-        column, factor = source["column"], POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
-        if self.meaning(column).side:
-            return
-        fits = self.inference.is_within(column, factor, self.joint)
-        self.note(column, "joint_side", is_usual=fits and not self.inference.is_of_a_drive)
+        if not self.meaning(source.column).side:
+            factor = POSITION_FACTORS.get(source.unit or "rad", np.nan)
+            fits = self.inference.is_within(source.column, factor, self.joint)
+            is_usual = fits and not self.inference.is_of_a_drive
+            self.note(source.column, "joint_side", is_usual=is_usual)
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
-        values, unit = self.inference.finite(column), self.meaning(column).unit
+        values, unit = self.finite(column), self.meaning(column).unit
         is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
         if unit == "counts" or (unit is None and is_whole):
             # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
@@ -356,7 +380,7 @@ class _Columns:
             power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
             return self._counts(column, quantity, float(power))
         if unit is not None:
-            return {"unit": unit}
+            return {}
         if unit := unit_by_velocity(self.inference, column, self.joint):
             self.note(column, "by_velocity", is_usual=True, unit=unit)
         elif quantity == "joint_position":
@@ -378,7 +402,7 @@ class _Columns:
 
     def _unit_by_range(self, column: str) -> str | None:
         """Return the unit of an angle by how far it moves, None for a prismatic joint."""
-        inference, moves = self.inference, float(np.ptp(self.inference.finite(column)))
+        inference, moves = self.inference, float(np.ptp(self.finite(column)))
         if inference.is_prismatic(self.joint):
             return None
         lower, upper = inference.limits(self.joint) or (-np.inf, np.inf)
@@ -407,7 +431,7 @@ class _Columns:
         data, drives = self.inference.data, self.having("torque") or self.having("current")
         # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
         pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
-        if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
+        if self.meaning(name).unit is None and np.ptp(self.finite(name)) > _FAR:
             self.note(name, "far_deflection")
         self.take("deflection", name, sign=-1 if pulls < 0 else 1)
         self.note(name, "deflection_by" if pulls else "deflection_sign", drive=listed(drives[:1]))
@@ -420,37 +444,44 @@ class _Columns:
             others["command"] = "only_command"
         for role, doubt in others.items():
             if not names and not self.having("current"):
-                names = self.inference.having("torque", self.joint, role=role)
+                names = self.having("torque", role=role)
                 for name in names:
                     self.note(name, doubt)
         for name in names:
             if self.meaning(name).unit in UNIT_FACTORS["A"]:
                 self.note(name, "in_amperes")
                 continue
-            side, more = self._side_of_torque(name)
+            if self._is_share(name):
+                continue
+            side, where = self._side_of_torque(name)
             if f"{side}_torque" in self.sources:
                 self.note(name, "second", quantity=f"{side}_torque")
             else:
-                self.take(f"{side}_torque", name, **more)
+                self.take(f"{side}_torque", name, side=where)
 
-    def _side_of_torque(self, name: str) -> tuple[str, dict[str, str]]:
+    def _is_share(self, name: str) -> bool:
+        """Return whether a column is a share of a rated value."""
+        return self.meaning(name).unit in UNIT_FACTORS["1"]
+
+    def _side_of_torque(self, name: str) -> tuple[str, str | None]:
         """Return the side at which a torque acts, and where it is measured; note what is unsure."""
         data, twists = self.inference.data, self.having("deflection")
         if twists and abs(correlation(data[name], data[twists[0]])) > _SAME:
             self.note(name, "of_deflection", deflection=twists[0])
-            return "joint", {}
+            return "joint", None
         if side := self.meaning(name).side:
-            return side, {}
+            return side, None
         is_at_motor = "motor_position" in self.sources
         self.note(name, "at_motor" if is_at_motor else "at_joint")
-        return "motor", {} if is_at_motor else {"side": "joint"}
+        return "motor", None if is_at_motor else "joint"
 
     def add_electric(self) -> None:
         """Add the current and the voltage of the motor, the latter of a duty cycle too."""
-        # A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
-        currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
-        if currents:
-            self.take("motor_current", currents[0], "winding" if len(currents) > 1 else "")
+        currents = self._currents()
+        for name in currents[:1]:
+            self.take("motor_current", name, "winding" if len(currents) > 1 else "")
+            if self._is_share(name):
+                self.note(name, "of_rated", quantity=self.meaning(name).quantity)
         duty = next(iter(self.having("duty")), "")
         for name in self.having("voltage"):
             if "motor_voltage" not in self.sources:
@@ -458,6 +489,16 @@ class _Columns:
         # Pulses of one sign are the commands of a servo, or a magnitude.
         if duty and not (efforts_of(self.sources) or self.inference.has_one_sign(duty)):
             self._take_duty(duty, self.inference.supply)
+
+    def _currents(self) -> list[str]:
+        """Return the currents of the motor, or torques as a share of the rated one if that is all.
+
+        A w stands for the winding, as in HEBI's "motor_winding_current": that gives the torque.
+        """
+        currents = sorted(self.having("current"), key=lambda name: "w" not in name.lower())
+        if currents or efforts_of(self.sources):
+            return currents
+        return [name for name in self.having("torque") if self._is_share(name)]
 
     def _add_voltage(self, name: str, duty: str) -> None:
         """Add a voltage with two signs, or a duty cycle times that of a supply."""
@@ -487,7 +528,7 @@ class _Columns:
         # positions of a soft spring are not proportional.
         sides = [load]
         for name in self.having("deflection"):
-            twist = self._in_si({"column": name, "unit": self.meaning(name).unit or "rad"})
+            twist = self._in_si(Source((name,), unit=self.meaning(name).unit))
             sides += [load + twist, load - twist]
         best = max(sides, key=lambda side: correlation(motor, side) ** 2)
         if not correlation(motor, best) ** 2 > _STIFF:
@@ -504,18 +545,17 @@ class _Columns:
         """Negate what is on the motor's side of the gear."""
         # Position and effort of the motor turn together, so that their power keeps its sign; a
         # torque that was converted to the joint has the joint's sign already.
-        motor_side = [self.sources[x] for x in self.sources if x in _MOTOR_SIDE]
-        turned = [source for source in motor_side if source.get("side") != "joint"]
-        for source in turned:
-            source["sign"] = -int(source.get("sign", 1))
-        self.note(listed(str(source["column"]) for source in turned), "turns_against")
+        sides = {x: y for x, y in self.sources.items() if x in _MOTOR_SIDE and y.side != "joint"}
+        for quantity, source in sides.items():
+            self.change(quantity, sign=-source.sign)
+        self.note(listed(source.column for source in sides.values()), "turns_against")
 
-    def _in_si(self, source: Mapping[str, Any]) -> Array:
+    def _in_si(self, source: Source) -> Array:
         """Return the samples of a position in rad or m, NaN for an unknown unit."""
-        factor = POSITION_FACTORS.get(source.get("unit", "rad"), np.nan)
-        if "counts_per_turn" in source:
-            factor = 2 * np.pi / float(source["counts_per_turn"])
-        return np.asarray(factor * self.inference.data[source["column"]])
+        factor = POSITION_FACTORS.get(source.unit or "rad", np.nan)
+        if source.counts_per_turn is not None:
+            factor = 2 * np.pi / source.counts_per_turn
+        return np.asarray(factor * self.inference.data[source.column])
 
     def add_commands(self) -> None:
         """Add the commands of a joint without a torque that has both signs."""
@@ -526,31 +566,30 @@ class _Columns:
         if leading and self.sources:
             self._add_commands(names, leading)
             return
-        unknown = self.inference.having("", self.joint, role="command")
+        unknown = self.having("", role="command")
         doubt = "unknown_command" if unknown else "no_effort"
         self.note(self.joint, doubt, columns=listed(unknown))
 
     def _commands(self, kind: str) -> list[str]:
         """Return the commands of a quantity; those of many drives but positions are all zero."""
         names = self.inference.commands(self.joint, kind)
-        return [x for x in names if kind == "position" or np.any(self.inference.finite(x))]
+        return [x for x in names if kind == "position" or np.any(self.finite(x))]
 
     def _is_driven(self, *, may_be: bool) -> bool:
         """Return whether an effort of the joint has both signs, or whether there may be one."""
-        drives = efforts_of(self.sources)
-        efforts = [self.inference.finite(source["column"]) for source in drives]
+        efforts = [self.finite(source.column) for source in efforts_of(self.sources)]
         # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
         return any(np.any(values < 0) for values in efforts) or (may_be and bool(efforts))
 
     def _add_commands(self, names: Mapping[str, list[str]], leading: str) -> None:
         """Add the first command of each quantity, the position in the unit of the measured one."""
-        usual = {x: y for x, y in self.sources["joint_position"].items() if x != "column"}
         for kind, columns in names.items():
             if columns:
-                more = usual if kind == "position" else {}
-                self.take_first(f"{kind}_command", columns, "commands", **more)
+                like = self.sources["joint_position"] if kind == "position" else None
+                self.take(f"{kind}_command", columns[0], like=like)
+                self.note_others("commands", columns)
         self.note(names[leading][0], "command", kind=leading)
-        computed = self.inference.having("torque", self.joint, role="derived")
+        computed = self.having("torque", role="derived")
         for name in names["torque"][:1] or computed:
             self.note(name, "computed_torque" if name in computed else "feedforward")
 
@@ -562,8 +601,8 @@ class _Columns:
             return
         name = next((x for x in names if self.meaning(x).side == "motor"), names[0])
         self.take("motor_temperature", name)
-        if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
-            self.sources["motor_temperature"]["unit"] = "K"
+        if self.meaning(name).unit is None and np.median(self.finite(name)) > _KELVIN:
+            self.change("motor_temperature", unit="K")
             self.note(name, "kelvin")
         if self.meaning(name).side != "motor":
             self.note(name, "temperature", is_usual=len(names) == 1)

@@ -37,8 +37,8 @@ _RATE = re.compile(
 """A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
 
 _BRACKETED = re.compile(r"(.*)([\[(])([^\[\]()]*)[\])]\s*", re.DOTALL)
-_RUN = re.compile(r"[^\W_]+|°")
-_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|°")
+_RUN = re.compile(r"(?<![^\W_])(?:[kK]_[pd]|[iI]_q)(?![^\W_])|[^\W_]+|[°%‰]")
+_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|[°%‰]")
 _GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
 _DOTS = (
     (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
@@ -157,6 +157,11 @@ class _Word:
     unit: Unit | None = None
     is_glued: bool = False
 
+    @property
+    def is_letter(self) -> bool:
+        """Whether it is a single letter."""
+        return len(self.text) == 1 and self.text.isalpha()
+
 
 def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     """Return the meaning of a name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1".
@@ -178,7 +183,7 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         joint=joint,
         unit=spelling,
         role=_role(texts, quantity),
-        unknown=_unknown(parts.words, joints),
+        unknown=_unknown(parts.words, joints, unit),
         is_said=_has(texts, "said"),
     )
 
@@ -317,14 +322,14 @@ def is_of_commands(file: str) -> bool:
     return "control" in texts or _has(texts, "commanded")
 
 
-def _unknown(words: Sequence[_Word], joints: Sequence[str]) -> tuple[str, ...]:
+def _unknown(words: Sequence[_Word], joints: Sequence[str], unit: Unit | None) -> tuple[str, ...]:
     """Return the words that are no numbers, units or words of joints, and in no table.
 
     They are of interest only if the joints of a robot are known.
     """
     if not joints:
         return ()
-    named = (word.text for word in words if word.unit is None and not word.text.isdigit())
+    named = (word.text for word in words if not (_is_unit_of(word, unit) or word.text.isdigit()))
     of_joints = {text for known, _ in _known(tuple(joints)) for text in known}
     return tuple(x for x in named if x not in vocabulary().roles["understood"] | of_joints)
 
@@ -351,8 +356,11 @@ def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
     while match := _BRACKETED.fullmatch(name):
         head, bracket, inside = match.groups()
         known = known_unit(_in_latin(inside).strip())
+        share, _, whole = inside.strip().partition(" ")
         if known is not None:
             name, unit = head, known
+        elif (part := known_unit(share)) and part[0] == "share":  # "torque [% of rated]"
+            name, unit = f"{head} {whole}", part
         # Square brackets index, round ones explain: words in these are words of the name.
         elif bracket == "[" or inside.isdigit():
             name, label = head, inside
@@ -454,14 +462,16 @@ def _known_halves(word: str) -> Iterator[list[str]]:
 def _quantity(texts: Sequence[str]) -> str:
     """Return the quantity; "current" before another one means the present: current_position.
 
-    Words behind "from" say what it was computed from: "torques_from_current".
+    Before q it is that of an axis in a drive. Words behind "from" say what it was computed from:
+    "torques_from_current".
     """
     known = vocabulary()
     texts = texts[: texts.index("from")] if "from" in texts[1:] else texts
     kinds = {}
     for word, following in pairwise([*texts, ""]):
         kind = known.quantities.get(word)
-        if kind and not (word == "current" and known.quantities.get(following, kind) != kind):
+        is_present = word == "current" and following not in known.roles["axis"]
+        if kind and not (is_present and known.quantities.get(following, kind) != kind):
             kinds[word] = kind
     strong = [kind for word, kind in kinds.items() if word not in known.roles["weak"]]
     # `min` returns the first of equal rank: "position" before "torque" in the name is a position.
@@ -477,6 +487,7 @@ def _fits(unit: Unit, quantity: str) -> bool:
 
 
 _ALSO = {("torque", "current"), ("deflection", "position")}
+_ALSO |= {("torque", "share"), ("current", "share"), ("duty", "share")}
 """Quantities that may have the units of others: a torque in amperes is that of a drive."""
 
 
@@ -487,7 +498,7 @@ def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> Un
         # A single letter is a unit at the end only, as in "joint_pos_m", else a side or a label:
         # "m_pos".
         is_last = place == 0 and (len(named) > 1 or joint != "")
-        is_placed = is_last or (quantity != "" and len(word.text) > 1)
+        is_placed = is_last or (quantity != "" and not word.is_letter)
         if is_placed and _is_unit(word, quantity, side):
             return word.unit
     return None
@@ -546,9 +557,13 @@ def _label(words: Sequence[_Word], unit: Unit | None) -> str:
 
 def _is_of_label(word: _Word, following: str, unit: Unit | None) -> bool:
     """Return whether a word is of the label of a joint: neither its unit nor what a column is."""
-    is_unit = word.unit is not None and (len(word.text) > 1 or word.unit == unit)
     is_known = word.text in vocabulary().roles["no label"]
-    return not (is_unit or is_known or _is_side(word.text, following))
+    return not (_is_unit_of(word, unit) or is_known or _is_side(word.text, following))
+
+
+def _is_unit_of(word: _Word, unit: Unit | None) -> bool:
+    """Return whether a word is a unit; a single letter is one only as that of its column."""
+    return word.unit is not None and (not word.is_letter or word.unit == unit)
 
 
 def _joint_of(label: str, joints: Sequence[str]) -> str:
@@ -696,16 +711,10 @@ def is_contact(name: str) -> bool:
 
 def _unit(tail: str) -> tuple[str, float] | None:
     """Return quantity and factor to SI of the unit behind a component, None if it is none."""
-    text = re.sub(r"[\s_.\[\]()^*]|(?<=/)/|^/", "", tail.replace("_per_", "/").replace("²", "2"))
-    if not text:
-        return "", 1.0
-    of_vectors = vocabulary().tables["base_units"].items()
-    unit = next((unit for unit, texts in of_vectors if text in texts.split()), "")
-    unit = unit or (known_unit(text) or ("", ""))[1]
-    for si, quantity in _OF_UNITS.items():
-        if unit in UNIT_FACTORS[si]:
-            return quantity, UNIT_FACTORS[si][unit]
-    return None
+    text = tail.strip(" _.[]()")
+    _, unit = known_unit(text) or ("", "")
+    units = ((of, UNIT_FACTORS[si].get(unit)) for si, of in _OF_UNITS.items())
+    return next(((of, x) for of, x in units if x is not None), None) if text else ("", 1.0)
 
 
 def place_of(bare: str, file: str) -> tuple[str, str, str, float]:
@@ -745,33 +754,24 @@ def planar_meaning(bare: str, normal: str) -> tuple[str, str] | None:
     axes, angles = rest & {*"xyz"}, rest & {*_phrases("base_words", _TURNING_ABOUT[normal])}
     if words & known["body"] and not axes:
         angles |= rest & known["angle"]
-    # What remains must be words of one quantity only: an unknown word makes it another column.
     rest -= axes | angles
-    if angles and not axes:  # "base_pos_pitch_dot" is a rate
-        return _of_angle(rest - {"pos"}, normal)
-    (kind, *_) = [*_planar_kinds(rest), ""]
-    if kind == "angular_velocity":  # it may lack its axis, which is the normal of the plane: "gyro"
+    is_angle = bool(angles) and not axes  # "base_pos_pitch_dot" is a rate
+    kind = _planar_kind(rest - {"pos"} if is_angle else rest, is_angle)
+    if kind in ("angle", "angular_velocity"):  # it may lack its axis: "gyro"
         return (kind, normal) if axes <= {normal} else None
     (axis, *more) = [*axes, ""]
     return (kind, axis) if kind and more == [""] and axis != normal else None
 
 
-def _planar_kinds(words: set[str]) -> Iterator[str]:
-    """Yield the quantities of which all words are."""
-    return (kind for kind in _PLANAR if words <= _planar_words()[kind])
+def _planar_kind(words: set[str], is_angle: bool) -> str:
+    """Return the quantity of words without axes; an unknown word makes it another column."""
+    kinds = {"position": "angle", "angular_velocity": "angular_velocity"} if is_angle else {}
+    known = _planar_words()
+    return next((kinds.get(x, x) for x in kinds or PLANAR if words <= known[x]), "")
 
 
-def _of_angle(rest: set[str], normal: str) -> tuple[str, str] | None:
-    """Return (quantity, axis) of the words next to that of an angle."""
-    quantities = (_PLANAR[kind] for kind in _planar_kinds(rest))
-    return next(((quantity, normal) for quantity in quantities if quantity), None)
-
-
-_PLANAR = {
-    **{"position": "angle", "velocity": "", "specific_force": ""},
-    "angular_velocity": "angular_velocity",
-}
-"""{quantity of the words of a name: the quantity next to the word of an angle, if any}."""
+PLANAR = ("position", "velocity", "specific_force", "angular_velocity")
+"""Quantities of a planar base, but its angle."""
 
 
 @cache
@@ -779,6 +779,6 @@ def _planar_words() -> dict[str, set[str]]:
     """Return the words of a planar base by what they say; a rate may be that of an angle."""
     tables = vocabulary().tables["planar_words"]
     words = {x: {*_phrases("base_words", x)} for x in ("body", "filler", "angle")}
-    words |= {x: {*_phrases("base", x), *tables.get(x, "").split()} for x in _PLANAR}
+    words |= {x: {*_phrases("base", x), *tables.get(x, "").split()} for x in PLANAR}
     words["angular_velocity"] |= words["velocity"]
     return words
