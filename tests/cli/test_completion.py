@@ -76,9 +76,6 @@ def test_bash_is_offered_values_names_and_files(
     assert offered(line, tmp_path) == found
 
 
-# What the command line and the library both have.
-
-
 LIBRARY: dict[str, Any] = {
     "estimator": EstimatorName,
     "method": Method,

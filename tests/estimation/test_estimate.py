@@ -100,8 +100,6 @@ def test_functions_of_values_have_their_errors_by_the_slopes() -> None:
     )
 
 
-# Checks of an estimate against textbook formulas and known truth
-
 ONE = np.ones(1)
 
 

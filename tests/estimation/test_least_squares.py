@@ -269,9 +269,6 @@ def test_equation_without_a_torque_does_not_get_all_weight(noise: float) -> None
         assert weights == pytest.approx(weights_one_by_one(found), rel=1e-8)
 
 
-# What rows do not tell
-
-
 @pytest.mark.rounding
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize(

@@ -219,8 +219,6 @@ def test_dead_column_and_lost_combination_are_named() -> None:
         gauss_newton_step([replace(log, jacobian=lost)], FREE, NOTHING)
 
 
-# Derivatives that contain estimated nuisance parameters.
-
 RATE, SWINGS = 12.0, np.array([0.5, 0.3])
 RATE_ALONE = (Parameter("rate"),)
 
@@ -281,9 +279,6 @@ def test_priors_and_bounds_without_a_meaning_are_refused(value: float, std: floa
         Prior(value, std)
     with pytest.raises(IdentificationError, match="speed of knee leave no value"):
         Parameter("speed", "knee", lower=2.0, upper=1.0)
-
-
-# The search.
 
 
 @dataclass(frozen=True, eq=False)

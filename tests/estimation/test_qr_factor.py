@@ -122,9 +122,6 @@ def test_rows_that_cannot_be_added_or_factored_are_refused() -> None:
         qr_factor_of(replace(rows, H=H, y=y))
 
 
-# The scaled singular value decomposition
-
-
 def test_a_decomposition_without_convergence_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Divide and conquer did not converge for the columns of a Go2, QR iterations did."""
     columns = np.random.default_rng(3).normal(size=(30, 4)) * [1.0, 1e3, 1e-3, 0.0]

@@ -107,9 +107,6 @@ def test_bad_requests_say_what_is_wrong(
         make(*arguments)
 
 
-# Parts after another
-
-
 def test_each_part_keeps_its_interval_and_its_coefficients() -> None:
     """Where two parts meet the later one counts."""
     assert (JOINED.size, JOINED.starts) == (21, (0.0, 1.3, 3.3, 3.4))

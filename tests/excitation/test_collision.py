@@ -95,9 +95,6 @@ def differences(scene: Scene, q: Array, step: float) -> Array:
     return np.stack(columns, axis=-1)
 
 
-# Closed forms
-
-
 def test_balls_of_a_planar_arm_are_as_far_apart_as_the_law_of_cosines_says(
     planar: tuple[Path, Robot],
 ) -> None:
@@ -127,9 +124,6 @@ def test_a_ball_and_a_turned_box(planar: tuple[Path, Robot], turn: float) -> Non
     apart = expected > 0
     assert apart.sum() > 40
     np.testing.assert_allclose(distances(scene, q)[apart, 2], expected[apart], atol=1e-13)
-
-
-# Gradients
 
 
 def test_gradients_are_the_differences_also_with_overlap_and_order(
@@ -162,9 +156,6 @@ def test_cap_keeps_what_is_below_and_saves_the_rest(crane: tuple[Path, Robot]) -
         np.testing.assert_allclose(capped, np.minimum(exact, cap), atol=1e-9)
         np.testing.assert_allclose(slope, expected, atol=1e-4)  # cylinders start from other guesses
         assert np.all(slope[exact > cap] == 0.0)
-
-
-# Which pairs
 
 
 def test_bodies_are_watched_unless_one_joint_connects_them_or_none_moves(
@@ -212,9 +203,6 @@ def test_bodies_that_always_overlap_are_ignored_with_a_warning(write_urdf: Write
     assert distances(scene, np.zeros((1, 3))).shape == (1, 2)
 
 
-# Placements
-
-
 def test_placements_are_those_of_the_file_with_order_and_locked_joints(
     crane: tuple[Path, Robot],
 ) -> None:
@@ -239,9 +227,6 @@ def test_placements_are_those_of_the_file_with_order_and_locked_joints(
         for ours, theirs in zip(own_placed.oMg, placed.oMg, strict=True):
             np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-12)
     assert links == tuple(model.frames[o.parentFrame].name for o in reference.geometryObjects)
-
-
-# Meshes
 
 
 def mesh_arm(filename: str) -> str:
@@ -333,9 +318,6 @@ def test_a_mesh_has_three_scales(write_urdf: Write, tmp_path: Path) -> None:
     assert found[0, 0] < 0.8
 
 
-# Processes
-
-
 def test_a_scene_goes_to_another_process_and_tells_the_same(crane: tuple[Path, Robot]) -> None:
     """Also without nominal values of the robot."""
     box = Box((0.5, 0.5, 0.5), (0.3, 0.4, 0.5))
@@ -345,9 +327,6 @@ def test_a_scene_goes_to_another_process_and_tells_the_same(crane: tuple[Path, R
     assert again.pairs == scene.pairs
     for one, two in zip(distance_gradients(scene, q), distance_gradients(again, q), strict=True):
         assert np.array_equal(one, two)
-
-
-# Errors
 
 
 @pytest.mark.parametrize(

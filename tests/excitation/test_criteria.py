@@ -146,9 +146,6 @@ def test_a_plan_states_its_measures() -> None:
         again.d_efficiency(bodies)
 
 
-#
-
-
 @pytest.mark.rounding
 @pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
 def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:

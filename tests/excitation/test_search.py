@@ -128,9 +128,6 @@ def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
     assert "ended early: interrupted" in errors
 
 
-# Processes that die
-
-
 def killed(path: str, times: int, value: int) -> int:
     """Kill the process that runs this, as often as asked; then return a value."""
     count = Path(path).stat().st_size

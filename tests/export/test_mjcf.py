@@ -123,9 +123,6 @@ def stiff_arm() -> Robot:
 
 ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
 
-# Bodies and drives
-
-
 VISCOUS: tuple[FrictionTerm, ...] = ("viscous",)
 
 
@@ -256,9 +253,6 @@ def chain(
     return load_robot(path, drives)
 
 
-# Motions
-
-
 def torques_of(robot: Robot, duration: float, step: float) -> tuple[Array, Array]:
     """Return a start (4, n) and motor torques (T, n) that move it much, as an experiment does."""
     if robot.name in ("tulip_leg", "mixed_arm"):
@@ -382,9 +376,6 @@ def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
     ):
         assert any(words in note for note in written.notes), words
         assert words in text
-
-
-# What the file says, and what is refused
 
 
 def test_names_never_clash_and_odd_ones_load(write_chain: Any, tmp_path: Path) -> None:

@@ -267,9 +267,6 @@ def test_friction_of_drives_that_move_other_joints_is_left_to_the_file_of_drives
     np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-12)
 
 
-# Odd robots, odd paths
-
-
 def test_a_link_that_has_only_what_is_fixed_to_it_gets_nothing_but_rounding(tmp_path: Path) -> None:
     """2.7 + 0.2 - 2.7 - 0.2 is no zero: what is left must not be written as a body."""
     robot = loaded(tmp_path, re.sub(r"<inertial>.*?</inertial>", "", FIXED, count=1, flags=re.S))

@@ -138,9 +138,6 @@ def test_result_is_always_possible(seed: int, relative: float, with_file: bool) 
     np.testing.assert_allclose(kept, result.values[:p], rtol=1e-6, atol=1e-7)
 
 
-# Drives
-
-
 def stiff_leg() -> Robot:
     """Return the leg with stiff drives whose friction and rotor inertia are unknown."""
     drive = StiffDrive(gear_ratio=50.0)
@@ -187,9 +184,6 @@ def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
     assert result.robot.drives["hip_pitch"].stiffness_N_per_m == pytest.approx(80000)  # type: ignore[union-attr]
     assert result.robot.drives["knee_pitch"] == leg().drives["knee_pitch"]
     assert "viscous friction of hip_pitch is zero" in result.active_bounds
-
-
-# Assumptions that the data contradict
 
 
 @pytest.mark.slow  # 1.8 s
@@ -255,9 +249,6 @@ def test_estimates_and_options_that_no_body_can_keep_are_refused(
     estimate = estimated(leg(), 0.01)
     with pytest.raises((IdentificationError, RobotError), match=words):
         found(leg(), changed(estimate), **options(estimate))
-
-
-# Prior bodies
 
 
 @pytest.mark.parametrize(

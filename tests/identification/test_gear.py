@@ -118,9 +118,6 @@ def test_gear_stiffness_that_is_none(value: float) -> None:
         SeriesElasticDrive(gear_ratio=100.0, gear_stiffness_Nm_per_rad=value)
 
 
-# A sensor of the deflection of the spring, next to both encoders.
-
-
 @cache
 def log_with_deflection(joint: str = "shoulder", gear: float = GEAR) -> Log:
     """Return a log whose deflection between the encoders is partly that of the gear."""

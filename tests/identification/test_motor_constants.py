@@ -136,9 +136,6 @@ def test_the_first_project_of_an_axis_with_a_screw_and_a_spring(urdf: Path, tmp_
     assert abs(radius - 1 / SCREW_RAD_PER_M) < 3 * error < 1.2e-3 * radius
 
 
-# A spring whose output is held from outside, as on a test bench.
-
-
 def bench_urdf(folder: Path, kind: str = "revolute") -> Path:
     body = '<inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>'
     body += f"{INERTIA.format(0.001, 0.02)}</inertial>"

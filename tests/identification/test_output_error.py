@@ -149,9 +149,6 @@ def test_spring_torque_of_a_sensor_leaves_nothing_to_simulate() -> None:
     assert base_error(zeros, SPRINGS) < 1e-3
 
 
-# What predicts worse than the start is not returned.
-
-
 @pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch) -> None:
     def spoiled(start: LogPoint, *_: object) -> tuple[LogPoint, bool]:
@@ -169,9 +166,6 @@ def test_start_that_predicts_better_is_returned(monkeypatch: pytest.MonkeyPatch)
     (finding,) = [warning for warning in one.warnings if warning.code == "worse-than-start"]
     assert finding.message.startswith("refine returns the values of its start, because the error")
     assert finding.evidence["error after"] > 1.5 * finding.evidence["error before"]
-
-
-# The derivatives are those of the simulation.
 
 
 @pytest.mark.parametrize(
@@ -236,9 +230,6 @@ def settled(layout: Layout, run: Run, x: Array) -> Run:
     return run
 
 
-# With noise.
-
-
 @pytest.mark.slow  # a refinement of two joints, simulated several times
 def test_memory_is_that_of_a_part_of_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     """The result does not depend on the size of the parts."""
@@ -270,9 +261,6 @@ def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
     assert base_error(doubting, SPRINGS) < 0.5 * base_error(trusting, SPRINGS)
     true = doubting.base.project(SPRINGS.parameters)
     assert np.all(np.abs(doubting.load.values - true) < 4 * doubting.load.standard_errors)
-
-
-# What cannot be refined.
 
 
 def with_stiffness(value: float) -> Identification:

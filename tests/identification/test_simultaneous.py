@@ -268,9 +268,6 @@ def test_missing_friction_at_the_hip_converges(sensors: Noise) -> None:
         assert found.drives[joint].value("stiffness") == pytest.approx(true, rel=0.02)
 
 
-# What the data support
-
-
 @pytest.mark.usefixtures("estimates_only")
 def test_a_complete_model_has_both_sides_at_once_by_default() -> None:
     known = leg(TEST_MASS).without_nominal()

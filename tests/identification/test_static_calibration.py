@@ -134,9 +134,6 @@ def test_statics_that_give_no_law_are_refused(load: Array, reading: Array, words
         calibrate_statics(Statics(WEIGHTS, WEIGHTS, load_unit="kg"))
 
 
-# Tables
-
-
 def test_tables_are_read_in_their_units(tmp_path: Path) -> None:
     path = tmp_path / "weights.csv"
     path.write_text(
@@ -171,9 +168,6 @@ def test_mistakes_in_a_table_are_named(tmp_path: Path, text: str | None, words: 
         (tmp_path / "weights.csv").write_text(text)
     with pytest.raises(IdentificationError, match=words):
         read_statics(tmp_path / "weights.csv")
-
-
-# Held poses
 
 
 def poses_log(offset: float = 0.4, gain: float = 0.8) -> seaid.Log:
@@ -220,9 +214,6 @@ def test_a_log_without_poses_or_sensor_is_refused() -> None:
         held_poses(leg(), log, "hip_pitch", sensor="torque")
     with pytest.raises(IdentificationError, match="need the inertial parameters"):
         held_poses(bare, log, "knee_pitch")
-
-
-# The page and the command
 
 
 def test_the_page_has_the_law_and_what_it_leaves(tmp_path: Path) -> None:

@@ -144,9 +144,6 @@ def test_logs_that_show_no_such_friction_are_refused(
         seaid.identify(robot_of(terms), tmp_path / "log.npz" if is_long else log)
 
 
-# The drive at one temperature
-
-
 def test_a_plant_at_one_temperature_is_that_of_the_friction_there() -> None:
     robot = leg(TEST_MASS)
     drives = {joint: warming(robot.drives[joint]) for joint in ("hip_yaw", KNEE)}
@@ -192,8 +189,6 @@ def test_temperatures_of_a_simulation_are_checked(given: dict[str, float], words
     with pytest.raises(SeaidError, match=words):
         seaid.simulate(leg(), leg_trajectory(), temperature_degC=given)
 
-
-# Warm-up over time
 
 WARM_UP: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")
 COLD = {"cold_viscous_friction": 0.02, "cold_coulomb_friction": 0.02, "warm_up_time": 15.0}

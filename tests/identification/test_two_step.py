@@ -175,9 +175,6 @@ def test_bodies_without_mass_keep_their_first_moments(massless: tuple[str, ...])
     assert np.array(torques) == pytest.approx(expected[:, order], abs=1e-6)
 
 
-# Other sensors, other knowledge.
-
-
 @pytest.mark.usefixtures("estimates_only")
 def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
     truth, motion = arm(), arm_motion()

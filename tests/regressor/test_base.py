@@ -188,8 +188,6 @@ def test_many_samples_come_in_blocks(tulip_leg: Robot, monkeypatch: pytest.Monke
         assert_close(in_blocks.grouping, at_once.grouping)
 
 
-# Numeric and exact base parameters are the same, on every robot there is
-
 LARGEST = 60
 """Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
 

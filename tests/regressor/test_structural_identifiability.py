@@ -161,9 +161,6 @@ def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
     assert all(len({name.rpartition("right")[1] for name in group}) == 1 for group in found.ratios)
 
 
-# The TULip leg, METHOD 1
-
-
 def test_unknown_position_spoils_all_rows_that_depend_on_it(
     tulip_leg: Robot, write_chain: Chain
 ) -> None:
@@ -187,8 +184,6 @@ def test_unknown_position_spoils_all_rows_that_depend_on_it(
     assert found.combinations == ("m_x_link + m_y_link",)
     assert found.identifiable == ("m_z_link",)
 
-
-# Against base parameters, over robots of all kinds
 
 DRIVES: dict[str, Any] = {
     "rail": {
@@ -398,9 +393,6 @@ def test_more_sensors_never_tell_less_and_both_ranks_agree(
     assert full.body_count == len(base_parameters(robot).columns)
 
 
-# Words
-
-
 def test_table_says_all_of_it(write_chain: Chain) -> None:
     """Counts, factors, equations that cannot be used, and the agreement of both ranks."""
     text = str(identifiability(pendulum(write_chain), BOTH))
@@ -472,9 +464,6 @@ def test_random_motions_satisfy_the_equations(tulip_leg: Robot) -> None:
             motor, joint = (signals[plain(f"theta_{side}{order}")] for side in "ML")
             expected = motor * signals[r_M] / signals[N] - signals[r_L] * joint
             np.testing.assert_allclose(signals[stretch], expected, atol=1e-12)
-
-
-# What motor angle and motor torque determine with their derivatives
 
 
 @pytest.mark.parametrize(("axis", "count"), [("0 1 0", 6), ("0 0 1", 4)])

@@ -116,9 +116,6 @@ def unpacked(trace: dict[str, Any]) -> Array:
     return np.asarray(trace["offset"] + trace["scale"] * steps)
 
 
-# What it says
-
-
 def expected_words() -> list[str]:
     """Return what a page has to say, in the words of the result."""
     found, result = arm_found(), arm_result()
@@ -194,9 +191,6 @@ def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
     assert len(ids) == len(set(ids))
     linked = {value[1:] for name, value in page.attributes if name == "href"}
     assert linked - {""} <= set(ids)
-
-
-# Traces
 
 
 def test_traces_are_those_of_the_validation(page: Page) -> None:
@@ -294,9 +288,6 @@ def test_what_a_validation_may_have_changes_its_page(tmp_path: Path) -> None:
     assert "stands still" in page.words
 
 
-# Names and sizes
-
-
 def test_hostile_names_are_text(tmp_path: Path) -> None:
     found, result = made_up(tmp_path, HOSTILE)
     page = page_of(tmp_path, found, [result], {"<i>who</i>": "</script>\"'&"})
@@ -306,9 +297,6 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     assert page.tags.count("script") == 5
     assert json.loads(page.scripts["traces-data"])["joints"] == list(HOSTILE)
     assert "<" not in page.scripts["traces-data"] + page.scripts["correlations-data"]
-
-
-# Doubts
 
 
 NOTICES = {
@@ -389,9 +377,6 @@ def test_findings_decide_the_verdict_and_their_remedy_is_text_to_copy(tmp_path: 
     assert {"verdict do-not-use", "notice wrong", "notice doubtful", "notice note"} <= classes
 
 
-# Before and after
-
-
 def errors_of(found: Identification, nominal: Robot, result: Validation) -> list[ErrorRow]:
     run = Run("validation", result, True)
     return before_and_after(nominal_values(found, nominal), run)
@@ -422,9 +407,6 @@ def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: P
     assert np.isnan(rows["actuator", "shoulder"].before)
     unkept = errors_of(found, arm(), replace(result, motions=()))
     assert {row.reason for row in unkept} == {"the motion of this validation is not kept"}
-
-
-# Actuators
 
 
 def samples_of(figure: str, name: str) -> Array:
@@ -481,9 +463,6 @@ def test_samples_of_a_spring_with_hysteresis_lie_between_its_lines(tmp_path: Pat
     assert np.median(np.abs(off)) > 0.7 * half
 
 
-# Comparison
-
-
 def test_comparison_is_a_page_with_its_differences(tmp_path: Path) -> None:
     """The names that a user gives to both runs are text."""
     load, changed = arm_found().load, arm_found().load.values.copy()
@@ -497,9 +476,6 @@ def test_comparison_is_a_page_with_its_differences(tmp_path: Path) -> None:
     assert "b" not in page.tags
     with pytest.raises(SeaidError, match=r"'a.pdf' must end in .html"):
         write_comparison(arm_found(), other, "a.pdf")
-
-
-# Identifiability
 
 
 def test_singular_values_have_at_most_the_condition_number_of_the_estimate() -> None:
@@ -531,9 +507,6 @@ def test_correlations_are_those_of_the_estimates_and_none_between_what_was_apart
     assert {one.sign for one in cells_of(shown)} == {"plus", "minus", "none"}
 
 
-# One equation, nothing kept, nothing found
-
-
 def test_pages_of_little_are_whole_pages_too(tmp_path: Path) -> None:
     found, result = made_up(tmp_path, ("only",))
     page = page_of(tmp_path, found, [result])
@@ -549,9 +522,6 @@ def test_pages_of_little_are_whole_pages_too(tmp_path: Path) -> None:
     nothing = replace(result, load=result.actuator)
     page = page_of(tmp_path, found, [nothing])
     assert "there is no torque to compare" in page.words or "No motion was predicted" in page.words
-
-
-# Refusals
 
 
 OTHER = prediction(("other",), 200)

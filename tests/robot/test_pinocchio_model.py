@@ -112,9 +112,6 @@ def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-# What is loaded
-
-
 def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -> None:
     """The limits of a leader keep those of its followers."""
     assert gripper.joint_names == LEADERS
@@ -134,9 +131,6 @@ def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -
     np.testing.assert_allclose(gripper.lower_limits, [-1.8, -2, -1.82 / 12])
     np.testing.assert_allclose(gripper.upper_limits, [2.0, 2, 2.18 / 12])
     np.testing.assert_allclose(gripper.velocity_limits, [3, 3, 0.25])
-
-
-# Torques by independent routes
 
 
 MIMICS = [path for path in example_urdfs() if b"<mimic" in path.read_bytes()]
@@ -173,9 +167,6 @@ def test_regressor_and_slopes_are_those_of_the_torques(gripper: Robot) -> None:
     np.testing.assert_allclose(torque_slopes(gripper, q, v, a), by_steps, atol=2e-6)
 
 
-# MuJoCo
-
-
 def test_mujoco_has_the_same_inertia_and_torques(gripper: Robot, tmp_path: Path) -> None:
     """Its equality constraints are read again as mimic joints."""
     mujoco: Any = pytest.importorskip("mujoco")
@@ -209,9 +200,6 @@ def test_mujoco_has_the_same_inertia_and_torques(gripper: Robot, tmp_path: Path)
     np.testing.assert_allclose(
         joint_torques(again, *states(n)), joint_torques(robot, *states(n)), atol=1e-9
     )
-
-
-# Identification
 
 
 def _experiment(path: Path, seed: int, duration_s: float) -> tuple[Robot, Any]:
@@ -273,9 +261,6 @@ def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(grippe
     assert abs(drive_errors(refined, truth, "stiffness")["stiffness of shoulder"]) < 2e-3
 
 
-# Refusals
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -318,9 +303,6 @@ def test_symbolic_equations_name_the_ways_out(gripper: Robot) -> None:
     for through in ("energy", "torque"):
         with pytest.raises(RobotError, match=r"has mimic joints \(.*\), which symbolic equations"):
             seaid.symbolic.base_parameters(gripper, through=through)
-
-
-# Base parameters, exact against numeric
 
 
 def check_same_base(robot: Robot) -> None:

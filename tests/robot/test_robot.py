@@ -129,9 +129,6 @@ def test_limits_are_in_the_users_order_and_endless_where_there_are_none(write_ch
     assert robot.effort_limits.tolist() == [np.inf, 30.0, 30.0]
 
 
-# Payloads
-
-
 SKEW = ((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 HUGE = ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))
 NEGATIVE = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -159,9 +156,6 @@ def test_payload_that_cannot_be_is_refused(payload: tuple[Any, ...], words: str)
         Payload("foot", *payload)
 
 
-# Joints that cannot be asked for
-
-
 @pytest.mark.parametrize("kind", ["floating", "planar", "spherical"])
 def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     write_chain: Chain, kind: str
@@ -180,9 +174,6 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
         load_robot(path, joints=["ball"])
     with pytest.raises(RobotError, match=r"test\.urdf' has no joint that moves"):
         load_robot(write_chain({"weld": "fixed"}))
-
-
-# What is known before an identification, and after
 
 
 def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path) -> None:
@@ -227,8 +218,6 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
     with pytest.raises(RobotError, match=r"parameters must have shape \(40\), found \(39,\)"):
         robot.with_values(robot.parameters[1:], robot.drives)
 
-
-# Drives that do not fit
 
 STIFF = StiffDrive(gear_ratio=1.0)
 BROKEN = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))

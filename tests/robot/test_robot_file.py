@@ -33,9 +33,6 @@ def same(one: Robot, two: Robot) -> None:
     np.testing.assert_allclose(one.parameters, two.parameters, rtol=1e-12, atol=1e-15)
 
 
-# Files that are not there
-
-
 def test_a_missing_file_names_path_working_folder_and_the_nearest_names(tmp_path: Path) -> None:
     path = tmp_path / "tulip_lge.urdf"
     start = f"no URDF file at '{path}' (working folder {Path.cwd()})"
@@ -45,9 +42,6 @@ def test_a_missing_file_names_path_working_folder_and_the_nearest_names(tmp_path
     assert refusal(path) == f"{start}; there is tulip_leg.urdf"
     folder = f"no URDF file at '{tmp_path}' (working folder {Path.cwd()}): it is a folder; in it: "
     assert refusal(tmp_path) == f"{folder}other.urdf, tulip_leg.urdf"
-
-
-# Files of another kind
 
 
 def test_urdf_and_drives_in_each_others_place_are_named() -> None:
@@ -78,8 +72,6 @@ def test_a_file_of_another_kind_says_what_makes_it_a_urdf(
     path.write_bytes(content)
     assert f"'{path}' {words}" in refusal(path) or words in refusal(path)
 
-
-# xacro
 
 XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:property name="length" value="0.5"/>
@@ -120,9 +112,6 @@ def test_what_xacro_has_expanded_is_a_urdf(tmp_path: Path, monkeypatch: pytest.M
     text = LEG.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
     path.write_text(text.replace("<link", "<!-- <xacro:include/> -->\n<link", 1))
     same(load_robot(path), load_robot(LEG))
-
-
-# Names of robot_descriptions
 
 
 @pytest.fixture
@@ -185,9 +174,6 @@ def test_without_their_packages_names_are_paths(monkeypatch: pytest.MonkeyPatch)
         "if it is a name of the package robot_descriptions, install that package: "
         "pip install robot_descriptions"
     )
-
-
-# Drives
 
 
 @pytest.mark.parametrize(

@@ -75,9 +75,6 @@ JOINTS = ("elbow", "wrist_pitch", "wrist_roll")
 States = tuple[Array, Array, Array]
 
 
-# Robots, their matrix and linkages beside them.
-
-
 @dataclass(frozen=True, eq=False)
 class Case:
     """A robot, its matrix as a literal, and whether the linkages below are at its joints."""
@@ -221,9 +218,6 @@ def case(request: pytest.FixtureRequest) -> Case:
     return case_of(request.param)
 
 
-# Experiments by another route.
-
-
 def waves(n: int, time: Array, reach: float, seed: int) -> States:
     """Return q, v and a (T, n): sums of four sines a joint, below 1.6 Hz."""
     rng = np.random.default_rng(seed)
@@ -334,9 +328,6 @@ def truth_of(case: Case) -> tuple[LoadModel, dict[str, Array], Array]:
     return model, springs, np.append(model.base.project(case.robot.parameters), drives)
 
 
-# What the checks of a log find.
-
-
 @pytest.mark.parametrize("name", quick_first(["stiff differential", "elastic differential"]))
 def test_a_differential_that_is_not_declared_is_named_with_both_lines(name: str) -> None:
     """One row alone looks like an encoder that measures its angle against another link."""
@@ -349,9 +340,6 @@ def test_a_differential_that_is_not_declared_is_named_with_both_lines(name: str)
     rows = [lines.get(joint, {"transmission": {joint: 1.0}})["transmission"] for joint in JOINTS]
     matrix = [[row.get(joint, 0.0) for joint in JOINTS] for row in rows]
     assert np.array(matrix) == pytest.approx(case.C, abs=0.01)
-
-
-# Laws of the matrix and of the linkages.
 
 
 def matrices() -> st.SearchStrategy[Array]:
@@ -447,9 +435,6 @@ def test_torques_behind_linkages_and_their_slopes_are_those_of_the_bodies() -> N
     np.testing.assert_allclose(torque_slopes(robot, *behind), by_steps, rtol=0, atol=1e-6)
 
 
-# Encoders.
-
-
 @pytest.mark.parametrize(
     ("name", "side", "groups"),
     [
@@ -469,9 +454,6 @@ def test_a_missing_side_of_a_differential_is_computed_from_the_other(
     for columns in groups:
         half = reconstruct_motion(case.robot, without(log, side, *columns), 8.0)
         assert getattr(half, side) == pytest.approx(getattr(full, side), abs=1e-9)
-
-
-# Recovery.
 
 
 def test_exact_without_noise(case: Case) -> None:
@@ -675,9 +657,6 @@ def test_held_poses_calibrate_the_springs_and_sensors_behind_the_gears(name: str
     np.testing.assert_allclose(by_sensor.reading, by_sensor.load, rtol=1e-6, atol=1e-9)
 
 
-# The complete model in symbols.
-
-
 @pytest.mark.parametrize("name", quick_first(["compensated differential", "parallelogram"]))
 def test_the_complete_model_is_zero_along_a_motion(name: str) -> None:
     """Every equation, with true values and exact states in the place of its symbols."""
@@ -715,9 +694,6 @@ def test_the_complete_model_is_zero_along_a_motion(name: str) -> None:
         positions = {x: y for x, y in values.items() if x not in derivatives} | torques
         residual = equation.xreplace(derivatives).xreplace(positions).xreplace(by_symbol)
         assert float(residual) == pytest.approx(0.0, abs=2e-6)
-
-
-# What cannot be done is refused.
 
 
 @pytest.mark.usefixtures("estimates_only")

@@ -29,9 +29,6 @@ def load_error(path: Path) -> str:
     return str(caught.value)
 
 
-# Files that are no URDF
-
-
 @pytest.mark.parametrize("content", [b"", b"<robot", b"\x00\xff\x01", b"name: robot", b"<robot>"])
 def test_broken_xml_is_said_with_file_and_place(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.urdf"
@@ -239,9 +236,6 @@ def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> Non
     np.testing.assert_allclose(found, [math.sqrt(0.5), math.sqrt(0.5), 0.0], rtol=1e-12)
 
 
-# Files too large
-
-
 def test_too_large_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Elements while they are counted, a giant before it is read, and names of any length."""
     path, long = tmp_path / "big.urdf", "n" * 1001
@@ -280,8 +274,6 @@ def test_robot_without_name_is_named_after_its_file(tmp_path: Path, name: str) -
     assert robot.name.isprintable()
     assert robot.name == "leg_a" or not path.stem.isprintable()
 
-
-# Rounded angles
 
 SNAPPED = {
     "1.5708": 1,

@@ -393,9 +393,6 @@ def test_held_motor_of_a_differential_keeps_the_sum(write_chain: Chain) -> None:
     assert rates[JOINT_SPEED] == pytest.approx([expected, -expected])
 
 
-# Logs.
-
-
 @pytest.mark.parametrize("kind", ["current", "voltage"])
 def test_motion_knows_the_torque_of_a_motor_that_is_logged_by_its_input(
     kind: Literal["current", "voltage"], tmp_path: Path
@@ -423,8 +420,6 @@ def test_friction_under_load_above_one_does_not_settle(write_chain: Chain) -> No
     with pytest.raises(SeaidError, match="load_friction must be well below one"):
         begin_of(plant, plant.model.createData(), state, np.zeros(1), np.ones(1))
 
-
-# There and back.
 
 _SENSORS = Noise(
     motor_resolution_rad=2 * np.pi / 2**16,

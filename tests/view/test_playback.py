@@ -189,9 +189,6 @@ def test_what_is_no_motion_of_the_robot_is_refused(robot: Robot) -> None:
             playback_of(robot, motion, "x")
 
 
-# What the panel shows of them.
-
-
 @given(st.floats(0.0, 1.0))
 def test_colours_go_from_blue_through_yellow_to_red(part: float) -> None:
     """They end at the limit, and what is not known is neutral."""

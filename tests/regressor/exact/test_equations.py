@@ -129,9 +129,6 @@ def test_too_large_a_system_says_so(
         base_parameters(tulip_leg, through="torque", max_terms=2000)
 
 
-# Their text, a floating base, and options that do not go together
-
-
 def test_grouping_is_rational_and_readable(
     write_chain: Callable[..., Path],
     example_path: Callable[[str], Path],
