@@ -1,7 +1,5 @@
 """A small arm, its motions and their logs on disk, and the command line that is run on them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from tempfile import TemporaryDirectory
 

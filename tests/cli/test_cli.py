@@ -1,7 +1,5 @@
 """The command line: every command, what it says where, what it writes and what it leaves alone."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

@@ -1,7 +1,5 @@
 """The command line where its streams, its folder or its arguments are not as usual."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess

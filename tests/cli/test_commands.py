@@ -1,7 +1,5 @@
 """Each command is the call of the library that it stands for, as text, as JSON and on stdout."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """What the shell offers on TAB, by the protocol of its environment variables."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from inspect import signature

@@ -1,7 +1,5 @@
 """Legged robots on the command line and in a project file."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ Those in files are named by the library; those that need physics are the severe 
 gauntlet, on the leg, handed over as files.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """init, run, and the project file and the saved run as defaults of all other commands."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command that shows: what it says, what it plays, how it ends."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

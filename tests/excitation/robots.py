@@ -1,7 +1,5 @@
 """Robots that planning must work for: reordered, sliding, loaded, without nominal values."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 from functools import cache

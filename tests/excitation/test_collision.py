@@ -1,7 +1,5 @@
 """Distances of a scene: closed forms, gradients against differences, independent placements."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The criteria on the triangular factor: what they are, and their slopes against differences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

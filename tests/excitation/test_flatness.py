@@ -1,7 +1,5 @@
 """Every term of a drive in a plan: what it asks of motors, its columns, and their gradients."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

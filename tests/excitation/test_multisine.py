@@ -1,7 +1,5 @@
 """Multisines: their spectrum, their limits, and what they refuse."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

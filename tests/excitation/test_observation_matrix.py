@@ -1,7 +1,5 @@
 """The regressor that a plan conditions: its entries, and its exact gradient with drives in it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

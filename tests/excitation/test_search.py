@@ -1,7 +1,5 @@
 """Who runs the starts: the same motion from threads, processes and a cluster; Ctrl-C anywhere."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

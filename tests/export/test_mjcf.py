@@ -4,8 +4,6 @@ MuJoCo's RK4 and the plant's are the same scheme: with the same steps and the sa
 differ by rounding only, but for friction, which needs shorter steps in MuJoCo.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """parameters.json: plain data with all that is known of a result, and the way back to the robot."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """write_randomization: its ranges hold the truth, its samples are robots that can exist."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -4,8 +4,6 @@ Each file is read by its own package where that is installed (make test-simulato
 and newton); else its schema is checked, as the documentation of the package has it.
 """
 
-from __future__ import annotations
-
 import math
 import runpy
 import sys

@@ -1,7 +1,5 @@
 """write_urdf: the same torques, every tag still there, impossible bodies refused."""
 
-from __future__ import annotations
-
 import re
 import string
 import warnings

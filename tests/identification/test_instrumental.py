@@ -1,7 +1,5 @@
 """Instruments from the fitted model, and what they do to noisy encoders."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs with position commands and no torque: the controller is known, its delay perhaps not."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

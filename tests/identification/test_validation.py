@@ -1,7 +1,5 @@
 """validate: errors of torques that a second motion measures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

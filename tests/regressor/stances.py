@@ -5,8 +5,6 @@ of the base and of the joints that no contact force reaches are the left null sp
 Pinocchio's regressor. Their columns are those of `seaid.base_parameters(robot, stances=...)`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Counts and groupings of base parameters."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

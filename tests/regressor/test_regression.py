@@ -1,7 +1,5 @@
 """Regressions: rows, columns, and what each derivative says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

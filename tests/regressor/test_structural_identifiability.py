@@ -1,7 +1,5 @@
 """Which sensors tell what: by hand, by laws, and against base parameters."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

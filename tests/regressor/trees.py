@@ -1,7 +1,5 @@
 """Random trees of joints: of two kinds, with axes along and askew, at right angles and others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """comparison_of: a change that is there is significant, one that is not there is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Figures: whole files, with the numbers of the validation in their captions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Numbers of a page: no digit that the standard error does not let stand."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """write_report: what the page says is what was found; hostile names, many joints, refusals."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Charts and pictures of a page: places of points, round ticks, ellipsoids with true inertia."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

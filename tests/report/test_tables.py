@@ -1,7 +1,5 @@
 """Tables: made once, and the same numbers in a terminal and on a page."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Tables: aligned, with the numbers of the result."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

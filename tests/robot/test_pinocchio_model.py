@@ -1,7 +1,5 @@
 """Mimic joints move with their leaders: independent routes, recovery of known truth, refusals."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from pathlib import Path

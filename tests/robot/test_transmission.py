@@ -4,8 +4,6 @@ The experiments are built without the code under test: the torques of the bodies
 rnea, the drives' equations and linkages written out, the matrix of the drives a literal.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

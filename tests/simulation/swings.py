@@ -1,7 +1,5 @@
 """One joint that swings or slides, and its states under a motor torque of time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

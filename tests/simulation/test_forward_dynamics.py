@@ -1,7 +1,5 @@
 """Every term of a drive in simulation: against its equations, mechanics known exactly, and back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

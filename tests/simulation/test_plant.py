@@ -1,7 +1,5 @@
 """Derivatives of the inverse dynamics in any joint order, and the integration of what follows."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The plant and the sensors against mechanics that is known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

@@ -4,8 +4,6 @@ The count of each is that of its source or of its formula, None for arms without
 `test_systems.py` checks it, and the whole base form, at random states with 50 digits.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Text becomes an expression by a list of what is allowed, and nothing large is made of it."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

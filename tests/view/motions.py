@@ -1,7 +1,5 @@
 """The leg with its test mass, a log and a plan of it, for tests of what is shown."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from seaid.excitation import Trajectory

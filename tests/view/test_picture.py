@@ -1,7 +1,5 @@
 """What is shown of a robot: where its links are, how they look, what is said to be missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Motions as they are played: positions, deflections about their mean, colours and their scale."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A window without a browser: nodes where the robot is, time that goes on, a clean end."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

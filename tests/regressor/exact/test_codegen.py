@@ -1,7 +1,5 @@
 """The exact regressor as sympy, as a function, and as files that stand alone."""
 
-from __future__ import annotations
-
 import ast
 import ctypes
 import re

@@ -1,7 +1,5 @@
 """Exact base parameters of a Robot: three ways, one echelon form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The exact geometry: orthogonal over the rationals, and the doubles of the file."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import product
 
