@@ -9,7 +9,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.notebook import pictures_of, printed_by, read
+from scripts.notebook import pictures_of, printed_by, read
 
 MARK = re.compile(r"<!-- notebook (\S+) -->")
 

@@ -20,7 +20,7 @@ from scripts.benchmarks.house import (
     standing,
     with_ceilings,
 )
-from tests.sources import import_statements, tree_of
+from scripts.sources import import_statements, tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -16,18 +16,9 @@ import pytest
 
 import seaid
 from docs import commands as reference
-from scripts import design_table
+from scripts import design_table, notebook
 from scripts.architecture import PICTURE, picture
-from scripts.warnings_page import page_with_sections
-from seaid.cli.commands import COMMANDS, command_of
-from seaid.drives import PARAMETERS_OF
-from seaid.drives.toml import drives_from_mapping
-from seaid.export import content_of
-from seaid.log.description import description_for
-from seaid.log.readers.opening import READERS
-from tests import notebook
-from tests.experiments import arm_found
-from tests.pages import (
+from scripts.pages import (
     ROOT,
     RUN_BY_CI,
     SHELLS,
@@ -40,6 +31,14 @@ from tests.pages import (
     run_page,
     same,
 )
+from scripts.warnings_page import page_with_sections
+from seaid.cli.commands import COMMANDS, command_of
+from seaid.drives import PARAMETERS_OF
+from seaid.drives.toml import drives_from_mapping
+from seaid.export import content_of
+from seaid.log.description import description_for
+from seaid.log.readers.opening import READERS
+from tests.experiments import arm_found
 from tests.plants import kept
 
 LEG_LOGS = {

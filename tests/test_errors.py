@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import seaid
+from scripts.sources import tree_of
 from seaid import errors
-from tests.sources import tree_of
 
 
 def test_every_error_is_a_seaid_error_and_keeps_its_arguments() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import seaid
+from scripts.sources import tree_of
 from seaid._files import (
     followed,
     is_replaced,
@@ -24,7 +25,6 @@ from seaid._files import (
     write_whole,
 )
 from seaid.errors import SeaidError
-from tests.sources import tree_of
 
 
 def test_file_appears_at_the_end_and_nothing_else_stays(tmp_path: Path) -> None:

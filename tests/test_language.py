@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sources import tree_of
+from scripts.sources import tree_of
 
 ROOT = Path(__file__).resolve().parents[1]
 

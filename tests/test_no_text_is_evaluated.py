@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sources import tree_of
+from scripts.sources import tree_of
 
 SEAID = Path(__file__).resolve().parents[1] / "seaid"
 

@@ -161,6 +161,8 @@ RUN_ELSEWHERE = {
     "golden.py": "tests/test_golden.py",
     "identifiability.py": "tests/regressor/test_structural_identifiability.py",
     "identify_tulip_leg.py": "tests/test_scripts.py",
+    "notebook.py": "tests/test_documents.py",
+    "pages.py": "tests/test_documents.py",
     "architecture.py": "tests/test_documents.py",
     "warnings_page.py": "tests/test_documents.py",
 }

@@ -30,8 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.benchmarks.hops import hops
 from scripts.short_form import is_quick, sized
+from scripts.sources import import_statements, inner_statements, tree_of
 from seaid.report import table
-from tests.sources import import_statements, inner_statements, tree_of
 from tests.test_language import INSTEAD, dialect, vague_names
 
 Graph = dict[str, set[str]]

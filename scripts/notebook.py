@@ -1,7 +1,7 @@
 """The notebook of the documents: its cells run in order, as Jupyter would run them.
 
-Jupyter is not needed. `python tests/notebook.py docs/first_result.ipynb` runs a notebook and writes
-what its cells print and draw into it.
+Jupyter is not needed. `python scripts/notebook.py docs/first_result.ipynb` runs a notebook and
+writes what its cells print and draw into it.
 """
 
 from __future__ import annotations

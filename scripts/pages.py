@@ -10,7 +10,7 @@ Figures have to be right to the last digit shown, on every processor. Where they
 search ends elsewhere after other rounding, the page says so to its readers, and the figures have to
 be right within that: a paragraph right behind the block, `*Within 5 % on any processor: ...*`.
 
-`python tests/pages.py docs/paper.md` runs a page and writes what it prints into its text blocks
+`python scripts/pages.py docs/paper.md` runs a page and writes what it prints into its text blocks
 (but for those with a line `...`).
 """
 
