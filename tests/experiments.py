@@ -22,6 +22,7 @@ from seaid.robot import Payload, Robot
 from seaid.simulation import Noise, simulate
 from seaid.simulation.simulation import measure, simulate_motion
 from tests.plants import kept
+from tests.standard_errors import scores
 
 MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"
@@ -177,15 +178,33 @@ def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, 
 
 
 def drive_scores(found: Identification, truth: Robot, *names: str) -> Array:
-    """Return the errors of drives over their standard errors, as many as were found."""
-    return np.array(
+    """Return the errors of drives over their standard errors, of those names that were found."""
+    return np.concatenate(
         [
-            (estimate.value(name) - true_value(truth, joint, name)) / estimate.standard_error(name)
+            scores(
+                estimate, {x: truth.drives[joint].values[x] for x in names if x in estimate.names}
+            )
             for joint, estimate in found.drives.items()
-            for name in names
-            if name in estimate.names
         ]
     )
+
+
+def scores_of_drive(found: Identification, truth: Robot, joint: str) -> Array:
+    """Return the errors of all parameters of a drive, zero where the true drive has none."""
+    values = truth.drives[joint].values
+    return scores(found.drives[joint], {x: values.get(x, 0.0) for x in found.drives[joint].names})
+
+
+def load_scores(found: Identification, truth: Robot) -> Array:
+    """Return the errors of the base parameters over their standard errors."""
+    error = found.load.values - found.base.project(truth.parameters)
+    return np.asarray(error / found.load.standard_errors)
+
+
+def all_scores(found: Identification, truth: Robot) -> Array:
+    """Return all errors of an identification over their standard errors."""
+    drives = (scores_of_drive(found, truth, joint) for joint in found.drives)
+    return np.concatenate([load_scores(found, truth), *drives])
 
 
 @cache

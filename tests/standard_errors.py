@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.estimation import Estimate
+
+
+def scores(estimate: Estimate, truth: Mapping[str, float]) -> Array:
+    """Return the errors of an estimate over its standard errors, by true values of some names."""
+    return np.array(
+        [(estimate.value(x) - true) / estimate.standard_error(x) for x, true in truth.items()]
+    )
 
 
 def check_scores(scores: Sequence[Array], expected: float = 1.0, band: float = 1.14) -> None:

@@ -15,13 +15,8 @@ import seaid
 from scripts.short_form import words
 from seaid.report import table
 from seaid.report.formats import percent
-from tests.identification.test_output_error import (
-    CASES,
-    errors,
-    measured,
-    scores,
-    with_terms_of,
-)
+from tests.experiments import all_scores
+from tests.identification.test_output_error import CASES, errors, measured, with_terms_of
 
 INSIDE = 1.96
 """Standard errors from the estimate to the end of a 95 % interval of a normal distribution."""
@@ -42,7 +37,7 @@ def rows_of(case: str, draws: int) -> list[list[str]]:
     ]
     bodies = np.array([[_bodies(one, truth) for one in pair] for pair in found])
     rows.append([f"{case}: base parameters", *map(percent, np.median(bodies, axis=0))])
-    held = [np.concatenate([scores(pair[way], truth) for pair in found]) for way in (0, 1)]
+    held = [np.concatenate([all_scores(pair[way], truth) for pair in found]) for way in (0, 1)]
     inside = [percent(float(np.mean(np.abs(one) < INSIDE))) for one in held]
     rows.append([f"{case}: intervals that hold", *inside])
     return rows

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate
 from seaid.identification import Conditions, identify, identify_conditions
 from seaid.robot import Robot
 from seaid.simulation import Noise
@@ -23,11 +22,12 @@ from tests.experiments import (
     leg,
     leg_log,
     leg_motion,
+    load_scores,
     perfect_log,
 )
 from tests.mistakes import with_channels
 from tests.representatives import quick_first
-from tests.standard_errors import check_scores
+from tests.standard_errors import check_scores, scores
 
 pytestmark = pytest.mark.usefixtures("estimates_only")
 
@@ -49,20 +49,16 @@ def together(seed: int = 1) -> Conditions:
     return identify_conditions(pairs, condition_specific=own)
 
 
-def distance(estimate: Estimate, name: str, truth: float) -> float:
-    """Return how many standard errors an estimate is away from the truth."""
-    return abs(estimate.value(name) - truth) / estimate.standard_error(name)
-
-
 @pytest.mark.parametrize("joint", quick_first(ELASTIC))
 def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
     truth = leg().drives[joint].values
     cold, warmed = (together().identifications[name].drives[joint] for name in ("cold", "warm"))
     for name in ("stiffness", "coulomb_friction"):
         assert cold.value(name) == warmed.value(name)
-        assert distance(cold, name, truth[name]) < 4
-    assert distance(cold, "viscous_friction", truth["viscous_friction"]) < 4
-    assert distance(warmed, "viscous_friction", (1 - WARM) * truth["viscous_friction"]) < 4
+        assert abs(scores(cold, {name: truth[name]})) < 4
+    viscous = "viscous_friction"
+    assert abs(scores(cold, {viscous: truth[viscous]})) < 4
+    assert abs(scores(warmed, {viscous: (1 - WARM) * truth[viscous]})) < 4
     differences = together().differences
     own = {("viscous_friction", joint) for joint in leg().joint_names}
     own |= {("spring_offset", joint) for joint in ELASTIC}
@@ -78,13 +74,11 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
         cold, warmed = together(seed=seed).identifications.values()
         shared = "stiffness", "coulomb_friction", "viscous_friction"
         own = [
-            (one.value("viscous_friction") - (1 - WARM) * leg().drives[joint].values[shared[2]])
-            / one.standard_error("viscous_friction")
+            scores(one, {shared[2]: (1 - WARM) * leg().drives[joint].values[shared[2]]})
             for joint, one in warmed.drives.items()
         ]
-        drives.append(np.append(drive_scores(cold, leg(), *shared), own))
-        exact = cold.base.project(leg().parameters)
-        loads.append((cold.load.values - exact) / cold.load.standard_errors)
+        drives.append(np.concatenate([drive_scores(cold, leg(), *shared), *own]))
+        loads.append(load_scores(cold, leg()))
     check_scores(drives, 1.13, band=1.2)
     check_scores(loads, band=1.2)
 

@@ -28,6 +28,7 @@ from tests.experiments import (
     true_value,
 )
 from tests.representatives import quick_first
+from tests.standard_errors import scores
 
 TRUTH = leg(TEST_MASS)
 
@@ -124,12 +125,11 @@ def test_noise_of_currents_does_not_make_torque_constants_small(estimator: Any) 
     constants = np.array([13.0, 13.2, 9.5, 7.4, 7.3, 7.5])
     robot, log = driven_by_currents(constants, 0.02)
     drives = identify(robot, log, estimator=estimator).drives
-    scores = [
-        (drives[joint].value("torque_constant") - constant)
-        / drives[joint].standard_error("torque_constant")
+    far = [
+        scores(drives[joint], {"torque_constant": constant})
         for joint, constant in zip(log.joint_names[:5], constants, strict=False)
     ]
-    assert (np.max(np.abs(scores)) < 4) == (estimator == "wls")
+    assert (np.max(np.abs(far)) < 4) == (estimator == "wls")
 
 
 STEP = 1e-4
@@ -342,16 +342,15 @@ def test_a_refinement_has_the_errors_of_known_constants() -> None:
 @pytest.mark.usefixtures("estimates_only")
 def test_standard_errors_contain_those_of_the_sensor() -> None:
     """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
-    scores = []
+    far = []
     for seed in range(10):
         log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, seed)
         result = identify(by_current(), with_currents(log, ELASTIC, 0.02, seed), cutoff_hz=6.0)
         for joint in ELASTIC:
-            drive, true = result.drives[joint], {"torque_constant": 0.05}
-            for name in ("stiffness", "viscous_friction", "coulomb_friction"):
-                true[name] = true_value(TRUTH, joint, name)
-            scores += [(drive.value(x) - true[x]) / drive.standard_error(x) for x in true]
-    assert 0.88 < np.sqrt(np.mean(np.square(scores))) < 1.3
+            names = ("stiffness", "viscous_friction", "coulomb_friction")
+            true = {name: true_value(TRUTH, joint, name) for name in names}
+            far.append(scores(result.drives[joint], {"torque_constant": 0.05, **true}))
+    assert 0.88 < np.sqrt(np.mean(np.square(far))) < 1.3
 
 
 @pytest.mark.parametrize("std_Nm", quick_first([None, 0.0]))

@@ -21,6 +21,7 @@ from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import arm, arm_motion
 from tests.plants import log_with, write_columns, write_robot
+from tests.standard_errors import scores
 
 
 @pytest.mark.usefixtures("estimates_only")
@@ -101,13 +102,9 @@ def log_of(seed: int, noise: float) -> seaid.Log:
 @pytest.mark.usefixtures("estimates_only")
 def test_the_constant_has_the_error_of_the_spring_that_it_is_found_with(urdf: Path) -> None:
     """Scores of all values; without the error of the spring in (7) that of the constant is 2500."""
-    scores = []
-    for seed in range(12):
-        found = seaid.identify(robot_of(urdf), log_of(seed, 1.0)).drives["x_axis"]
-        values = np.array([found.value(name) for name in TRUTH])
-        errors = np.array([found.standard_error(name) for name in TRUTH])
-        scores.append((values - list(TRUTH.values())) / errors)
-    sizes = np.sqrt(np.mean(np.square(scores), axis=0))
+    found = [seaid.identify(robot_of(urdf), log_of(seed, 1.0)) for seed in range(12)]
+    draws = [scores(one.drives["x_axis"], TRUTH) for one in found]
+    sizes = np.sqrt(np.mean(np.square(draws), axis=0))
     assert np.max(sizes) < 1.5
     assert np.min(sizes) > 0.35
 

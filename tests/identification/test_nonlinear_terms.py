@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid._arrays import Array
 from seaid.drives import Drive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification import Identification, identify, identify_conditions, refine
 from seaid.log import Log, Motion
 from seaid.regressor import identifiability
 from seaid.robot import Payload, Robot
-from tests.experiments import with_named_friction
+from tests.experiments import scores_of_drive, with_named_friction
 from tests.representatives import quick_first, quick_only
 from tests.standard_errors import check_scores
 from tests.terms import (
@@ -129,16 +128,9 @@ def check_bodies(found: Identification, truth: Robot) -> None:
     np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
 
 
-def scores_of(found: Identification, truth: Robot, joint: str) -> Array:
-    """Return the errors of a drive's parameters over their standard errors."""
-    estimate, values = found.drives[joint], truth.drives[joint].values
-    wanted = np.array([values.get(name, 0.0) for name in estimate.names])
-    return np.asarray((estimate.values - wanted) / estimate.standard_errors)
-
-
 def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
     """Check that no parameter is farther from the truth than its error says."""
-    far = scores_of(found, truth, joint)
+    far = scores_of_drive(found, truth, joint)
     assert np.max(np.abs(far)) < 3.3, dict(zip(found.drives[joint].names, far, strict=True))
 
 
@@ -282,7 +274,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(families: list[str]) -> 
             for seed in range(draws):
                 log = noisy_log(motion, 0.003, 2e-5, seed)
                 found = found_in(log, truth, rows if is_free else None)
-                scores.append(scores_of(found, truth, joint))
+                scores.append(scores_of_drive(found, truth, joint))
     check_scores(scores, band=1.2)
 
 

@@ -24,6 +24,7 @@ from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, leg_traje
 from tests.mistakes import with_channels
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
+from tests.standard_errors import scores
 from tests.terms import exact_motion, noisy_log
 
 KNEE = "knee_pitch"
@@ -71,11 +72,8 @@ def found() -> Identification:
 @pytest.mark.slow  # 0.6 s
 def test_friction_of_a_warming_motor_is_recovered_within_its_intervals() -> None:
     estimate, true = found().drives[KNEE], {**leg(TEST_MASS).drives[KNEE].values, **SLOPES}
-    for name, value, error in zip(
-        estimate.names, estimate.values, estimate.standard_errors, strict=True
-    ):
-        if name in TERMS[:2] or name in SLOPES:
-            assert abs(value - true[name]) < 3 * error, name
+    names = {"viscous_friction", "coulomb_friction", *SLOPES}
+    assert np.max(np.abs(scores(estimate, {name: true[name] for name in names}))) < 3
     assert estimate.standard_error("viscous_temperature_slope") < 0.2e-6
     assert not any(one.severity == "wrong" for one in found().warnings)
 
@@ -111,7 +109,7 @@ def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
     both = [log_at(ramp(20.0, 20.5)), log_at(ramp(45.0, 45.5), seed=2)]
     estimate = seaid.identify(robot_of(), both).drives[KNEE]
     name = "viscous_temperature_slope"
-    assert abs(estimate.value(name) - SLOPES[name]) < 3 * estimate.standard_error(name)
+    assert abs(scores(estimate, {name: SLOPES[name]})) < 3
 
 
 LIKE = r"ranges from 31 to {} degC: .* needs a range of 2 K"
@@ -224,9 +222,7 @@ def test_warm_up_is_selected_and_recovered_within_its_intervals(tmp_path: Path, 
     assert {term for _, term in selection.recommended["arm"]} == {*WARM_UP[2:]}
     found = seaid.identify(selection.robot, log)
     estimate = found.drives["arm"]
-    for name, value in {**FRICTION, **COLD}.items():
-        error = abs(estimate.value(name) - value)
-        assert error < 3.5 * estimate.standard_error(name), name
+    assert np.max(np.abs(scores(estimate, {**FRICTION, **COLD}))) < 3.5
     assert estimate.standard_error("warm_up_time") < 0.1 * COLD["warm_up_time"]
     drive = found.robot.drives["arm"]
     assert drive.at_temperature().friction == ("viscous", "coulomb")
@@ -251,9 +247,8 @@ def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_p
         seaid.identify(robot.without_nominal(), log)
     drive = replace(robot.drives["arm"], known=("warm_up_time",))
     found = seaid.identify(robot.with_drives({"arm": drive}).without_nominal(), log).drives["arm"]
-    for name in ("viscous_friction", "cold_viscous_friction"):
-        error = abs(found.value(name) - {**FRICTION, **COLD}[name])
-        assert error < 3.5 * found.standard_error(name)
+    truth = {x: {**FRICTION, **COLD}[x] for x in ("viscous_friction", "cold_viscous_friction")}
+    assert np.max(np.abs(scores(found, truth))) < 3.5
     terms = {"friction": WARM_UP[2:3]}
     selection = seaid.compare_terms(without_terms(robot), log, terms=terms)
     assert "warms up over" in selection.comparisons[0].reason

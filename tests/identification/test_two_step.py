@@ -32,6 +32,7 @@ from tests.experiments import (
     drive_scores,
     leg,
     leg_motion,
+    load_scores,
     perfect_log,
     with_named_friction,
 )
@@ -131,8 +132,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int)
     for seed in range(draws):
         found = identify(robot, measure(truth, motion, noise, seed))
         drives.append(drive_scores(found, truth, *DRIVE))
-        true = found.base.project(truth.parameters)
-        loads.append((found.load.values - true) / found.load.standard_errors)
+        loads.append(load_scores(found, truth))
     check_scores(drives, 1.13, band=1.2)
     check_scores(loads, band=1.2)
 

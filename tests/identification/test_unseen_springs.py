@@ -34,6 +34,7 @@ from seaid.log import Log, reconstruct_motion
 from seaid.robot import Robot
 from tests.experiments import leg, leg_motion, perfect_log
 from tests.plants import kept
+from tests.standard_errors import scores
 
 HEAVIER = replace(ANYDRIVE, mass=1.5 * ANYDRIVE.mass, k=0.5 * ANYDRIVE.k)
 DAMPED = replace(ANYDRIVE, damping=0.04 * float(np.sqrt(ANYDRIVE.k * ANYDRIVE.load)))
@@ -80,13 +81,8 @@ def test_an_unknown_rotor_inertia_is_within_its_interval(joint: Joint, robot: Ro
     assert isinstance(drive, SeriesElasticDrive)
     unknown = robot.with_drives({"arm": replace(drive, motor_inertia_kg_m2=None)})
     result = identify(unknown, log_of(joint, 0 if joint is ANYDRIVE else 1))
-    estimate, load = result.drives["arm"], result.load
-    scores = [
-        (estimate.value("motor_inertia") - joint.rotor) / estimate.standard_error("motor_inertia"),
-        (estimate.value("stiffness") - joint.k) / estimate.standard_error("stiffness"),
-        (load.value("Iyy_body") - joint.load) / load.standard_error("Iyy_body"),
-    ]
-    assert np.max(np.abs(scores)) < 3.0
+    far = scores(result.drives["arm"], {"motor_inertia": joint.rotor, "stiffness": joint.k})
+    assert np.max(np.abs([*far, *scores(result.load, {"Iyy_body": joint.load})])) < 3.0
 
 
 @pytest.mark.slow  # two motor sides

@@ -521,9 +521,9 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     for draw in range(draws):
         log = log_of(case, duration=32.0, torque=0.01, angle=2e-5, draw=draw)
         found = identify(known, log, cutoff_hz=8.0, method=method)
-        places = [found.load.names.index(name) for name in found.base.expressions]
-        load = load_errors(case, found)[0] / found.load.standard_errors[places]
-        scores.append(np.append(load, drive_scores(found, case.robot, *DRIVE)))
+        load, _ = load_errors(case, found)
+        errors = [found.load.standard_error(name) for name in found.base.expressions]
+        scores.append(np.append(load / errors, drive_scores(found, case.robot, *DRIVE)))
     check_scores(scores, band=band)
 
 
