@@ -26,7 +26,8 @@ from seaid.simulation.forward_dynamics import advance, begin_of
 from seaid.simulation.plant import JOINT_SPEED, SPEED, plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
 from tests.one_joint import BODY
-from tests.plants import tree, write_robot
+from tests.plants import body, tree, write_robot
+from tests.regressor.trees import SLIDE, Joint, joints, joints_of
 from tests.terms import ELASTIC, STIFF, with_terms
 from tests.terms import arm as two_joints
 
@@ -34,7 +35,6 @@ mujoco = pytest.importorskip("mujoco")
 
 LIMIT = '<limit lower="-3" upper="3" effort="9" velocity="9"/>'
 TURN = f'revolute <axis xyz="0 0.6 0.8"/>{LIMIT}'
-SLIDE = f'prismatic <axis xyz="0 0.6 0.8"/>{LIMIT}'
 
 
 def without_friction(robot: Robot) -> Robot:
@@ -207,48 +207,35 @@ def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path)
 
 
 @given(
-    kinds=st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=4),
+    tree=st.lists(st.tuples(joints, st.booleans()), min_size=1, max_size=4),
     ratio=st.floats(2, 150),
     stiffness=st.floats(10, 1e4),
     inertia=st.floats(1e-6, 1e-3),
 )
-def test_accelerations_of_chains_of_any_joints_and_drives(
-    kinds: list[tuple[bool, bool]],
+def test_accelerations_of_any_tree_with_any_drives(
+    tree: list[tuple[Joint, bool]],
     ratio: float,
     stiffness: float,
     inertia: float,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    folder = tmp_path_factory.mktemp("chain")
-    robot = chain(folder, kinds, ratio, stiffness, inertia)
+    """Each joint has a spring or none."""
+    folder, drives = tmp_path_factory.mktemp("tree"), dict[str, Drive]()
+    wide = {
+        joint: text.replace(SLIDE, LIMIT) for joint, text in joints_of([x for x, _ in tree]).items()
+    }
+    for (joint, text), (_, has_spring) in zip(wide.items(), tree, strict=True):
+        slides, own = text.startswith("prismatic"), {"motor_inertia": inertia}
+        if has_spring:
+            radius = 0.02 if slides else None
+            drive: Drive = SeriesElasticDrive(ratio, motor_pulley_radius_m=radius, friction=VISCOUS)
+            own["stiffness"] = stiffness
+        else:
+            ratios: Any = {"gear_ratio_rad_per_m" if slides else "gear_ratio": ratio}
+            drive = StiffDrive(**ratios, friction=VISCOUS)
+        drives[joint] = drive.with_values({**own, "viscous_friction": 1e-4})
+    robot = load_robot(write_robot(folder / "tree.urdf", wide, body(1)), drives)
     assert acceleration_errors(Twin(robot, folder), 3) < 1e-9
-
-
-def chain(
-    folder: Path, kinds: list[tuple[bool, bool]], ratio: float, stiffness: float, inertia: float
-) -> Robot:
-    """Return a chain of joints that slide or turn (first), with a spring or stiff (second)."""
-    shared: dict[str, Any] = {"motor_inertia_kg_m2": inertia, "viscous_friction_Nms_per_rad": 1e-4}
-    body = (
-        '<inertial><origin xyz="0.05 0.02 -0.1" rpy="0.1 0.2 0.3"/><mass value="1.5"/><inertia '
-        'ixx="0.02" iyy="0.015" izz="0.01" ixy="0.001" ixz="-0.002" iyz="0.0015"/></inertial>'
-    )
-    joints, drives = dict[str, str](), dict[str, Drive]()
-    for number, (slides, has_spring) in enumerate(kinds):
-        joint, links = f"j{number}", f"l{number} l{number + 1}"
-        kind, _, elements = (SLIDE if slides else TURN).partition(" ")
-        place = f'<origin xyz="0.1 0.2 0.3" rpy="{number} 0.4 -0.2"/>'
-        joints[joint] = f"{kind} {links} {place}{elements}"
-        if not has_spring:
-            key = "gear_ratio_rad_per_m" if slides else "gear_ratio"
-            drives[joint] = StiffDrive(friction=VISCOUS, **{key: ratio, **shared})
-            continue
-        spring: dict[str, Any] = {"stiffness_Nm_per_rad": stiffness}
-        if slides:
-            spring = {"stiffness_N_per_m": stiffness, "motor_pulley_radius_m": 0.02}
-        drives[joint] = SeriesElasticDrive(gear_ratio=ratio, friction=VISCOUS, **spring, **shared)
-    path = write_robot(folder / "chain.urdf", joints, body)
-    return load_robot(path, drives)
 
 
 def torques_of(robot: Robot, duration: float, step: float) -> tuple[Array, Array]:
