@@ -22,11 +22,11 @@ from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.regressor.base import torque_slopes
 from seaid.robot import Robot
 from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
-from seaid.view.picture import link_places, placements
 from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
 from tests.plants import torque_slopes_by_steps, tree, write_columns, write_robot
 from tests.regressor.stances import check_floating
+from tests.view.test_picture import frames_by_pinocchio, link_placements
 
 Write = Callable[[str], Path]
 
@@ -381,18 +381,13 @@ def test_links_stand_where_those_of_the_whole_model_do(gripper: Robot, urdf: Pat
         (crane, [0.3, -0.4], {**LOCKED, "follower": 0.5 * LOCKED["elbow"] + 0.1}),
     ):
         assert robot.urdf is not None
-        model = pin.buildModelFromUrdf(str(robot.urdf), False)
-        data, whole = model.createData(), pin.neutral(model)
-        for name, at in (dict(zip(robot.joint_names, q, strict=True)) | others).items():
-            joint = model.joints[model.getJointId(name)]
-            values = [at] if joint.nq == 1 else [np.cos(at), np.sin(at)]
-            whole[joint.idx_q : joint.idx_q + joint.nq] = values
-        pin.framesForwardKinematics(model, data, whole)
-        joints = placements(robot, np.array(q))
-        tree_of_links = seaid.robot.reread_urdf(robot.urdf).locked_at(robot.locked)
-        for link, (moving, place) in link_places(tree_of_links, robot).items():
-            expected = data.oMf[model.getFrameId(link)].homogeneous
-            np.testing.assert_allclose((joints[moving] * place).homogeneous, expected, atol=1e-12)
+        found = link_placements(robot, np.array(q))
+        positions = dict(zip(robot.joint_names, q, strict=True)) | others
+        for link, expected in frames_by_pinocchio(robot.urdf, positions).items():
+            if link != "universe":
+                np.testing.assert_allclose(
+                    found[link].homogeneous, expected.homogeneous, atol=1e-12
+                )
 
 
 def test_the_written_file_has_the_same_robot(urdf: Path, tmp_path: Path) -> None:

@@ -51,11 +51,11 @@ def frames_by_pinocchio(path: Path, positions: dict[str, float]) -> dict[str, pi
     return {one.name: data.oMf[i] for i, one in bodies}
 
 
-def link_placements(picture: Picture, q: Array) -> dict[str, pin.SE3]:
+def link_placements(robot: Robot, q: Array) -> dict[str, pin.SE3]:
     """Return the placements of all links of the URDF, including fixed and locked ones."""
-    assert picture.robot.urdf is not None
-    places = link_places(reread_urdf(picture.robot.urdf), picture.robot)
-    joints = placements(picture.robot, q)
+    assert robot.urdf is not None
+    places = link_places(reread_urdf(robot.urdf).locked_at(robot.locked), robot)
+    joints = placements(robot, q)
     return {link: joints[joint] * place for link, (joint, place) in places.items()}
 
 
@@ -88,7 +88,7 @@ def test_links_are_where_pinocchio_has_them(
     path = example_path(name)
     robot = load_quietly(path, joints=joints) if joints else load_quietly(path)
     picture, q = picture_of(robot), posture(robot, 1)
-    found = link_placements(picture, q)
+    found = link_placements(robot, q)
     expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
     assert set(found) == set(expected) - {"universe"}
     for link, place in found.items():
