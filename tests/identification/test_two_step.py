@@ -213,6 +213,8 @@ def test_unknown_rotor_inertias_are_found() -> None:
         "Ixx_tool + 2500 motor_inertia_wrist",
     ]
     assert max(map(abs, errors.values())) < 0.01
+    assert {name for _, name, _ in found.model.drives} == {"viscous_friction", "coulomb_friction"}
+    assert found.model.names[-1] == "coulomb_friction of wrist"
 
 
 def with_torques(truth: Robot, motion: Motion, joint_torque: Array, motor_torque: Array) -> Log:

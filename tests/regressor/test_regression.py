@@ -246,18 +246,6 @@ def test_ideal_drive_has_no_columns_and_its_torque_is_known(tulip_urdf: Path) ->
     assert load_model(robot, base_parameters(robot), robot.joint_names).drives == ()
 
 
-def test_drive_columns_that_the_base_parameters_hide_are_in_an_expression() -> None:
-    known = arm().without_nominal()
-    unknown = {
-        joint: replace(drive, motor_inertia_kg_m2=None) for joint, drive in known.drives.items()
-    }
-    robot = known.with_values(known.parameters, unknown)
-    model = load_model(robot, base_parameters(robot), robot.joint_names)
-    assert model.expressions[0] == "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail"
-    assert {name for _, name, _ in model.drives} == {"viscous_friction", "coulomb_friction"}
-    assert model.names[-1] == "coulomb_friction of wrist"
-
-
 @pytest.mark.parametrize("most", [700, 1501])
 def test_a_long_motion_is_evaluated_piece_by_piece(
     monkeypatch: pytest.MonkeyPatch, most: int
