@@ -163,28 +163,6 @@ def test_checks_say_that_each_term_is_worth_having() -> None:
     assert set(checks["load"].whiteness) == set(KNOWN.joint_names)
 
 
-REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
-    ({"estimator": "wsl"}, IdentificationError, "no estimator is named 'wsl'; did you mean 'wls'"),
-    ({"estimator": "kalman"}, IdentificationError, "no estimator is .* 'kalman'; allowed: .*ols"),
-    ({"method": "two-stp"}, IdentificationError, "is named 'two-stp'; did you mean 'two-step'"),
-    ({"torque_joints": ("knee",)}, RobotError, "is named 'knee'; did you mean 'knee_pitch'"),
-    ({"torque_joints": ()}, ExcitationError, "names no joint: give those whose torque is known"),
-    *(
-        ({"encoder_offset_std": std}, IdentificationError, "must be from 0 to 1000 rad or m")
-        for std in (-0.1, float("nan"), float("inf"), 1e200)
-    ),
-    ({"known_std": {"mass": 0.1}}, IdentificationError, "no constant is named 'mass'"),
-    ({"known_std": {"torque": 2.0}}, IdentificationError, "of 'torque' must be a relative stand"),
-]
-
-
-@pytest.mark.parametrize(("option", "kind", "words"), REFUSED)
-def test_options_are_checked(option: dict[str, Any], kind: type[Exception], words: str) -> None:
-    """Before anything is computed, with the values that are allowed."""
-    with pytest.raises(kind, match=words):
-        identify(KNOWN, leg_log(), **option)
-
-
 def without_joint(log: Log) -> Log:
     """Return the log without the last joint."""
     sides = ("motor_position", "joint_position", "motor_torque")
@@ -206,20 +184,34 @@ def sensed_at_knee() -> Log:
 
 
 without = partial(changed, "motor_torque", value=np.nan)
-SOME = ("hip_yaw", "hip_pitch")
-LOGS: list[tuple[Callable[[], Any], tuple[str, ...] | None, type[Exception], str]] = [
-    (lambda: [], None, IdentificationError, "identify needs a log, found none"),
-    (lambda: [3.0], None, IdentificationError, "must be a Log, .* or a list .*list with 3.0"),
-    (lambda: without_joint(leg_log()), None, LogError, "has no joint ankle_pitch of 'tulip_leg'"),
-    (lambda: without(joint="knee_pitch"), None, LogError, "joint 'knee_pitch' has no torque in"),
+SOME = {"torque_joints": ("hip_yaw", "hip_pitch")}
+OPTIONS: list[tuple[dict[str, Any], str]] = [
+    ({"estimator": "wsl"}, "no estimator is named 'wsl'; did you mean 'wls'"),
+    ({"estimator": "kalman"}, "no estimator is .* 'kalman'; allowed: .*ols"),
+    ({"method": "two-stp"}, "is named 'two-stp'; did you mean 'two-step'"),
+    ({"known_std": {"mass": 0.1}}, "no constant is named 'mass'"),
+    ({"known_std": {"torque": 2.0}}, "of 'torque' must be a relative stand"),
+    *(
+        ({"encoder_offset_std": std}, "must be from 0 to 1000 rad or m")
+        for std in (-0.1, float("nan"), float("inf"), 1e200)
+    ),
+]
+REFUSED: list[tuple[Callable[[], Any], dict[str, Any], type[Exception], str]] = [
+    *((leg_log, option, IdentificationError, words) for option, words in OPTIONS),
+    (leg_log, {"torque_joints": ("knee",)}, RobotError, "'knee'; did you mean 'knee_pitch'"),
+    (leg_log, {"torque_joints": ()}, ExcitationError, "names no joint: give those whose torque is"),
+    (lambda: [], {}, IdentificationError, "identify needs a log, found none"),
+    (lambda: [3.0], {}, IdentificationError, "must be a Log, .* or a list .*list with 3.0"),
+    (lambda: without_joint(leg_log()), {}, LogError, "has no joint ankle_pitch of 'tulip_leg'"),
+    (lambda: without(joint="knee_pitch"), {}, LogError, "joint 'knee_pitch' has no torque in"),
     (lambda: without(joint="hip_yaw"), SOME, LogError, "no torque in the log at hip_yaw; name the"),
-    (lambda: [leg_log(), sensed_at_knee()], None, LogError, "must have the same torque sensors"),
-    (lambda: still(0.0), None, ExcitationError, "no joint moves in the log"),
-    (lambda: still(1e-3), None, ExcitationError, "no joint moves in the log"),
+    (lambda: [leg_log(), sensed_at_knee()], {}, LogError, "must have the same torque sensors"),
+    (lambda: still(0.0), {}, ExcitationError, "no joint moves in the log"),
+    (lambda: still(1e-3), {}, ExcitationError, "no joint moves in the log"),
     *(
         (
             partial(changed, field, joint, 0.4),
-            None,
+            {},
             LogError,
             f"{field.replace('_', ' ')} of '{joint}' is 0.4 all .* moves: a dead channel",
         )
@@ -234,13 +226,13 @@ LOGS: list[tuple[Callable[[], Any], tuple[str, ...] | None, type[Exception], str
 ]
 
 
-@pytest.mark.parametrize(("logs", "rows", "kind", "words"), LOGS)
-def test_logs_without_an_answer_are_refused(
-    logs: Callable[[], Any], rows: tuple[str, ...] | None, kind: type[Exception], words: str
+@pytest.mark.parametrize(("logs", "options", "kind", "words"), REFUSED)
+def test_options_and_logs_without_an_answer_are_refused(
+    logs: Callable[[], Any], options: dict[str, Any], kind: type[Exception], words: str
 ) -> None:
-    """The error names the joint and the channel."""
+    """The error names the values that are allowed, or the joint and the channel."""
     with pytest.raises(kind, match=words):
-        identify(KNOWN, logs(), torque_joints=rows)
+        identify(KNOWN, logs(), **options)
 
 
 @pytest.mark.slow  # several identifications of the leg

@@ -31,21 +31,26 @@ TIME: Array = np.linspace(0.0, 9.995, 2000)
 ANGLE = 0.8 * np.sin(3 * TIME) + 0.3 * np.sin(7 * TIME + 1)
 SPEED = 2.4 * np.cos(3 * TIME) + 2.1 * np.cos(7 * TIME + 1)
 ACCELERATION = -7.2 * np.sin(3 * TIME) - 14.7 * np.sin(7 * TIME + 1)
+FRICTION = 0.1 * SPEED + 0.3 * np.tanh(SPEED / 0.2)
 
 
-def robot_of_hinge(folder: Path) -> Robot:
-    joints = {"hinge": f"revolute base rod {HINGE.format(3)}"}
-    return seaid.load_robot(write_robot(folder / "pendulum.urdf", joints, ROD))
+HINGE_ALONE = {"hinge": f"revolute base rod {HINGE.format(3)}"}
+
+
+def rods(folder: Path, joints: dict[str, str] | None = None, drives: Any = None) -> Robot:
+    """Return one hinged rod and more, each as its text says."""
+    path = write_robot(folder / "rods.urdf", HINGE_ALONE | (joints or {}), ROD)
+    return seaid.load_robot(path, drives)
 
 
 @pytest.fixture
 def pendulum(tmp_path: Path) -> Robot:
-    return robot_of_hinge(tmp_path)
+    return rods(tmp_path)
 
 
 def torque(robot: Robot) -> Array:
     states = (one[:, None] for one in (ANGLE, SPEED, ACCELERATION))
-    return joint_torques(robot, *states)[:, 0] + 0.1 * SPEED + 0.3 * np.tanh(SPEED / 0.2)
+    return joint_torques(robot, *states)[:, 0] + FRICTION
 
 
 def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
@@ -138,15 +143,6 @@ def test_odd_channels_give_errors_of_ours_or_numbers(pendulum: Robot, way: str, 
         assert found.summary()
 
 
-def two_pendulums(folder: Path, drives: dict[str, Any], upper: float = 3.0) -> Robot:
-    """Return two pendulums side by side, whose second one has another limit."""
-    joints = {
-        "hinge": f"revolute base rod {HINGE.format(3)}",
-        "other": f"revolute base bar {HINGE.format(upper)}",
-    }
-    return seaid.load_robot(write_robot(folder / "two.urdf", joints, ROD), drives)
-
-
 def log_of_two(
     robot: Robot, angles: Sequence[Any], torques: Sequence[Any], **sensors: Array
 ) -> Log:
@@ -172,7 +168,8 @@ def test_a_joint_that_stands_still_is_named_and_the_others_are_estimated(
         gear_ratio=10.0, motor_inertia_kg_m2=1e-4, friction=("viscous", "coulomb")
     )
     other = spring if stands == "a spring" else WITH_FRICTION
-    robot = two_pendulums(tmp_path, {"hinge": WITH_FRICTION, "other": other})
+    beside = {"other": f"revolute base bar {HINGE.format(3)}"}
+    robot = rods(tmp_path, beside, {"hinge": WITH_FRICTION, "other": other})
     moves = STANDS.get(stands, 0.0 * TIME)
     motor = np.column_stack([np.full_like(TIME, np.nan), 4.1 + 0 * TIME])
     sensors = {"motor_position": motor} if stands == "a spring" else {}
@@ -193,25 +190,20 @@ def test_a_joint_that_stands_still_is_named_and_the_others_are_estimated(
 
 
 def test_a_distal_joint_that_stands_still_is_one_body_with_the_one_before_it(
-    pendulum: Robot, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     """Its base parameters are those of both bodies: those of each are not identifiable."""
-    ends = {"hinge": "base rod", "end": "rod bar"}
-    joints = {joint: f"revolute {links} {HINGE.format(3)}" for joint, links in ends.items()}
-    path = write_robot(tmp_path / "chain.urdf", joints, ROD)
-    robot = seaid.load_robot(path, dict.fromkeys(("hinge", "end"), WITH_FRICTION))
+    end = {"end": f"revolute rod bar {HINGE.format(3)}"}
+    robot = rods(tmp_path, end, dict.fromkeys(("hinge", "end"), WITH_FRICTION))
     states = (np.column_stack([one, 0 * TIME]) for one in (ANGLE, SPEED, ACCELERATION))
-    loads = joint_torques(robot, *states) + np.column_stack([torque(pendulum), 0 * TIME])
-    loads[:, 0] -= joint_torques(pendulum, *(one[:, None] for one in (ANGLE, SPEED, ACCELERATION)))[
-        :, 0
-    ]
+    loads = joint_torques(robot, *states) + np.column_stack([FRICTION, 0 * TIME])
     found = seaid.identify(robot, log_of_two(robot, (ANGLE, 0 * TIME), tuple(loads.T)))
     assert [one.joint for one in found.warnings if one.code == "standstill"] == ["end"]
     assert len(found.load.names) == 3
     assert found.drives["hinge"].value("viscous_friction") == pytest.approx(0.1, rel=0.05)
 
 
-def at_a_stop(folder: Path, upper: float = 0.3) -> tuple[Robot, Log]:
+def at_a_stop(folder: Path) -> tuple[Robot, Log]:
     """Return two servos, the second of which pushes against a stiff spring most of the time."""
     servo = StiffDrive(
         friction=("viscous", "coulomb"),
@@ -220,9 +212,10 @@ def at_a_stop(folder: Path, upper: float = 0.3) -> tuple[Robot, Log]:
         command_delay_s=0.0,
         known=("command_delay",),
     )
-    robot = two_pendulums(folder, dict.fromkeys(("hinge", "other"), servo), upper)
+    moved = torque(rods(folder))
+    beside = {"other": f"revolute base bar {HINGE.format(0.3)}"}
+    robot = rods(folder, beside, dict.fromkeys(("hinge", "other"), servo))
     robot = replace(robot, known_bodies=robot.body_names)
-    moved = torque(robot_of_hinge(folder))
     pushed = 20.0 + 8.0 * ANGLE
     stopped = 0.3 + pushed / 500.0
     command = np.column_stack([ANGLE + moved / 40.0, stopped + pushed / 40.0])
