@@ -47,6 +47,7 @@ from seaid.report.html_verdict import (
 from seaid.report.tables import ErrorRow
 from seaid.robot import Robot
 from tests.experiments import arm, arm_found, arm_log, arm_result
+from tests.report.test_html_charts import points_of
 from tests.report_pages import HOSTILE, made_up, prediction
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
 from tests.terms import arm as two_joints
@@ -407,12 +408,6 @@ def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: P
     assert {row.reason for row in unkept} == {"the motion of this validation is not kept"}
 
 
-def samples_of(figure: str, name: str) -> Array:
-    """Return the places (P, 2) of the points of a class in a chart."""
-    (path,) = re.findall(rf'<path class="points {name}" d="([^"]*)"', figure)
-    return np.array([[float(x) for x in one.split()] for one in re.findall(r"M([^Mh]*)h0", path)])
-
-
 def line_of(figure: str, name: str) -> Array:
     (path,) = re.findall(rf'<path class="line {name}" d="([^"]*)"', figure)
     return np.array([[float(x) for x in one.split()] for one in re.split("[ML]", path)[1:]])
@@ -427,13 +422,13 @@ def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
     spring = str(figures["shoulder"].spring)
     line = line_of(spring, "identified")
     for name in ("sample up", "sample down"):
-        points = samples_of(spring, name)
+        points = points_of(spring, name)
         assert len(points) > 50
         off = points[:, 1] - np.interp(points[:, 0], line[:, 0], line[:, 1])
         assert np.max(np.abs(off)) < 4.0  # of 246 high
     for one in figures.values():
         friction = str(one.friction)
-        points, line = samples_of(friction, "sample"), line_of(friction, "identified")
+        points, line = points_of(friction, "sample"), line_of(friction, "identified")
         middle = np.mean(line[:, 0])
         fast = points[np.abs(points[:, 0] - middle) > 60]
         off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
@@ -452,7 +447,7 @@ def test_samples_of_a_spring_with_hysteresis_lie_between_its_lines(tmp_path: Pat
     found = identify(truth.without_nominal(), log, torque_joints=["one"], cutoff_hz=10.0)
     (figure,) = (str(one.spring) for one in actuator_figures(found, truth) if one.joint == "two")
     line = line_of(figure, "identified")
-    points = np.vstack([samples_of(figure, f"sample {way}") for way in ("up", "down")])
+    points = np.vstack([points_of(figure, f"sample {way}") for way in ("up", "down")])
     up, down = line[: len(line) // 2], line[len(line) // 2 :][::-1]
     middle, half = 0.5 * (up[:, 1] + down[:, 1]), 0.5 * np.max(np.abs(down[:, 1] - up[:, 1]))
     off = points[:, 1] - np.interp(points[:, 0], up[:, 0], middle)

@@ -20,9 +20,10 @@ from seaid.robot.inertia import from_center_of_mass, principal_moments
 from tests.experiments import arm, arm_found, leg
 
 
-def points_of(svg: str) -> Array:
-    (path,) = re.findall(r'<path class="points a" d="([^"]*)"', svg)
-    return np.array([[float(x) for x in one.split()] for one in re.findall(r"M([^h]*)h0", path)])
+def points_of(svg: str, name: str = "a") -> Array:
+    """Return the places (P, 2) of the points of a class in a chart."""
+    (path,) = re.findall(rf'<path class="points {name}" d="([^"]*)"', svg)
+    return np.array([[float(x) for x in one.split()] for one in re.findall(r"M([^Mh]*)h0", path)])
 
 
 def test_points_are_placed_between_the_ticks_of_their_values() -> None:
