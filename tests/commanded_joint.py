@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,17 +35,21 @@ TIME = np.arange(0, 20, 0.005)
 CHIRP = 0.4 * np.sin(2 * np.pi * (0.1 * TIME + 0.0625 * TIME**2)) + 0.2 * np.sin(2.3 * TIME)
 
 
+GAINS = ("position_gain_Nm_per_rad", "velocity_gain_Nms_per_rad")
+
+
 def robot_of(
-    urdf: Path, gains: tuple[float, float], delay_s: float | None = None, std_s: float = 0.0
+    urdf: Path,
+    gains: tuple[float, float] | Mapping[str, Any],
+    delay_s: float | None = None,
+    std_s: float = 0.0,
 ) -> seaid.Robot:
-    """Return the robot with a known arm; `delay_s` None: to be estimated."""
-    controller = seaid.Controller(
-        position_gain_Nm_per_rad=gains[0], velocity_gain_Nms_per_rad=gains[1]
-    )
+    """Return the robot with a known arm under two gains or a law; `delay_s` None: estimated."""
+    law = dict(zip(GAINS, gains, strict=True)) if isinstance(gains, tuple) else gains
     drive = seaid.StiffDrive(
         friction=("viscous", "coulomb", "offset"),
-        motor_input="position_command",
-        controller=controller,
+        motor_input="position_command" if GAINS[0] in law else "velocity_command",
+        controller=seaid.Controller(**law),
         command_delay_s=delay_s,
         known=() if delay_s is None else ("command_delay",),
         std={"command_delay_s": std_s} if std_s else {},
@@ -74,36 +79,43 @@ def mujoco_log(
     return log_of(position + np.random.default_rng(seed).normal(size=len(TIME)) * noise)
 
 
+STEP_S, PARTS = 2.5e-4, 20
+"""Step of the plant, and how many of them make a sample."""
+
+
+def plant(integrator: str, actuator: str, joint: str) -> mujoco.MjModel:
+    """Return MuJoCo's model of the arm, with more of its joint and an actuator."""
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{STEP_S}" integrator="{integrator}" gravity="0 0 -9.81"/>
+        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
+        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}" {joint}/>
+        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/></body></worldbody>
+        <actuator>{actuator}</actuator></mujoco>"""
+    )
+
+
 @kept
 def mujoco_positions(
     gains: tuple[float, float], delay_s: float, slope: float, stiffness: float
 ) -> Array:
-    """Return the positions at TIME, from steps of 0.25 ms."""
-    step_s, parts = 2.5e-4, 20
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{step_s}" integrator="implicitfast" gravity="0 0 -9.81"/>
-        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
-        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
-        stiffness="{stiffness}" solreffriction="0.001 1"/>
-        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/>
-        </body></worldbody>
-        <actuator><position joint="j" kp="{gains[0]}" kv="{gains[1]}"/></actuator></mujoco>"""
-    )
+    """Return the positions at TIME."""
+    servo = f'<position joint="j" kp="{gains[0]}" kv="{gains[1]}"/>'
+    model = plant("implicitfast", servo, f'stiffness="{stiffness}" solreffriction="0.001 1"')
     data = mujoco.MjData(model)
     data.qpos[0] = CHIRP[0]
-    ticks = np.arange(len(TIME) * parts) * step_s
+    ticks = np.arange(len(TIME) * PARTS) * STEP_S
     commands = np.interp(ticks - delay_s, TIME, CHIRP)
     if slope == 0:
         start = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         states, _ = mujoco_rollout(model, data, start, commands[:, None])
         # a state is that after a step, and its first number is the time
-        return np.append(CHIRP[0], states[0, parts - 1 : -1 : parts, 1])
+        return np.append(CHIRP[0], states[0, PARTS - 1 : -1 : PARTS, 1])
 
     def rub(_: int, moving: mujoco.MjData) -> None:
         model.dof_frictionloss[0] = TRUTH["coulomb_friction"] + slope * moving.qpos[0]
 
-    return stepped(model, commands, parts, rub)
+    return stepped(model, commands, PARTS, rub)
 
 
 def stepped(
@@ -140,17 +152,9 @@ def driven(
     commands that are late. Euler steps would move the armature by K_d times half a step, 3 % at
     the gains of a velocity controller.
     """
-    parts, step_s = 20, 2.5e-4
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{step_s}" integrator="RK4" gravity="0 0 -9.81"/>
-        <worldbody><body><joint name="j" axis="0 1 0" armature="{TRUTH["motor_inertia"]}"
-        damping="{TRUTH["viscous_friction"]}" frictionloss="{TRUTH["coulomb_friction"]}"
-        solreffriction="-1 -16000"/>
-        <inertial pos="0.2 0 0" mass="1.5" diaginertia="0.01 0.02 0.02"/></body>
-        </worldbody><actuator><general joint="j" biastype="affine" forcelimited="true"
-        forcerange="-1e9 1e9"/></actuator></mujoco>"""
-    )
-    ticks = (np.arange(len(time) * parts) + 0.5) * step_s - delay_s  # the middle of each step
+    servo = '<general joint="j" biastype="affine" forcelimited="true" forcerange="-1e9 1e9"/>'
+    model = plant("RK4", servo, 'solreffriction="-1 -16000"')
+    ticks = (np.arange(len(time) * PARTS) + 0.5) * STEP_S - delay_s  # the middle of each step
     position, torque = (sent.get(f"{name}_command", 0.0 * time) for name in ("position", "torque"))
     velocity = sent.get("velocity_command", np.gradient(position, time))
     fed = law.command_velocity_gain_Nms_per_rad * np.interp(ticks, time, velocity)
@@ -169,7 +173,7 @@ def driven(
             speed = data.qvel.item(0) / no_load
             force[0] = (-limit * min(max(1 + speed, 0), 1), limit * min(max(1 - speed, 0), 1))
 
-    return stepped(model, factor * (gains[0] * held + fed), parts, act)
+    return stepped(model, factor * (gains[0] * held + fed), PARTS, act)
 
 
 def values_of(found: seaid.Identification) -> dict[str, tuple[float, float]]:

@@ -499,7 +499,7 @@ def test_mujoco_moves_the_model_of_a_velocity_controller_as_the_replay(
     urdf: Path, tmp_path: Path
 ) -> None:
     """Its actuator takes the velocity that the log has as a command."""
-    robot = robot_with(urdf, RATES)
+    robot = robot_of(urdf, RATES)
     values = {"motor_inertia": 0.05, "viscous_friction": 0.1, "coulomb_friction": 0.0}
     drive = robot.drives["j"].with_values({**values, "friction_offset": 0.0, "command_delay": 0.0})
     robot = robot.with_drives({"j": drive})
@@ -576,17 +576,6 @@ LAWS: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
 """{law: its gains, and what the log has}."""
 
 
-def robot_with(urdf: Path, gains: dict[str, Any]) -> seaid.Robot:
-    """Return the robot with a known arm under a law, its delay to be estimated."""
-    is_rate = "position_gain_Nm_per_rad" not in gains
-    drive = seaid.StiffDrive(
-        friction=("viscous", "coulomb", "offset"),
-        motor_input="velocity_command" if is_rate else "position_command",
-        controller=seaid.Controller(**gains),
-    )
-    return seaid.load_robot(urdf, {"j": drive}, known_bodies=["arm"])
-
-
 def driven_log(law: str) -> seaid.Log:
     """Return the log of MuJoCo's plant under a law, with noise of the encoder."""
     gains, sent = LAWS[law]
@@ -598,7 +587,7 @@ def driven_log(law: str) -> seaid.Log:
 @pytest.mark.parametrize("law", quick_only(LAWS, ["held"]))  # 1 s each
 def test_parameters_behind_any_law_of_a_controller(urdf: Path, law: str) -> None:
     """The plant is MuJoCo's; without the terms of the law the values are others."""
-    robot, log = robot_with(urdf, LAWS[law][0]), driven_log(law)
+    robot, log = robot_of(urdf, LAWS[law][0]), driven_log(law)
     found = seaid.identify(robot, log)
     truths = {**TRUTH, "command_delay": DELAY_S}
 
@@ -612,7 +601,7 @@ def test_parameters_behind_any_law_of_a_controller(urdf: Path, law: str) -> None
     assert errors(found)[-1] < 0.02
     if law != "velocity alone":
         plain = log_of(log.joint_position[:, 0], SHORT, **REFERENCES)
-        assert max(errors(seaid.identify(robot_with(urdf, PLAIN), plain))) > 0.06
+        assert max(errors(seaid.identify(robot_of(urdf, PLAIN), plain))) > 0.06
     short = log.between(0, 4)
     error = seaid.replay(found.robot, short).joint_position - short.joint_position
     assert np.sqrt(np.mean(error**2)) < {"velocity alone": 5e-3, "all commands": 2e-4}.get(
@@ -634,13 +623,13 @@ def test_a_supply_that_cannot_be_is_refused(urdf: Path, supply_V: Array | None, 
     """A duty cycle is a torque by the voltage of the supply alone."""
     sent = ALL if supply_V is None else {**ALL, "supply_voltage": supply_V}
     with pytest.raises(LogError, match=words):
-        seaid.identify(robot_with(urdf, LAWS["supply"][0]), log_of(REFERENCE, SHORT, **sent))
+        seaid.identify(robot_of(urdf, LAWS["supply"][0]), log_of(REFERENCE, SHORT, **sent))
 
 
 def test_the_limit_of_a_motor_falls_with_supply_and_speed(urdf: Path) -> None:
     """The torque is limit (supply over nominal - speed over no-load speed), by its formula."""
     gains = {"position_gain_Nm_per_rad": 100.0, "torque_limit_Nm": 4.0, "nominal_supply_V": 24.0}
-    robot = robot_with(urdf, {**gains, "no_load_speed_rad_per_s": 10.0})
+    robot = robot_of(urdf, {**gains, "no_load_speed_rad_per_s": 10.0})
     sent = {"position_command": np.sin(SHORT) + 1.0, "supply_voltage": np.full_like(SHORT, 18.0)}
     log = log_of(np.sin(SHORT), SHORT, **sent)
     torque = commanded_torque(robot, SHORT, log.sensors())[0][:, 0]
@@ -654,7 +643,7 @@ def test_a_velocity_command_that_the_law_does_not_use_is_named(urdf: Path) -> No
     """The remedy has the gain of the plant."""
     sent = {name: ALL[name] for name in ("position_command", "velocity_command")}
     log = log_of(driven_log("all commands").joint_position[:, 0], SHORT, **sent)
-    checks = seaid.check(robot_with(urdf, PLAIN), log).warnings
+    checks = seaid.check(robot_of(urdf, PLAIN), log).warnings
     (finding,) = (one for one in checks if one.code == "unused-command")
     assert "command_velocity_gain_Nms_per_rad = 1" in finding.remedy
 

@@ -1,5 +1,6 @@
 """What was put into a simulation comes out of the identification."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -43,23 +44,16 @@ from tests.standard_errors import check_scores
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness", "motor_inertia")
 
 
-def experiments() -> list[tuple[Robot, Motion, Noise]]:
-    return [
-        (leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS),
-        (arm(), arm_motion(), ARM_SENSORS),
-    ]
-
-
-ROBOTS = ["tulip_leg", "mixed_arm"]
-
-
-@pytest.fixture(params=[0, 1], ids=ROBOTS)
-def experiment(request: pytest.FixtureRequest) -> tuple[Robot, Motion, Noise]:
-    number: int = request.param
-    return experiments()[number]
-
-
 Experiment = tuple[Robot, Motion, Noise]
+EXPERIMENTS: dict[str, Callable[[], Experiment]] = {
+    "tulip_leg": lambda: (leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS),
+    "mixed_arm": lambda: (arm(), arm_motion(), ARM_SENSORS),
+}
+
+
+@pytest.fixture(params=[*EXPERIMENTS])
+def experiment(request: pytest.FixtureRequest) -> Experiment:
+    return EXPERIMENTS[request.param]()
 
 
 def load_error(found: Identification, truth: Robot) -> float:
@@ -106,7 +100,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 # Real sensors: inside the intervals.
 
 
-@pytest.mark.parametrize("experiment", quick_first([1, 0]), indirect=True)
+@pytest.mark.parametrize("experiment", quick_first([*EXPERIMENTS][::-1]), indirect=True)
 def test_findings_alter_no_estimate(experiment: Experiment, request: pytest.FixtureRequest) -> None:
     truth, motion, noise = experiment
     log = measure(truth, motion, noise, seed=0)
@@ -120,13 +114,15 @@ def test_findings_alter_no_estimate(experiment: Experiment, request: pytest.Fixt
 
 @pytest.mark.slow  # 72 and 200 identifications of whole robots
 @pytest.mark.usefixtures("estimates_only")
-@pytest.mark.parametrize(("number", "draws"), [(0, 72), (1, 200)], ids=ROBOTS)
-def test_errors_are_as_large_as_the_standard_errors_say(number: int, draws: int) -> None:
+@pytest.mark.parametrize(
+    ("experiment", "draws"), [("tulip_leg", 72), ("mixed_arm", 200)], indirect=["experiment"]
+)
+def test_errors_are_as_large_as_the_standard_errors_say(experiment: Experiment, draws: int) -> None:
     """1.13 is the standard deviation of Student's t with the degrees of freedom of six seconds.
 
     The torque offsets correlate all bodies of the arm, which moves little: its draws scatter more.
     """
-    truth, motion, noise = experiments()[number]
+    truth, motion, noise = experiment
     drives, loads = [], []
     robot = with_named_friction(truth.without_nominal())
     for seed in range(draws):
