@@ -1,7 +1,5 @@
 """A joint with a position controller: its robot, and logs of MuJoCo's own actuator."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path

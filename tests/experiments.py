@@ -3,8 +3,6 @@
 A true motion is what costs time; logs with any sensors and seeds are measured from it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Linear plants of motors, springs and loads, simulated by scipy: nothing of seaid is in them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

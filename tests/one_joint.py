@@ -1,7 +1,5 @@
 """The smallest robot, for tests of what is read: one joint, "arm", that moves one body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr

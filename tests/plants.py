@@ -1,7 +1,5 @@
 """What many tests measure: trees of joints, rows of equations, files of columns, simulations."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import os

@@ -1,7 +1,5 @@
 """Identifications to write reports of: a real one, and made-up ones of any size and any names."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

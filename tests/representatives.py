@@ -1,7 +1,5 @@
 """Cases of a parametrised test of which the first ones represent all in the quick tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Right standard errors: errors divided by them have a root mean square of one over many draws."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

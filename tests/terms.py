@@ -4,8 +4,6 @@ Joint "one" has a stiff drive, "two" a spring (mostly). Everything is periodic a
 its Fourier series; torques come from the equations by themselves, not from any regressor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -75,8 +73,6 @@ def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
     """Return the elastic drive with other terms, and values of what they bring."""
     return with_terms(ELASTIC, terms, values)  # type: ignore[no-any-return]
 
-
-# Drives with all terms of a kind
 
 DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 TERMS = (*DRY, "asymmetric", "quadratic", "load", "stribeck")

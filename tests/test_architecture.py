@@ -1,7 +1,5 @@
 """How modules stand to each other: one way, each library where it belongs, all of them named."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 from functools import cache

@@ -1,7 +1,5 @@
 """Wrong calls of the public functions: each is answered by an error that says what to do."""
 
-from __future__ import annotations
-
 import inspect
 import pickle
 from collections.abc import Callable, Sequence

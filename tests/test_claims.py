@@ -1,7 +1,5 @@
 """Figures of pages are those of their runs: what differs, is missing or ends badly is a problem."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -126,8 +124,6 @@ def test_a_yes_of_the_table_of_capabilities_has_its_command() -> None:
         assert (f"| {run.capability} | `{run.command}` |" in TEXTS[claims.TABLE]) == (own == "yes")
         assert bool(run.shows) == (own == "yes")
 
-
-# What has to be a claim
 
 PLAIN = re.compile(r"<!--=[\w.]+-->.*?<!--=-->|`[^`]*`|\]\([^)]*\)|95 % (?:intervals?|ranges)")
 NUMBER = re.compile(r"(?<![\w^-])\d[\d.,]*(?: ?(?:%|mrad|Hz|MB|ms|s|N m\S*)(?!\w))")

@@ -1,7 +1,5 @@
 """How objects show themselves: one line, a table as text, the same table in HTML."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

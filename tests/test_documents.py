@@ -1,7 +1,5 @@
 """Documents keep their word: code runs and prints what they say, links lead somewhere."""
 
-from __future__ import annotations
-
 import json
 import pkgutil
 import re
@@ -271,9 +269,6 @@ def test_a_row_of_the_design_tables_is_found_again() -> None:
     assert steps == pytest.approx(wanted[0], rel=0.2)  # where a search ends depends on rounding
     assert 100 * np.median(stated, axis=0) == pytest.approx(wanted[1::2], rel=0.3)
     assert 100 * rms == pytest.approx(wanted[2::2], rel=0.6)
-
-
-# The reader of pages
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The examples in the docstrings of the packages and of all public names run as they stand."""
 
-from __future__ import annotations
-
 import csv
 import doctest
 import inspect

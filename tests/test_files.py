@@ -94,9 +94,6 @@ def test_a_path_that_cannot_be_written_is_said(tmp_path: Path, path: str, words:
     assert {*os.listdir(tmp_path)} == before
 
 
-# What is at the path already
-
-
 @pytest.mark.parametrize("old", [0o600, 0o664, 0o444])
 def test_an_older_file_keeps_its_mode_and_owner(tmp_path: Path, old: int) -> None:
     """A new file has what the umask leaves, and a temporary one is that of its user alone."""
@@ -161,9 +158,6 @@ def test_the_own_output_is_written_to_in_order(tmp_path: Path, to_file: bool) ->
     assert text == b"before\ntext\nafter\n"
 
 
-# Names
-
-
 def test_a_temporary_file_that_is_there_is_not_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,9 +180,6 @@ def test_a_name_may_be_as_long_and_odd_as_the_disk_allows(tmp_path: Path, name: 
     assert len(os.listdir(tmp_path)) == 2
 
 
-# The working folder
-
-
 def test_a_deleted_working_folder_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a file is read, and where one is written."""
     assert working_folder() == f"working folder {Path.cwd()}"
@@ -203,9 +194,6 @@ def test_a_deleted_working_folder_is_said(tmp_path: Path, monkeypatch: pytest.Mo
         seaid.errors.RobotError, match=r"no URDF .* 'a.urdf' \(the working folder has"
     ):
         seaid.load_robot("a.urdf")
-
-
-# All of seaid
 
 
 @pytest.mark.slow  # 0.7 s

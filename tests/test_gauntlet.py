@@ -1,7 +1,5 @@
 """The judge of the gauntlet: mistakes do harm, remedies repair them, and letters say so."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The golden results: the comparison sees what changed, and nothing within the tolerances."""
 
-from __future__ import annotations
-
 import gzip
 from dataclasses import replace
 from pathlib import Path

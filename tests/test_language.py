@@ -1,7 +1,5 @@
 """The project speaks the field's words: those of its first years' dialect do not come back."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """No text of a user is run: what could run one does not occur, but where a reason stands here."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache

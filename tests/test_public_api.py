@@ -65,9 +65,6 @@ def test_import_is_quick_and_leaves_the_heavy_packages_alone(
     assert all(loaded == "[]" for _, loaded in runs)
 
 
-# Documentation
-
-
 def test_functions_of_the_face_say_how_they_fail_and_show_their_signature() -> None:
     """That they have a docstring is a rule of ruff."""
     for function in (getattr(seaid, name) for name in FUNCTIONS):

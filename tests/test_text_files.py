@@ -1,7 +1,5 @@
 """TOML and JSON of users: what cannot be read is told with the file and the place in it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What is published: wheel and source distribution have all that is needed, metadata agree."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
