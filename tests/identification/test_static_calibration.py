@@ -19,7 +19,7 @@ from seaid.identification import (
     read_statics,
 )
 from tests.experiments import leg
-from tests.standard_errors import check_scores
+from tests.standard_errors import check_scores, scores
 
 WEIGHTS = np.linspace(-14.7, 14.7, 18)
 """The loads [N m] of the published calibration of an ANYdrive: k = 159.8 N m/rad, rms 0.077 N m."""
@@ -53,14 +53,10 @@ def test_a_copy_of_the_published_experiment_has_its_interval_and_rms() -> None:
     errors = [one.estimate.standard_errors[0] for one in found]
     assert np.mean(errors) == pytest.approx(0.32, abs=0.01)
     assert np.mean([one.estimate.residual_std for one in found]) == pytest.approx(RMS, rel=0.03)
-    check_scores([scores(one, STIFFNESS, 0.01) for one in found], 1.07)
+    truth = {"stiffness": STIFFNESS, "zero": 0.01}
+    check_scores([scores(one.estimate, truth) for one in found], 1.07)
     # the linear law is right: chance calls it nonlinear in 1 % of the draws
     assert sum(bool(one.warnings) for one in found) <= 10
-
-
-def scores(found: StaticCalibration, *truth: float) -> Array:
-    """Return the errors of a calibration over their standard errors."""
-    return np.asarray((found.estimate.values - truth) / found.estimate.standard_errors)
 
 
 def test_a_straight_line_is_the_regression_of_the_reading_on_the_load() -> None:
@@ -75,7 +71,8 @@ def test_a_ramp_up_and_down_separates_friction_from_a_cubic_spring() -> None:
     found = [calibrate_statics(ramp(seed), law="cubic") for seed in range(60)]
     assert found[0].estimate.names == ("stiffness", "cubic_stiffness", "zero", "friction")
     assert found[0].estimate.units == ("N m/rad", "N m/rad^3", "rad", "N m")
-    draws = np.array([scores(one, 150.0, 2000.0, 0.02, 0.3) for one in found])
+    truth = dict(zip(found[0].estimate.names, (150.0, 2000.0, 0.02, 0.3), strict=True))
+    draws = np.array([scores(one.estimate, truth) for one in found])
     assert np.all(np.abs(np.mean(draws, axis=0)) < 0.5)
     assert np.all((np.std(draws, axis=0) > 0.75) & (np.std(draws, axis=0) < 1.3))
     assert found[0].hysteresis == pytest.approx(0.6 / 30, rel=0.05)
