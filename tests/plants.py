@@ -121,6 +121,12 @@ def body(number: int) -> str:
     )
 
 
+def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Return random q, v and a, each (count, n)."""
+    q, v, a = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
+    return q, 2 * v, 5 * a
+
+
 def torque_slopes_by_steps(robot: Robot, states: Sequence[Array], step: float) -> Array:
     """Return the derivatives (3, T, n, n) of torques by q, v and a, by central differences."""
     slopes = np.empty((3, *states[0].shape, robot.n))

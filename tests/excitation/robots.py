@@ -41,12 +41,6 @@ def robots() -> dict[str, Robot]:
     }
 
 
-def states(robot: Robot, samples: int, seed: int = 0) -> States:
-    rng = np.random.default_rng(seed)
-    shape = (samples, robot.n)
-    return rng.uniform(-1, 1, shape), rng.normal(0, 1, shape), rng.normal(0, 3, shape)
-
-
 def plan(robot: Robot, duration: float = 4.0, **options: Any) -> Excitation:
     """Plan with a small budget; that it was too small to settle is no news here."""
     quick: dict[str, Any] = {"starts": 2, "iterations": 12, "coefficients": 10}

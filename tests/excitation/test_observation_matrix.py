@@ -18,8 +18,9 @@ from seaid.excitation.observation_matrix import (
 from seaid.legged import load_robot
 from seaid.regressor import motor_regressor, rigid_body_regressor
 from seaid.robot import Robot
-from tests.excitation.robots import assert_gradient, robots, smooth_motion, states
+from tests.excitation.robots import assert_gradient, robots, smooth_motion
 from tests.experiments import DATA, arm
+from tests.plants import states
 
 
 def mixed_arm() -> Robot:
@@ -44,7 +45,7 @@ def test_gradient_of_the_base_regressor(name: str, rows: tuple[str, ...] | None)
     robot = robots()[name]
     target = load_target(robot, rows, pivoted_base(robot, rows))
     assert rows is None or len(target.base_columns) == 21
-    assert_gradient(target, np.linspace(0, 1, 60), states(robot, 60))
+    assert_gradient(target, np.linspace(0, 1, 60), states(robot.n, 60))
 
 
 def test_gradient_with_drives() -> None:
@@ -60,7 +61,7 @@ def test_base_regressor_is_the_stacked_one_of_every_reading() -> None:
     robot = robots()["leg"]
     base = pivoted_base(robot)
     target = load_target(robot, None, base)
-    motion, time = states(robot, 40), np.linspace(0, 3.9, 40)
+    motion, time = states(robot.n, 40), np.linspace(0, 3.9, 40)
     H = base.reduce(rigid_body_regressor(robot, *motion)) * np.sqrt(0.1 * READINGS_HZ)
     H[[0, -1]] *= np.sqrt(0.5)  # the ends stand for half as long
     found = stacked_regressor(target, time, motion)

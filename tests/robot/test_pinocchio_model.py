@@ -24,7 +24,7 @@ from seaid.robot import Robot
 from seaid.simulation.plant import inertia, inverse_dynamics, plant_of
 from tests.experiments import drive_errors, drive_scores, wiggle
 from tests.one_joint import BODY
-from tests.plants import torque_slopes_by_steps, tree, write_columns, write_robot
+from tests.plants import states, torque_slopes_by_steps, tree, write_columns, write_robot
 from tests.regressor.stances import check_floating
 from tests.view.test_picture import frames_by_pinocchio, link_placements
 
@@ -102,12 +102,6 @@ DRIVES: dict[str, Any] = {
 @pytest.fixture
 def gripper(write_urdf: Write) -> Robot:
     return seaid.load_robot(write_urdf(gripper_text()), DRIVES)
-
-
-def states(n: int, count: int = 6, seed: int = 0) -> tuple[Array, Array, Array]:
-    rng = np.random.default_rng(seed)
-    q, v, a = rng.uniform(-1, 1, (3, count, n)) * np.array([1, 2, 5])[:, None, None]
-    return q, v, a
 
 
 def test_leaders_are_the_joints_and_followers_have_bodies_only(gripper: Robot) -> None:

@@ -17,17 +17,11 @@ from seaid.legged import load_robot
 from seaid.regressor import joint_torques, rigid_body_regressor
 from seaid.robot import Payload, Robot
 from seaid.robot.inertia import parameter_names
-from tests.plants import body, write_robot
+from tests.plants import body, states, write_robot
 from tests.regressor.trees import Joint, joints, joints_of
 
 Load = Callable[..., Robot]
 Chain = Callable[..., Path]
-
-
-def states(n: int, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Return q, v and a, each (5, n)."""
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-2, 2, (5, n)), rng.normal(0, 2, (5, n)), rng.normal(0, 5, (5, n))
 
 
 def pinocchio_torques(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
@@ -106,7 +100,7 @@ def test_any_robot_is_that_of_pinocchios_own_reader(
     inertia = pin.Inertia(2.0, np.array(payload.com), np.array(tensor))
     theirs.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     columns, still = ([list(theirs.names)[1:].index(x) for x in some] for some in (order, places))
-    whole = np.zeros((3, 5, theirs.nv))
+    whole = np.zeros((3, 6, theirs.nv))
     whole[:, :, columns] = state
     whole[0][:, still] = list(places.values())
     torques = pinocchio_torques(theirs, *whole)[:, columns]
