@@ -34,13 +34,13 @@ def columns_of_stances(
     Wrenches of `measured` contacts are known, and torques of `torque_joints`, by default of all.
     """
     H = rows_of_stances(robot, stances, torque_joints, measured, seed)
-    return tuple((pivot - 10) % H.shape[1] for pivot in _leftmost(H))
+    return tuple((pivot - 10) % H.shape[1] for pivot in leftmost(H))
 
 
 def check_floating(exact: ExactBaseParameters, robot: Robot) -> None:
     """Check exact base parameters of a floating base: columns and grouping, by rows in flight."""
     H = rows_of_stances(robot, [()])
-    assert exact.columns == tuple(_leftmost(H))
+    assert exact.columns == tuple(leftmost(H))
     scale = np.max(np.abs(H))
     np.testing.assert_allclose(H[:, exact.columns] @ exact.grouping, H, atol=1e-9 * scale)
 
@@ -153,7 +153,7 @@ class _FreeFlyer:
         return np.asarray(found.vector[: 6 if contact.is_flat else 3])
 
 
-def _leftmost(H: Array) -> list[int]:
+def leftmost(H: Array) -> list[int]:
     """Return the columns that do not depend on those to their left, clearly apart from others."""
     norms = np.linalg.norm(H, axis=0)
     basis, pivots, parts = np.zeros((len(H), 0)), list[int](), list[float]()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
+from tests.regressor.stances import leftmost
 from tests.representatives import quick_first
 
 x, y, z, a = sp.symbols("x y z a")
@@ -35,13 +36,8 @@ def numeric_pivots(form: RegressorForm) -> tuple[int, ...]:
     known = {r: 0.83, d: -1.37, alpha: 0.61, g: 9.81}
     evaluate = sp.lambdify((x, y, z, a), form.regressor.subs(known), "numpy")
     samples = np.random.default_rng(0).uniform(-2, 2, (40, 4))
-    stacked = np.vstack([np.broadcast_to(evaluate(*row), form.regressor.shape) for row in samples])
-    pivots: list[int] = []
-    for column in range(stacked.shape[1]):
-        chosen = stacked[:, [*pivots, column]]
-        if np.linalg.matrix_rank(chosen, tol=1e-8) > len(pivots):
-            pivots.append(column)
-    return tuple(pivots)
+    rows = [np.broadcast_to(evaluate(*row), form.regressor.shape) for row in samples]
+    return tuple(leftmost(np.vstack(rows)))
 
 
 def is_zero(matrix: sp.Matrix) -> bool:
