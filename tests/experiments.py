@@ -96,9 +96,9 @@ def _arm_motion(seed: int) -> Motion:
 
 
 @cache
-def leg_log(seed: int = 1) -> Log:
-    """Return the log of the leg with the test mass by its sensors."""
-    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+def leg_log(seed: int = 1, *, motion_seed: int = 0) -> Log:
+    """Return a log of the leg with the test mass by its sensors."""
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS, seed=motion_seed), LEG_SENSORS, seed)
 
 
 @cache

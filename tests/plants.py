@@ -55,7 +55,9 @@ def kept(simulate: Callable[P, T]) -> Callable[P, T]:
     @wraps(simulate)
     def result(*arguments: P.args, **options: P.kwargs) -> T:
         module = Path(inspect.getfile(simulate)).read_bytes()
-        call = f"{simulate.__qualname__}{arguments!r}{sorted(options.items())}"
+        bound = inspect.signature(simulate).bind(*arguments, **options)
+        bound.apply_defaults()  # the same motion with a default given and not
+        call = f"{simulate.__qualname__}{bound.args!r}{sorted(bound.kwargs.items())}"
         file = _folder_of_sources() / hashlib.sha256(module + call.encode()).hexdigest()[:32]
         if file.exists():
             found: T = pickle.loads(file.read_bytes())

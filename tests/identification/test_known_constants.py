@@ -16,13 +16,12 @@ from seaid.identification import Identification, identify, identify_conditions, 
 from seaid.legged import load_robot
 from seaid.log import Log
 from seaid.robot import Robot
-from seaid.simulation.simulation import measure
 from tests.experiments import (
     ELASTIC,
-    LEG_SENSORS,
     TEST_MASS,
     geared_arm_log,
     leg,
+    leg_log,
     leg_motion,
     perfect_log,
     true_value,
@@ -34,8 +33,7 @@ TRUTH = leg(TEST_MASS)
 
 
 def found(**options: Any) -> Identification:
-    log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
-    return identify(TRUTH.without_nominal(), log, cutoff_hz=4.0, **options)
+    return identify(TRUTH.without_nominal(), leg_log(5), cutoff_hz=4.0, **options)
 
 
 @pytest.mark.slow  # several identifications of the leg
@@ -162,7 +160,7 @@ def by_torque() -> Experiment:
 @cache
 def by_noisy_torque() -> Experiment:
     """Return the leg of `by_torque`, and a log with the noise of its sensors."""
-    return TRUTH.without_nominal(), measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    return TRUTH.without_nominal(), leg_log(5)
 
 
 def with_currents(
@@ -344,8 +342,8 @@ def test_standard_errors_contain_those_of_the_sensor() -> None:
     """Without a sensor and with the torques their root mean square is 1.1 in these short logs."""
     far = []
     for seed in range(10):
-        log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, seed)
-        result = identify(by_current(), with_currents(log, ELASTIC, 0.02, seed), cutoff_hz=6.0)
+        log = with_currents(leg_log(seed), ELASTIC, 0.02, seed)
+        result = identify(by_current(), log, cutoff_hz=6.0)
         for joint in ELASTIC:
             names = ("stiffness", "viscous_friction", "coulomb_friction")
             true = {name: true_value(TRUTH, joint, name) for name in names}

@@ -32,6 +32,7 @@ from tests.experiments import (
     drive_errors,
     drive_scores,
     leg,
+    leg_log,
     leg_motion,
     load_scores,
     perfect_log,
@@ -238,8 +239,7 @@ OFFSETS = {"hip_pitch": 2e-3, "knee_pitch": -2e-3, "ankle_pitch": 5e-4}
 
 @cache
 def log_with(with_offsets: bool) -> Log:
-    truth = leg(TEST_MASS)
-    plain = measure(truth, leg_motion(TEST_MASS), LEG_SENSORS, 3)
+    plain = leg_log(3)
     offsets = [OFFSETS.get(joint, 0.0) * with_offsets for joint in plain.joint_names]
     return replace(plain, motor_torque=plain.motor_torque + offsets)
 

@@ -15,16 +15,16 @@ from seaid.regressor.regression import known_friction, known_load_friction
 from seaid.simulation import Noise
 from seaid.simulation.simulation import measure
 from tests.experiments import (
-    LEG_SENSORS,
     TEST_MASS,
     arm,
     arm_found,
     arm_motion,
     arm_result,
     leg,
-    leg_motion,
+    leg_log,
     perfect_log,
 )
+from tests.mistakes import with_channels
 
 
 def test_unseen_motion_is_predicted() -> None:
@@ -116,17 +116,13 @@ def test_log_that_does_not_fit_is_refused() -> None:
 
 @cache
 def identified() -> Identification:
-    robot = leg(TEST_MASS)
-    return identify(robot, measure(robot, leg_motion(TEST_MASS), LEG_SENSORS, 0))
+    return identify(leg(TEST_MASS), leg_log(0))
 
 
 def validated(change: float = 1.0) -> Validation:
     """Validate on another motion, with the torques of one joint multiplied."""
-    robot = leg(TEST_MASS)
-    log = measure(robot, leg_motion(TEST_MASS, seed=1), LEG_SENSORS, 1)
-    torque = np.array(log.motor_torque)
-    torque[:, 0] *= change
-    return validate(identified(), replace(log, motor_torque=torque))
+    log = with_channels(leg_log(motion_seed=1), "hip_yaw", motor_torque=lambda x: change * x)
+    return validate(identified(), log)
 
 
 @pytest.mark.slow  # simulates the leg twice
@@ -149,10 +145,6 @@ def test_a_motion_that_contradicts_does(change: float, severity: str, level: str
 
 @pytest.mark.slow  # simulates the leg twice
 def test_what_the_own_logs_do_not_explain_either_is_no_contradiction() -> None:
-    robot = leg(TEST_MASS)
-    log = measure(robot, leg_motion(TEST_MASS), LEG_SENSORS, 0)
-    torque = np.array(log.motor_torque)
-    torque[:, 0] = np.random.default_rng(0).permutation(torque[:, 0])
-    noisy = replace(log, motor_torque=torque)
-    found = identify(robot, noisy, torque_joints=robot.joint_names)
+    noisy = with_channels(leg_log(0), "hip_yaw", motor_torque=np.random.default_rng(0).permutation)
+    found = identify(leg(TEST_MASS), noisy, torque_joints=leg().joint_names)
     assert all(one.joint != "hip_yaw" for one in validate(found, noisy).warnings)
