@@ -122,9 +122,9 @@ NOT_ZERO = "that is not zero, found"
         ({"column": "q", "scale": 1e300}, f"(at most 1e+30 in size) {NOT_ZERO} 1e+300"),
         ({"column": "q", "scale": 10**5000}, f"{NOT_ZERO} a int too long"),
         ({"column": "q", "scale": True}, f"{NOT_ZERO} True"),
-        ({"column": ["q"] * 999}, "must be the name of a column, found ['q', 'q'"),
+        ({"column": ["q"] * 999}, "needs 1 column, found 999"),
         ({3: "q"}, "no key is named '3'"),
-        ([], "must be a table, found []"),
+        ([], "needs column (or, for a voltage, servo instead)"),
     ],
 )
 def test_a_description_of_wrong_types_is_told_in_words(

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._progress import counted
 from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
@@ -280,7 +281,9 @@ def _names(
     if len(source.columns) == len(names):
         return names
     if len(source.columns) != len(needed):
-        raise LogError(f"{where}: needs {len(needed)} columns, found {len(source.columns)}")
+        raise LogError(
+            f"{where}: needs {counted(len(needed), 'column')}, found {len(source.columns)}"
+        )
     return needed
 
 
