@@ -122,7 +122,7 @@ NOT_ZERO = "that is not zero, found"
         ({"column": "q", "scale": 1e300}, f"(at most 1e+30 in size) {NOT_ZERO} 1e+300"),
         ({"column": "q", "scale": 10**5000}, f"{NOT_ZERO} a int too long"),
         ({"column": "q", "scale": True}, f"{NOT_ZERO} True"),
-        ({"column": ["q"] * 999}, "needs 1 column, found 999"),
+        ({"column": ["q"] * 999}, "has 999 columns, needs 1"),
         ({3: "q"}, "no key is named '3'"),
         ([], "needs column (or, for a voltage, servo instead)"),
     ],

@@ -538,7 +538,7 @@ def _check_source(where: str, row: Quantity, source: Source) -> None:
     faults = {
         "needs column (or, for a voltage, servo instead)": bool(count) == bool(source.servo),
         # How many of them a planar base needs is known with the robot, see `sources`.
-        f"needs {row.width} columns, found {count}": (
+        f"has {count} columns, needs {row.width}": (
             count > row.width or 0 < count * is_whole < row.width
         ),
         "servo gives a motor_voltage only": source.servo and row.name != "motor_voltage",

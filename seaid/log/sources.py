@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._progress import counted
 from seaid.drives import total_ratio
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.base_log import continuous, matrices, needed_columns, with_guided
@@ -281,9 +280,7 @@ def _names(
     if len(source.columns) == len(names):
         return names
     if len(source.columns) != len(needed):
-        raise LogError(
-            f"{where}: needs {counted(len(needed), 'column')}, found {len(source.columns)}"
-        )
+        raise LogError(f"{where}: has {len(source.columns)} columns, needs {len(needed)}")
     return needed
 
 
