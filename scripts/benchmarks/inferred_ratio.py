@@ -83,10 +83,10 @@ def main(motions: int, noises: int) -> None:
                 rows.setdefault(name, []).extend(scores(robot, truth, log))
                 blind = scores(robot.with_drives(exact), truth, log)
                 rows.setdefault(f"{name}, taken as exact", []).extend(blind)
-        for name, one in rows.items():
-            z = np.array([score for score, _ in one])
-            share = np.mean([covered for _, covered in one])
-            print(f"{name:28s} {share:6.1%} of {len(one)}, rms score {np.sqrt(np.mean(z**2)):.2f}")
+    for name, scored in rows.items():
+        rms = np.sqrt(np.mean([score**2 for score, _ in scored]))
+        share = np.mean([is_covered for _, is_covered in scored])
+        print(f"{name:28s} {share:6.1%} of {len(scored)}, rms score {rms:.2f}")
 
 
 def _trajectory(robot: Robot, seed: int) -> seaid.Trajectory:
