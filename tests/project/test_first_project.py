@@ -244,7 +244,7 @@ def test_a_ratio_by_counts_that_are_a_guess_is_none(tmp_path: Path) -> None:
     path = write_columns(tmp_path / "run.csv", {key: x.ravel() for key, x in columns.items()})
     made = write_first_project(tmp_path / "arm.urdf", path, folder=tmp_path / "p")
     (drives,) = (file for file in made.files if file.name == "arm_drives.toml")
-    assert any(x.startswith('arm: gear_ratio = "?": write that') for x in made.doubts)
+    assert any(x.startswith('arm: gear_ratio = "?": write the one') for x in made.doubts)
     with pytest.raises(SeaidError, match=r"key 'gear_ratio' is missing or '\?'"):
         run_project(tmp_path / "p")
     drives.write_text(drives.read_text().replace('"?"', "100.0"))  # that of the data sheet
