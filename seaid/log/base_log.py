@@ -553,7 +553,7 @@ def matrices(quaternions: Array) -> Array:
 
 
 _GRAVITY_FREE = 3.0
-"""Median of a specific force [m/s^2] below which gravity was taken out of it."""
+"""Median and mean of a specific force [m/s^2] below which gravity was taken out of it."""
 
 _MOST, _ABOUT_ONE = (0.1, 0.5, 0.9), 0.3
 """Quantiles of the size of a specific force that are about one if it is in g."""
@@ -561,7 +561,8 @@ _MOST, _ABOUT_ONE = (0.1, 0.5, 0.9), 0.3
 
 def _check_gravity(force: Array) -> None:
     size = np.linalg.norm(force, axis=1)
-    typical = float(np.median(size))
+    # A robot that is mostly in flight has none there, and on average that of its weight.
+    typical = max(float(np.median(size)), float(np.linalg.norm(np.mean(force, axis=0))))
     # Three quantiles, because the median alone of an acceleration without gravity may be near one.
     if np.all(np.abs(np.quantile(size, _MOST) - 1) < _ABOUT_ONE):
         raise LogError(
@@ -571,8 +572,8 @@ def _check_gravity(force: Array) -> None:
         )
     if typical < _GRAVITY_FREE:
         raise LogError(
-            f"the specific force of the base has a median of {typical:.2g} m/s^2, that of a robot "
-            "on the ground is about 9.81: the IMU took gravity out of it; log the raw "
+            f"the specific force of the base is {typical:.2g} m/s^2 or less on average, that of a "
+            "robot on the ground about 9.81: the IMU took gravity out of it; log the raw "
             "accelerometer, or name it acceleration (with its frame) in [base] of the description "
             "of the log, which needs the orientation"
         )
