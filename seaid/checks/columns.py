@@ -131,8 +131,8 @@ class Side:
         return load_drive(*fit, self.parts, at_joint=at_joint)
 
     @cached_property
-    def parts(self) -> list[Mapping[int, Array]]:
-        """The parts of all torques in the equations {index of an equation: parts}, by motion."""
+    def parts(self) -> list[Callable[[Array], dict[int, Array]]]:
+        """The functions `LoadSide.parts` of the motions."""
         equations = self.equation.rows.joint
         return [load_side(self.robot).parts(motion, equations) for motion in self.motions]
 

@@ -243,13 +243,13 @@ def load_drive(
     joint: str,
     rows: Regression,
     theta: Array,
-    parts: Sequence[Mapping[int, Array]],
+    parts: Sequence[Callable[[Array], dict[int, Array]]],
     *,
     at_joint: bool = False,
 ) -> DriveRows:
     """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`.
 
-    `parts` are those of all torques in the equations, as `LoadSide.parts` has them, by motion.
+    `parts` are the functions `LoadSide.parts` of the motions.
     """
     index = robot.index(joint)
     # The rows of (8) are torques on the drives' coordinates: N times those of a motor, and those at
@@ -262,7 +262,7 @@ def load_drive(
         for by_name, motion in zip(signals, motions, strict=True):
             states = (state[:, index] for state in motion.joint_states)
             by_name |= dict(zip(("theta_L", "theta_L_dot", "theta_L_ddot"), states, strict=True))
-    factors = [{x: y @ shares for x, y in each.items() if np.any(y @ shares)} for each in parts]
+    factors = [of_motion(shares) for of_motion in parts]
     return DriveRows(robot, motions, joint, rows, theta, regressor, signals, factors)
 
 

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, compress
@@ -162,13 +162,13 @@ class FloatingLoadSide(LoadSide):
         rows = without_contact_forces(robot, q, base.contacts, joints, rows, unknown, base.up)
         return np.asarray(rows[:, :, 0] * base.used[:, None])
 
-    def parts(self, motion: Motion, equations: Array) -> Mapping[int, Array]:
-        """Return {index of an equation: its parts (T, n) of the torques at all drives}."""
+    def parts(self, motion: Motion, equations: Array) -> Callable[[Array], dict[int, Array]]:
+        """Return the factors of torques at the drives in equations without contact forces."""
         joints = np.unique(equations[equations < self.robot.n]).astype(int).tolist()
-        count, known = 6 + len(joints), np.eye(self.robot.n)[joints]
-        units = np.broadcast_to(np.eye(count), (len(motion.time), count, count))
-        rows = as_equations(self.robot, motion, joints, units)[:, :, 6:-1] @ known
-        return dict(zip(_indices(self.robot, joints), rows.swapaxes(0, 1), strict=True))
+        units = np.tile(np.eye(6 + len(joints)), (len(motion.time), 1, 1))
+        rows = as_equations(self.robot, motion, joints, units)[:, :, 6:-1]
+        of_equations = dict(zip(_indices(self.robot, joints), rows.swapaxes(0, 1), strict=True))
+        return lambda torques: {x: y @ torques[joints] for x, y in of_equations.items()}
 
     def in_pieces(self, motion: Motion, model: LoadModel) -> tuple[Motion, int]:
         """Return the thinned motion, and the samples of its pieces, which order its rows."""

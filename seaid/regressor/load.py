@@ -235,14 +235,14 @@ class LoadSide:
         """Return what measured forces of the ground contribute to the torque (T, rows)."""
         return 0.0
 
-    def parts(self, motion: Motion, equations: Array) -> Mapping[int, Array]:
-        """Return {index of an equation: its parts (T, n) of the torques at all drives}.
+    def parts(self, motion: Motion, equations: Array) -> Callable[[Array], dict[int, Array]]:
+        """Return a function of torques (n,) at drives: factors of what has them times a signal.
 
-        They are zero where friction in the equation is not known. `equations` (R,) are those of
-        the rows of a fit.
+        Those are {index of an equation: factor (T,)}, zero where friction in it is not known, of
+        the `equations` (R,) of the rows of a fit.
         """
-        known = known_frictions(self.robot, motion, self.robot.joint_names)
-        return dict(enumerate(known.T[:, :, None] * np.eye(self.robot.n)[:, None]))
+        known = partial(known_load_friction, self.robot, motion)
+        return lambda torques: {i: x * known(i) for i, x in enumerate(torques.tolist()) if x}
 
     def in_pieces(self, motion: Motion, model: LoadModel) -> tuple[Motion, int]:
         """Return the motion at the rate that its columns need, and the samples of its pieces."""

@@ -442,10 +442,8 @@ class _Search:
     def _planar_columns(self, normal: str) -> dict[str, dict[str, str]]:
         """Return {quantity: {axis: column}} of single columns that nothing else has taken."""
         # What arrays and vectors were taken for has precedence over single columns.
-        free, parts = (
-            self.inference.data.keys() - self.guess.taken.keys(),
-            dict[str, dict[str, str]](),
-        )
+        free = self.inference.data.keys() - self.guess.taken.keys()
+        parts = dict[str, dict[str, str]]()
         for column in filter(free.__contains__, self.inference.data):
             meaning = planar_meaning(self.table.label(column), normal)
             if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
@@ -454,10 +452,8 @@ class _Search:
 
     def _in_radians(self, source: Source) -> Source:
         """Return the source of an angle or its rate, in degrees by its name or its range."""
-        unit, turn = (
-            self.inference.meanings[source.column].unit,
-            np.ptp(self.inference.finite(source.column)),
-        )
+        unit = self.inference.meanings[source.column].unit
+        turn = np.ptp(self.inference.finite(source.column))
         if unit is None and turn > _TURNS:
             unit = "deg"
             self.note(source.column, "in_degrees", turn=turn)
