@@ -43,7 +43,7 @@ from seaid.regressor import Regression, actuator_regression, load_regression
 from seaid.regressor.load import LoadModel, Springs, known_frictions, load_columns, where_known
 from seaid.regressor.regression import Regress, actuator_columns, known_friction
 from seaid.robot import Robot, at_drives, at_joints
-from seaid.simulation.plant import Response, torque_jacobians
+from seaid.simulation.plant import jacobians_at_drives, torque_jacobians
 
 REFERENCE_BAND = 0.5
 """Cutoff of the reference motion over that of the identification: three times the bandwidth."""
@@ -303,7 +303,9 @@ def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [simulated_joints.linear_spring(robot, joint, springs[joint]) for joint in names]
     rate, damping = lever * np.transpose([(x.stiffness, x.damping) for x in linear])
-    parallel = [_parallel_matrix(robot, fitted, name) for name in _PARALLEL]
+    # (2, 1, n, n): the derivatives of torques by positions and by speeds.
+    springs_alone = np.array([np.diag(rate), np.diag(damping)])[:, None]
+    parallel = np.array([_parallel_matrix(robot, fitted, name) for name in _PARALLEL])[:, None]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
     finer = simulated_joints.in_coordinates(
@@ -316,10 +318,11 @@ def driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
         with np.errstate(all="ignore"):
             moved = simulated_joints.in_coordinates(simulated, robot.transmission, at_joints)
             residual = load_columns(robot, moved, model, springs).residual(load_side)[:, rows]
-            jacobians = torque_jacobians(bodies, *moved.joint_states).plus(*parallel)
-            inside = jacobians.at_drives(robot.transmission).part(joints, joints)
+            jacobians = torque_jacobians(bodies, *moved.joint_states)
+            jacobians[:2] += parallel
+            inside = jacobians_at_drives(robot.transmission, jacobians)[:, :, joints][..., joints]
             # The motors are given: a spring, with its damping, pulls as one to a fixed point.
-            inside = inside.plus(np.diag(rate), np.diag(damping))
+            inside[:2] += springs_alone
             load = simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, windows)
             response = load.response(residual[:, :, None])
         simulated = _with_initial_states(simulated, joints, response, reading, windows)
@@ -348,16 +351,16 @@ def _parallel_matrix(robot: Robot, fitted: FittedModel, name: str) -> Array:
 
 
 def _with_initial_states(
-    motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
+    motion: Motion, joints: list[int], response: Array, reading: Array, windows: int
 ) -> Motion:
     """Return the motion after a sweep, each joint in its own scale, and its initial states."""
-    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
+    if not np.all(np.abs(response) < _RUNAWAY):
         raise IdentificationError(_DIVERGED, "estimator='wls'")
     spread = np.std(reading, axis=0)
     scale = 1 / np.where(spread > 0, spread, 1.0)
     # reading = q + dq + Phi s: the initial states s of each window, by least squares.
-    residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
-    free = scale[:, None] * response.position[:, :, 1:]
+    residual = scale * (reading - motion.joint_position[:, joints] - response[0, :, :, 0])
+    free = scale[:, None] * response[0, :, :, 1:]
     length = -(-len(reading) // windows)
     weights = np.ones((windows, 1 + free.shape[2]))
     for number, start in enumerate(range(0, len(reading), length)):

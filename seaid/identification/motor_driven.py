@@ -37,7 +37,7 @@ from seaid.log.rows import still_speed
 from seaid.regressor.load import load_columns
 from seaid.regressor.regression import actuator_columns
 from seaid.robot import Robot
-from seaid.simulation.plant import Response, TorqueJacobians, torque_jacobians
+from seaid.simulation.plant import torque_jacobians
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction.
@@ -213,8 +213,8 @@ class _RunEquations:
         return {joint: self.x[layout.spring(joint)] for joint in layout.identification.springs}
 
     @cached_property
-    def jacobians(self) -> TorqueJacobians:
-        """The derivatives of the inverse dynamics by the motion."""
+    def jacobians(self) -> Array:
+        """The derivatives (3, T, n, n) of the inverse dynamics by the motion."""
         robot = self.layout.robot_at(self.x)
         return torque_jacobians(robot, *self.run.motion.joint_states)
 
@@ -296,7 +296,7 @@ class _RunEquations:
             rows = list(map(self.known.index, model.torque_joints))
             # q = reading - zero: -tau(q) changes by +dtau/dq per unit of the zero. Positions
             # of simulated joints do not depend on the zero of their encoders, their outputs do.
-            by_x[:, :, layout.zeros] = self.jacobians.position[:, rows]
+            by_x[:, :, layout.zeros] = self.jacobians[0][:, rows]
             by_x[:, :, [layout.zeros.start + joint for joint in self.joints]] = 0.0
         for column, joint, unit in layout.tests(motion):
             by_x[:, model.torque_joints.index(joint), column] = unit
@@ -330,7 +330,8 @@ class _RunEquations:
         by_position, by_speed = (slope[:, simulated, None] * eye for slope in slopes)
         _, of_friction = self.friction_and_slopes
         by_speed = by_speed + of_friction[:, :, None] * eye
-        inside = self.jacobians.part(self.joints, self.joints).plus(by_position, by_speed)
+        inside = self.jacobians[:, :, self.joints][..., self.joints]
+        inside[:2] += by_position, by_speed
         return simulated_joints.LinearisedLoad(inside, 1 / motion.rate_hz, self.run.windows)
 
     def linearised(self) -> tuple[Residuals, JointStep]:
@@ -352,10 +353,10 @@ class _RunEquations:
         free, time = 2 * len(unseen), run.motion.time
         return block_means(columns, unknown, time, run.windows, run.block, free), step
 
-    def positions(self, response: Response) -> Array:
+    def positions(self, response: Array) -> Array:
         """Return the columns of the encoders of the simulated joints, and of their free motions."""
         layout, joints = self.layout, self.joints
-        columns = -response.position
+        columns: Array = -response[0]
         # y - q - z, where q is the present motion plus its Newton correction, the first column.
         columns[:, :, 0] += self.run.reading - self.run.motion.joint_position[:, joints]
         if layout.has_zeros:
@@ -364,10 +365,10 @@ class _RunEquations:
             columns[:, range(len(joints)), zeros] -= 1.0
         return columns
 
-    def motor_torques(self, response: Response) -> Array:
+    def motor_torques(self, response: Array) -> Array:
         """Return the columns of (7) of the simulated joints, and of their free motions."""
         layout = self.layout
-        columns = np.zeros_like(response.position)
+        columns: Array = np.zeros_like(response[0])
         for row, joint in enumerate(layout.simulated):
             names, zeta, R = self.motor_equation(joint, self.run.motion)
             check_columns(layout, names, joint)
@@ -375,8 +376,8 @@ class _RunEquations:
             residual = zeta - R @ self.x[of_drive]
             columns[:, row, 0] = residual
             columns[:, row, 1 + of_drive] = -R
-            moves = response.position[:, row], response.velocity[:, row]
-            for move, motion in zip(moves, self.nudged, strict=True):
+            # by position and by speed
+            for move, motion in zip(response[:2, :, row], self.nudged, strict=True):
                 _, zeta, R = self.motor_equation(joint, motion)
                 slope = (zeta - R @ self.x[of_drive] - residual) / simulated_joints.NUDGE
                 # Chain rule d(7)/dx + d(7)/dq dq/dx + d(7)/dv dv/dx; (7) has no joint acceleration.
@@ -398,10 +399,11 @@ class _RunEquations:
             return regressor.names, zeta, R
         return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
 
-    def followed_torques(self, response: Response) -> Array:
+    def followed_torques(self, response: Array) -> Array:
         """Return the columns of (8) of the followed joints, and of the free motions of others."""
         followed = list(map(self.known.index, self.layout.followed))
-        columns = -self.jacobians.part(followed, self.joints).change(response)
+        by_states = self.jacobians[:, :, followed][..., self.joints]
+        columns: Array = -np.sum(by_states @ response, axis=0)
         rows = self.load_rows_of(self.layout.followed)
         columns[:, :, : rows.shape[2]] += rows
         return columns

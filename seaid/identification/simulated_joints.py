@@ -39,8 +39,7 @@ from seaid.robot import Robot, at_drives, at_joints
 from seaid.robot.robot import check_held
 from seaid.robot.transmission import group_of
 from seaid.simulation.plant import (
-    Response,
-    TorqueJacobians,
+    jacobians_at_drives,
     response_to,
     torque_jacobians,
     with_joints,
@@ -55,24 +54,24 @@ if TYPE_CHECKING:
 class LinearisedLoad:
     """The linearised load side (8) of simulated joints: `inside` moves by a force on them.
 
-    Steps of `step_s` are in equally long `windows`, of which the last one may be shorter.
+    It has the derivatives (3, T, joints, joints) of torques by the states. Steps of `step_s` are
+    in equally long `windows`, of which the last one may be shorter.
     """
 
-    inside: TorqueJacobians
+    inside: Array
     step_s: float
     windows: int
 
-    def response(self, force: Array) -> Response:
+    def response(self, force: Array) -> Array:
         """Return the response of the joints to a force (T, joints, any), and free motions."""
-        count, jacobians = len(force), [*vars(self.inside).values()]
-        if extra := -count % self.windows:
-            padding = ((0, extra), (0, 0), (0, 0))
-            *jacobians, force = (np.pad(x, padding, mode="edge") for x in (*jacobians, force))
-        response = response_to(TorqueJacobians(*jacobians), force, self.step_s, self.windows)
-        return Response(*(part[:count] for part in vars(response).values()))
+        # The last window is filled with its last sample.
+        padding = ((0, -len(force) % self.windows), (0, 0), (0, 0))
+        jacobians = np.pad(self.inside, ((0, 0), *padding), mode="edge")
+        filled = np.pad(force, padding, mode="edge")
+        return response_to(jacobians, filled, self.step_s, self.windows)[:, : len(force)]
 
 
-def displaced(motion: Motion, joints: list[int], response: Response, weights: Array) -> Motion:
+def displaced(motion: Motion, joints: list[int], response: Array, weights: Array) -> Motion:
     """Return a motion with the columns of a response of its joints added, by weights (W, columns).
 
     There is a row of weights for each window.
@@ -81,7 +80,7 @@ def displaced(motion: Motion, joints: list[int], response: Response, weights: Ar
     by_sample = np.repeat(weights, length, axis=0)[: len(motion.time)]
     states = [
         state[:, joints] + np.einsum("tjc,tc->tj", part, by_sample)
-        for state, part in zip(motion.joint_states, vars(response).values(), strict=True)
+        for state, part in zip(motion.joint_states, response, strict=True)
     ]
     return with_joints(motion, joints, states)
 
@@ -282,26 +281,25 @@ def _sensitivity(
     ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     changed = [nudged(motion, derivative, ratio) for derivative in range(3)]
     slopes = drive_slopes(known, motion, changed, model, {}, x[layout.load])
-    jacobians = torque_jacobians(robot, *motion.joint_states).part(order, order)
+    K, C, M = torque_jacobians(robot, *motion.joint_states)[:, :, order][..., order]
     gains = _gains(robot, names, motion, log)
     diagonal = np.eye(len(order))
-    M = jacobians.acceleration + slopes[2][..., None] * diagonal
+    M = M + slopes[2][..., None] * diagonal
     fastest = np.max(np.abs(motion.joint_velocity[:, order]), axis=0)
     rests = np.abs(motion.joint_velocity[:, order]) < _REST * fastest
     inertia = np.einsum("tii->ti", M)
     # A joint that sticks does not respond: no force on it, and a damping of `_HOLD` times the
     # inertia over the step, which stops it within a sample.
     held = np.where(rests, _HOLD * inertia * motion.rate_hz, slopes[1] * ~rests)
-    C = jacobians.velocity + (held + gains[1])[..., None] * diagonal
-    K = jacobians.position + (slopes[0] + gains[0])[..., None] * diagonal
-    inside = replace(jacobians, position=K, velocity=C, acceleration=M)
+    C = C + (held + gains[1])[..., None] * diagonal
+    K = K + (slopes[0] + gains[0])[..., None] * diagonal
     # M dq'' + C dq' + K dq = -H dx: the torque that a parameter takes is not there for the motion.
     # A delay that drives share takes the sum of their torques.
     by_x = H @ np.eye(len(x))[layout.load]
     force = np.where(rests[..., None], 0.0, -by_x)
-    response = LinearisedLoad(inside, 1 / motion.rate_hz, 1).response(force)
+    load = LinearisedLoad(np.stack([K, C, M]), 1 / motion.rate_hz, 1)
     whole = np.zeros((len(force), robot.n, len(x)))
-    whole[:, order] = response.position[:, :, : len(x)]
+    whole[:, order] = load.response(force)[0, :, :, : len(x)]
     return whole
 
 
@@ -347,8 +345,8 @@ def _dry_accelerations(robot: Robot, motion: Motion) -> dict[str, float]:
     """
     poses = np.linspace(0, len(motion.time) - 1, _POSES).astype(int)
     states = [state[poses] for state in motion.joint_states]
-    jacobians = torque_jacobians(robot, *states).at_drives(robot.transmission)
-    inertia = np.median(np.einsum("tii->ti", jacobians.acceleration), axis=0)
+    jacobians = jacobians_at_drives(robot.transmission, torque_jacobians(robot, *states))
+    inertia = np.median(np.einsum("tii->ti", jacobians[2]), axis=0)
     accelerations = {}
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]

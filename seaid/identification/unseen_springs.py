@@ -378,7 +378,7 @@ def inertia_about(robot: Robot, motion: Motion) -> Array:
     """Return the mean inertia (n,) about each joint while the others are locked."""
     few = motion.samples(slice(None, None, max(1, len(motion.time) // 50)))
     jacobians = torque_jacobians(robot, *few.joint_states)
-    inertia = np.mean(np.diagonal(jacobians.acceleration, axis1=1, axis2=2), axis=0)
+    inertia = np.mean(np.diagonal(jacobians[2], axis1=1, axis2=2), axis=0)
     # An estimated inertia may be negative; its size is still that of the oscillation.
     return np.asarray(np.abs(inertia))
 

@@ -24,7 +24,6 @@ from seaid.errors import RobotError
 from seaid.log import Motion
 from seaid.regressor.base import torque_slopes
 from seaid.robot import Robot, coupled_groups, torques_at_drives
-from seaid.robot.transmission import rows_at_drives
 
 _safely = partial(safely, what="the mass matrix", error=RobotError)
 
@@ -391,79 +390,40 @@ def _damping_rate(drive: Drive, effective: float) -> float:
     return rate + at_motor * drive.ratio**2 / effective
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueJacobians:
-    """Derivatives of the inverse dynamics by q, v and a along a motion, each (T, n, n)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-    def part(self, torques: list[int], joints: list[int]) -> TorqueJacobians:
-        """Return the derivatives of some torques by the states of some joints."""
-        rows = np.ix_(range(len(self.position)), torques, joints)
-        return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
-
-    def at_drives(self, transmission: Array) -> TorqueJacobians:
-        """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
-        parts = self.position, self.velocity, self.acceleration
-        turned = (rows_at_drives(transmission, part) for part in parts)
-        return TorqueJacobians(*(torques_at_drives(transmission, part) for part in turned))
-
-    def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
-        """Return the derivatives with constant ones (n, n) added."""
-        return TorqueJacobians(
-            self.position + position, self.velocity + velocity, self.acceleration
-        )
-
-    def change(self, response: Response) -> Array:
-        """Return the change of the torques (T, rows, columns) with a response of the joints."""
-        return np.asarray(
-            self.position @ response.position
-            + self.velocity @ response.velocity
-            + self.acceleration @ response.acceleration
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-
-def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
-    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each.
+def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the derivatives (3, T, n, n) of the inverse dynamics by q, v and a, payloads included.
 
     Pinocchio adds inertias of bodies, which needs positive masses, and estimated ones may be
     negative. Torques are linear in the parameters: equal masses are added, and theirs subtracted.
     """
     bodies = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
     if np.all(bodies[:, 0] > 0):
-        return TorqueJacobians(*torque_slopes(robot, q, v, a))
+        return torque_slopes(robot, q, v, a)
     added = np.zeros_like(bodies)
     added[:, 0] = 2.0 * np.max(np.abs(bodies[:, 0]), initial=1.0)
     heavier = robot.with_values(robot.parameters + added.ravel(), robot.drives)
     alone = robot.with_values(added.ravel() - robot.payload_parameters, robot.drives)
-    return TorqueJacobians(*(torque_slopes(heavier, q, v, a) - torque_slopes(alone, q, v, a)))
+    return torque_slopes(heavier, q, v, a) - torque_slopes(alone, q, v, a)
 
 
-def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
+def jacobians_at_drives(transmission: Array, jacobians: Array) -> Array:
+    """Return derivatives (3, T, n, n) in the coordinates of the drives, C^-T J C^-1."""
+    turned = torques_at_drives(transmission, jacobians).swapaxes(2, 3)
+    return torques_at_drives(transmission, turned).swapaxes(2, 3)
+
+
+def response_to(jacobians: Array, force: Array, step: float, windows: int) -> Array:
     """Integrate M a + C v + K q = force (T, joints, columns) by Newmark's method.
 
-    The joints start each of the equally long `windows` at rest; 2 joints more columns at the end
-    are the free motions from a unit of each initial position and velocity. The frequency of an
-    undamped oscillation is of fourth order in `step` if the samples resolve it (Fox and Goodwin
-    1949), else of second order.
+    K, C and M are the `jacobians` (3, T, joints, joints). Returns the changes of q, v and a,
+    (3, T, joints, columns + 2 joints): the joints start each of the equally long `windows` at rest,
+    and the last columns are the free motions from a unit of each initial position and velocity. The
+    frequency of an undamped oscillation is of fourth order in `step` if the samples resolve it (Fox
+    and Goodwin 1949), else of second order.
     """
     T, joints, columns = force.shape
     free = 2 * joints
-    M, C, K = (
-        matrix.reshape(windows, T // windows, joints, joints)
-        for matrix in (jacobians.acceleration, jacobians.velocity, jacobians.position)
-    )
+    K, C, M = jacobians.reshape(3, windows, T // windows, joints, joints)
     force = force.reshape(windows, T // windows, joints, columns)
     force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
     # Newmark 1959 with gamma = 1/2: beta = 1/12 is stable for step^2 K / M < 6, beta = 1/4 (the
@@ -478,7 +438,7 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     matrix = M + step / 2 * C + beta * step**2 * K
     inverse = safely(np.linalg.inv, matrix, what="a simulated motion")
     count = force.shape[1]
-    q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
+    q, v, a = response = np.zeros((3, count, windows, joints, columns + free))
     # The last columns have no force, and start from a unit of position or of velocity.
     q[0, :, :, columns : columns + joints] = np.eye(joints)
     v[0, :, :, columns + joints :] = np.eye(joints)
@@ -488,13 +448,10 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
         q_t = q[t - 1] + step * v[t - 1] + (0.5 - beta) * step**2 * a[t - 1]
         a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
         v[t], q[t] = v_t + step / 2 * a[t], q_t + beta * step**2 * a[t]
-    shape = (T, joints, columns + free)
-    return Response(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+    return response.swapaxes(1, 2).reshape(3, T, joints, columns + free)
 
 
-def with_joints(
-    motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
-) -> Motion:
+def with_joints(motion: Motion, joints: list[int], states: Array | Sequence[Array]) -> Motion:
     """Return the motion with position, velocity and acceleration of some joints replaced."""
     q, v, a = (state.copy() for state in motion.joint_states)
     for whole, part in zip((q, v, a), states, strict=True):
