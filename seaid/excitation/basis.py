@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, number
 from seaid._files import numbers
 from seaid.errors import ExcitationError, shown, unknown_name
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,11 @@ class FourierBasis:
     periods: int = 1
 
     def __post_init__(self) -> None:
-        if not (self.harmonics >= 1 and self.harmonics == int(self.harmonics)):
-            raise ExcitationError(
-                f"harmonics must be a whole number of at least 1, found {shown(self.harmonics)}"
-            )
+        check_whole_number("harmonics", self.harmonics)
+        check_whole_number("periods", self.periods)
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ExcitationError(
                 f"duration must be more than zero seconds, found {shown(self.duration)}"
-            )
-        if not (self.periods >= 1 and self.periods == int(self.periods)):
-            raise ExcitationError(
-                f"periods must be a whole number of at least 1, found {shown(self.periods)}"
             )
 
     @property
@@ -77,7 +75,7 @@ class FourierBasis:
         falling = 1.0 / np.arange(1, self.harmonics + 1)
         return np.diag(np.concatenate([[1.0], falling, falling]))
 
-    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
+    def _matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
         harmonic = np.arange(1, self.harmonics + 1)
         rate = 2 * np.pi * harmonic / self.period_s
@@ -93,7 +91,7 @@ class FourierBasis:
 
     def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
-        position, velocity, acceleration = self.matrices(time)
+        position, velocity, acceleration = self._matrices(time)
         return position @ coefficients, velocity @ coefficients, acceleration @ coefficients
 
     def shifted(self, coefficients: Array, time: float) -> Array:
@@ -111,7 +109,7 @@ class FourierBasis:
         time = self.period_s * np.arange(count) / count
         # M. Riesz (1914): around a maximum M of |s|, |s(phase)| >= M cos(N phase) for N harmonics,
         # so the largest of C equally spaced samples is at least M cos(pi N / C)
-        return np.asarray(self.matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
+        return np.asarray(self._matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the basis as JSON content."""
@@ -160,13 +158,6 @@ class JoinedBasis:
     def scaling(self) -> Array:
         """The block-diagonal matrix (K, K) of the parts' scalings."""
         return _block_diagonal([part.scaling for part in self.parts])
-
-    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
-        matrices = np.zeros((3, len(time), self.size))
-        for part, columns, mask, local in self._pieces(time):
-            matrices[:, mask, columns] = part.matrices(local)
-        return matrices[0], matrices[1], matrices[2]
 
     def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
@@ -229,9 +220,6 @@ class Basis(Protocol):
     def constant(self) -> Array:
         """The coefficients (K,) of the constant 1."""
 
-    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
-
     def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
 
@@ -249,14 +237,15 @@ class Basis(Protocol):
         """Return the basis as JSON content; `basis_from_dict` reads it."""
 
 
+def matrices(basis: Basis, time: Array) -> tuple[Array, Array, Array]:
+    """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
+    return basis.states(time, np.eye(basis.size))
+
+
 def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     """Return the basis of a name, with `coefficients` per joint, or raise ExcitationError."""
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
-    if not (np.isfinite(duration) and duration > 0):
-        raise ExcitationError(
-            f"duration must be more than zero seconds, found {duration}", "duration"
-        )
     if not _SHORTEST_S <= duration <= _LONGEST_S:
         raise ExcitationError(
             f"duration must be from {_SHORTEST_S:g} to {_LONGEST_S:g} s, found {duration:g}",
@@ -286,12 +275,10 @@ def basis_from_dict(content: Any) -> Basis:
     if not isinstance(content, dict):
         raise ExcitationError(f"a basis must be an object with a type, found {shown(content)}")
     if content["type"] == "spline":
-        degree = _whole("degree", content["degree"])
-        return SplineBasis(degree, numbers("knots", content["knots"], ExcitationError))
+        return SplineBasis(content["degree"], numbers("knots", content["knots"], ExcitationError))
     if content["type"] == "fourier":
         duration = number("duration", content["duration"], ExcitationError)
-        periods = _whole("periods", content.get("periods", 1))
-        return FourierBasis(_whole("harmonics", content["harmonics"]), duration, periods)
+        return FourierBasis(content["harmonics"], duration, content.get("periods", 1))
     if content["type"] == "joined":
         parts = content["parts"]
         if not isinstance(parts, list):
@@ -302,10 +289,12 @@ def basis_from_dict(content: Any) -> Basis:
     )
 
 
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ExcitationError(f"{name} must be a whole number, found {shown(value)}")
-    return value
+def check_whole_number(name: str, value: Any, least: int = 1) -> None:
+    """Raise ExcitationError, naming the value, if it is no whole number or less than `least`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise ExcitationError(
+            f"{name} must be a whole number of at least {least}, found {shown(value)}", name
+        )
 
 
 _MOST_DEGREE = 100
@@ -335,10 +324,7 @@ class SplineBasis:
     def __post_init__(self) -> None:
         knots = frozen("knots", self.knots, (None,), ExcitationError)
         object.__setattr__(self, "knots", knots)
-        if not (self.degree >= 3 and self.degree == int(self.degree)):
-            raise ExcitationError(
-                f"the degree of a spline is a whole number of at least 3, found {self.degree}"
-            )
+        check_whole_number("degree", self.degree, least=3)
         if self.degree > _MOST_DEGREE:
             raise ExcitationError(
                 f"the degree of a spline is at most {_MOST_DEGREE}, found {shown(self.degree)}"
@@ -355,18 +341,12 @@ class SplineBasis:
         """Number of coefficients per joint, K."""
         return len(self.knots) - self.degree - 1
 
-    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s].
+    def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times.
 
         Times must lie within [0, duration].
         """
-        return self.states(time, np.eye(self.size))
-
-    def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
-        from scipy.interpolate import BSpline
-
-        spline = BSpline(self.knots, coefficients, self.degree)
+        spline = self._spline(coefficients)
         position, velocity, acceleration = (spline(time, nu=order) for order in range(3))
         return position, velocity, acceleration
 
@@ -390,21 +370,22 @@ class SplineBasis:
         # rounded up: at least `density` control points per coefficient
         intervals = len(np.unique(self.knots)) - 1
         pieces = max(1, -(-density * self.size // intervals))
-        matrix, knots = np.eye(self.size), np.asarray(self.knots)
-        for degree in range(self.degree, self.degree - order, -1):
-            # control points of the derivative: p (c[i+1] - c[i]) / (t[i+p+1] - t[i+1])
-            spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-            matrix = degree * np.diff(matrix, axis=0) / spans[:, None]
-            # the derivative is a spline of degree p - 1, clamped by one knot less at either end
-            knots = knots[1:-1]
+        derivative = self._spline(np.eye(self.size)).derivative(order)
+        knots, degree = derivative.t, derivative.k
         ends = np.unique(knots)
         cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
         finer = np.sort(np.concatenate([knots, cuts.ravel()]))
-        return _refinement(knots, finer, self.degree - order) @ matrix
+        # scipy fills the control points with zeros up to the number of knots
+        return _refinement(knots, finer, degree) @ derivative.c[: len(knots) - degree - 1]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the basis as JSON content."""
         return {"type": "spline", "degree": self.degree, "knots": self.knots.tolist()}
+
+    def _spline(self, coefficients: Array) -> BSpline:
+        from scipy.interpolate import BSpline
+
+        return BSpline(self.knots, coefficients, self.degree)
 
 
 def _check_knots(knots: Array, degree: int) -> None:

@@ -19,7 +19,14 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, finite, safely
 from seaid._progress import Display
 from seaid.errors import ExcitationError, checked
-from seaid.excitation.basis import Basis, FourierBasis, JoinedBasis, SplineBasis, make_basis
+from seaid.excitation.basis import (
+    Basis,
+    FourierBasis,
+    JoinedBasis,
+    check_whole_number,
+    make_basis,
+    matrices,
+)
 from seaid.excitation.limits import (
     KINDS,
     JointLimits,
@@ -89,7 +96,7 @@ def end_conditions(
 ) -> EndConditions:
     """Return the equations of two end states. Raises ExcitationError for invalid values."""
     # 3 of (2, K): position, velocity and acceleration at the start and at the end
-    tables = basis.matrices(np.array([0.0, basis.duration]))
+    tables = matrices(basis, np.array([0.0, basis.duration]))
     equations: list[tuple[Array, Array, int, int]] = []
     for which, state in enumerate((start, end)):
         for kind, value in enumerate((state.position, state.velocity, state.acceleration)):
@@ -341,7 +348,7 @@ def with_run_in(space: MotionSpace, joint_names: Sequence[str], limits: JointLim
     `limit_rows` of the result includes the limits of the run-ins, so `add_run_in` succeeds. Ends at
     rest need none. Raises ExcitationError, naming joint and limit, if the given ends admit none.
     """
-    tables = space.basis.matrices(np.array([0.0, space.basis.duration]))
+    tables = matrices(space.basis, np.array([0.0, space.basis.duration]))
     run_ins = []
     for which in range(2):
         state = np.array([table[which] for table in tables])
@@ -367,23 +374,16 @@ def run_in_duration(limits: JointLimits) -> float:
     return 2.0 * float(stopping.max())
 
 
-def run_in_basis(duration: float) -> SplineBasis:
-    """Return the B-spline basis of a run-in."""
-    basis = make_basis("bspline", duration, _COEFFICIENTS)
-    assert isinstance(basis, SplineBasis)
-    return basis
-
-
 def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
     """Return a run-in's basis and its matrix (L, K) from coefficients; `state` (3, K)."""
-    basis = run_in_basis(duration)
+    basis = make_basis("bspline", duration, _COEFFICIENTS)
     names = [str(column) for column in range(state.shape[1])]
     # one column per coefficient of the motion, in place of joints: the run-in is linear in them
     moving, rest = EndState(*state), EndState()
     conditions = end_conditions(basis, names, *((moving, rest) if out else (rest, moving)))
     free, inverse = null_space(basis, conditions)
     time = np.linspace(0.0, duration, 8 * basis.size)
-    acceleration = basis.matrices(time)[2] * duration**2
+    acceleration = matrices(basis, time)[2] * duration**2
     # coefficients some + free y, with y of least |A (some + free y)|, A the scaled accelerations
     some = inverse @ (conditions.values / conditions.row_norms[:, None])
     least = safely(
@@ -443,8 +443,7 @@ def add_run_in(
     >>> motion = seaid.excitation.add_run_in(plan.trajectory, robot, periods=5)
     """
     check_joint_names(trajectory, robot)
-    if not (periods >= 1 and periods == int(periods)):
-        raise ExcitationError(f"periods must be a whole number of at least 1, found {periods}")
+    check_whole_number("periods", periods)
     bounds = joint_limits(robot, limits)
     main = trajectory if trajectory.rests_at_ends else _with_best_phase(trajectory, bounds)
     ends = main.basis.states(np.array([0.0, main.duration]), main.coefficients)
@@ -454,7 +453,7 @@ def add_run_in(
     names = trajectory.joint_names
     into = [] if main.rests_at_ends else [_shortest_segment(names, bounds, start, out=False)]
     out = [] if main.rests_at_ends else [_shortest_segment(names, bounds, end, out=True)]
-    pieces = [*into, *[(main.basis, main.coefficients)] * int(periods), *out]
+    pieces = [*into, *[(main.basis, main.coefficients)] * periods, *out]
     basis = JoinedBasis(tuple(part for part, _ in pieces))
     begins = basis.starts[len(into)]
     return Trajectory(
@@ -462,7 +461,7 @@ def add_run_in(
         basis,
         np.vstack([values for _, values in pieces]),
         trajectory.prismatic_joints,
-        (begins, basis.starts[len(into) + int(periods)]),
+        (begins, basis.starts[len(into) + periods]),
     )
 
 
@@ -536,7 +535,7 @@ def _segment(
     names: tuple[str, ...], bounds: JointLimits, state: Array, duration: float, *, out: bool
 ) -> Segment:
     """Return a segment of one duration. Raises ExcitationError if none is within bounds."""
-    basis = run_in_basis(duration)
+    basis = make_basis("bspline", duration, _COEFFICIENTS)
     moving, rest = EndState(*state), EndState()
     start, end = (moving, rest) if out else (rest, moving)
     return basis, motion_space(basis, names, bounds, start, end).feasible_start

@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
-from seaid.excitation.basis import Basis, BasisName, make_basis
+from seaid.excitation.basis import Basis, BasisName, check_whole_number, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space, with_run_in
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
@@ -357,7 +357,8 @@ def design_excitation(
         return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
-    _check_counts(starts=starts, iterations=iterations)
+    check_whole_number("starts", starts)
+    check_whole_number("iterations", iterations)
     basis_of = partial(_basis_for, basis, duration, coefficients)
     # a plan does not know how warm the motors will be
     cold = robot.at_temperature()
@@ -396,13 +397,6 @@ def design_excitation(
     )
     _warn_if_early(outcome, problem.measure.meaning)
     return _excitation(cold, problem, outcome, best_start, base, bounds)
-
-
-def _check_counts(**counts: int) -> None:
-    """Raise ExcitationError for a count below one."""
-    for name, count in counts.items():
-        if count < 1:
-            raise ExcitationError(f"{name} must be at least 1, found {count}", name)
 
 
 def _excitation(

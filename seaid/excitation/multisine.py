@@ -15,8 +15,8 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, finite, number
 from seaid._progress import Display
-from seaid.errors import ExcitationError, shown, unknown_name
-from seaid.excitation.basis import FourierBasis
+from seaid.errors import ExcitationError, unknown_name
+from seaid.excitation.basis import FourierBasis, check_whole_number
 from seaid.excitation.limits import (
     DRIVE_KINDS,
     KINDS,
@@ -93,10 +93,7 @@ class Multisine(Display):
 
     def __post_init__(self) -> None:
         for name in ("omit_one_of", "realisation", "experiment"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                text = f"{name} must be a whole number, zero or more, found {shown(value)}"
-                raise ExcitationError(text, name)
+            check_whole_number(name, getattr(self, name), least=0)
         if isinstance(self.spectrum, str) and self.spectrum not in _FLAT:
             raise ExcitationError(unknown_name("spectrum", self.spectrum, _FLAT), "spectrum")
 

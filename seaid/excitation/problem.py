@@ -11,6 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
+from seaid.excitation.basis import matrices
 from seaid.excitation.boundary import MotionSpace, limit_rows
 from seaid.excitation.collision import Scene, distance_gradients, distances
 from seaid.excitation.criteria import (
@@ -137,9 +138,9 @@ def _at_instants(
     space: MotionSpace, samples: int
 ) -> tuple[Array, tuple[Array, Array, Array], Array]:
     time = np.linspace(0.0, space.basis.duration, samples)
-    matrices = space.basis.matrices(time)
-    position, velocity, acceleration = (matrix @ space.free for matrix in matrices)
-    start_states = np.stack([matrix @ space.feasible_start for matrix in matrices])
+    tables = matrices(space.basis, time)
+    position, velocity, acceleration = (table @ space.free for table in tables)
+    start_states = np.stack([table @ space.feasible_start for table in tables])
     return time, (position, velocity, acceleration), start_states
 
 

@@ -11,6 +11,7 @@ import pytest
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.excitation import Excitation, FourierBasis, Trajectory, design_excitation
+from seaid.excitation.basis import matrices
 from seaid.excitation.limits import JointLimits
 from seaid.excitation.observation_matrix import Target, regressor_pull_back, stacked_regressor
 from seaid.legged import load_robot
@@ -67,7 +68,7 @@ def smooth_motion(robot: Robot, samples: int = 60, reach: float = 0.1) -> tuple[
     basis = FourierBasis(4, 5.0)
     c = reach * np.random.default_rng(0).normal(size=(basis.size, robot.n))
     time = np.linspace(0.0, 4.9, samples)
-    q, v, a = (matrix @ c for matrix in basis.matrices(time))
+    q, v, a = (matrix @ c for matrix in matrices(basis, time))
     return time, (q, v, a)
 
 
@@ -79,7 +80,7 @@ def assert_gradient(target: Target, time: Array, motion: States) -> None:
     sizes = np.linalg.norm(H, axis=0)
     W = rng.normal(size=H.shape) / sizes
     gradient = regressor_pull_back(target, time, motion, W)
-    wave = FourierBasis(6, 1.1 * float(time[-1])).matrices(time)[0]
+    wave = matrices(FourierBasis(6, 1.1 * float(time[-1])), time)[0]
     for which in range(3):
         direction = wave @ rng.normal(size=(wave.shape[1], motion[0].shape[1]))
         step, sums = 1e-6, []

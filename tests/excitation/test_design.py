@@ -87,9 +87,9 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"duration": -2.0, "coefficients": None}, "duration must be more than zero seconds"),
-        ({"starts": 0}, "starts must be at least 1, found 0"),
-        ({"iterations": 0}, "iterations must be at least 1, found 0"),
+        ({"duration": -2.0, "coefficients": None}, r"duration must be from 0\.001 to"),
+        ({"starts": 0}, "starts must be a whole number of at least 1, found 0"),
+        ({"iterations": 0}, "iterations must be a whole number of at least 1, found 0"),
         ({"samples": 2}, "2 samples of 3 torques cannot identify 7 base parameters; give at least"),
         ({"torque_joints": []}, "torque_joints= names no joint"),
         ({"criterion": "d_optimal"}, "did you mean 'd_optimality'"),

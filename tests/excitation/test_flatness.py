@@ -15,6 +15,7 @@ from seaid.drives.functions import SMOOTH_SIGNALS, STATES, nonlinear_spring, smo
 from seaid.drives.terms import FrictionTerm
 from seaid.errors import ExcitationError
 from seaid.excitation import FourierBasis, Limits
+from seaid.excitation.basis import matrices
 from seaid.excitation.flatness import differentiation, motor_signals
 from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.observation_matrix import drive_target, stacked_regressor
@@ -141,7 +142,7 @@ def test_gradient_of_loads_equals_differences(
     assert found is not None
     bounds = pickle.loads(pickle.dumps(found))
     basis, time = FourierBasis(3, 4.0), np.linspace(0.0, 3.9, 50)
-    position, velocity, acceleration = maps = basis.matrices(time)
+    position, velocity, acceleration = maps = matrices(basis, time)
     rng = np.random.default_rng(0)
     x = 0.3 * rng.normal(size=(2, basis.size))
 

@@ -15,6 +15,7 @@ from scripts.legged_plant import GO2, foot_positions
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import make_basis
+from seaid.excitation.basis import matrices
 from seaid.excitation.limits import joint_limits
 from seaid.legged.floating import floating, floating_model, roll_pitch_yaw
 from seaid.legged.stance import StanceModel, inverse_dynamics, stance_model
@@ -91,7 +92,7 @@ def test_gradients_are_those_of_finite_differences() -> None:
     states = basis.states(time, coefficients)
     G = rng.normal(size=model.observed_rows(states).shape)
     slopes = model.pull_back(states, G)
-    maps = basis.matrices(time)
+    maps = matrices(basis, time)
     use, by_x = model.worst_shares(states, range(20), maps, np.ones(6))
     for kind in range(3):
         change, size = rng.normal(size=states[kind].shape), 1e-5
