@@ -16,10 +16,8 @@ from seaid._arrays import Array, finite
 from seaid._progress import Display
 from seaid.errors import (
     ExcitationError,
-    RobotError,
     SeaidWarning,
     checked,
-    reason_of,
     shortened,
     shown,
     unknown_name,
@@ -96,7 +94,6 @@ def load_scene(
     keep_out: Sequence[Box] = (),
     clearance_m: float = 0.01,
     disabled_pairs: Iterable[Pair] = (),
-    srdf: str | Path | None = None,
 ) -> Scene:
     """Load the collision pairs of a robot and its surroundings.
 
@@ -118,8 +115,6 @@ def load_scene(
         Minimum distance of a planned motion [m].
     disabled_pairs : iterable of (str, str)
         Pairs of link or box names that are not checked.
-    srdf : path, optional
-        A file of MoveIt whose disabled pairs are not checked either.
 
     Returns
     -------
@@ -128,7 +123,7 @@ def load_scene(
     Raises
     ------
     RobotError
-        For the file of another robot, a mesh that is missing or not readable, and an invalid SRDF.
+        For the file of another robot, and a mesh that is missing or not readable.
     ExcitationError
         For unknown names, a file without collision geometry, a box that no posture avoids, and if
         no pair remains.
@@ -148,7 +143,7 @@ def load_scene(
             "a box can be computed; add <collision> elements to its links"
         )
     names = _with_boxes(geometry, links, keep_out)
-    disabled = {*_disabled_by_user(disabled_pairs, names), *_disabled_by_srdf(srdf)}
+    disabled = _disabled(disabled_pairs, names)
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     for first, second in _pairs(robot.model, joints, len(links)):
         if frozenset((names[first], names[second])) not in disabled:
@@ -184,7 +179,7 @@ def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tupl
             yield first, second
 
 
-def _disabled_by_user(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
+def _disabled(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
     """Return the pairs of `disabled_pairs`, whose order does not count. Raises ExcitationError."""
     known = dict.fromkeys(names)
     disabled = set()
@@ -201,22 +196,6 @@ def _disabled_by_user(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozen
                 )
         disabled.add(frozenset(pair))
     return disabled
-
-
-def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
-    """Return the pairs of links that an SRDF disables; unknown links are ignored."""
-    if srdf is None:
-        return set()
-    from lxml import etree
-
-    # a file from elsewhere: no entities, which can expand without end, and nothing from the network
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-    try:
-        root = etree.parse(str(srdf), parser).getroot()
-    except (etree.XMLSyntaxError, OSError, ValueError) as problem:
-        raise RobotError(f"SRDF '{srdf}' cannot be read: {reason_of(problem)}") from None
-    pairs = root.iter("disable_collisions")
-    return {frozenset((pair.get("link1"), pair.get("link2"))) for pair in pairs}
 
 
 def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:

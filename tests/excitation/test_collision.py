@@ -169,24 +169,12 @@ def test_bodies_are_watched_unless_one_joint_connects_them_or_none_moves(
     assert scene.ignored == ()
 
 
-def test_pairs_are_left_out_on_request_and_by_srdf(
-    crane: tuple[Path, Robot], tmp_path: Path
-) -> None:
-    srdf = tmp_path / "test.srdf"
-    srdf.write_text(
-        '<robot name="test"><disable_collisions link1="weld" link2="other" reason="Never"/>'
-        '<disable_collisions link1="tool" link2="other"/></robot>'
-    )
+def test_pairs_are_left_out_on_request(crane: tuple[Path, Robot]) -> None:
     box = Box((0, 0, 3), (1, 1, 1), name="roof")
     full = load_scene(*crane, keep_out=[box])
-    less = load_scene(
-        *crane, keep_out=[box], srdf=srdf, disabled_pairs=[("hand", "carriage"), ("roof", "other")]
-    )
-    assert set(full.pairs) - set(less.pairs) == {
-        ("carriage", "hand"),
-        ("other", "roof"),
-        ("weld", "other"),
-    }
+    pairs = [("hand", "carriage"), ("roof", "other")]
+    less = load_scene(*crane, keep_out=[box], disabled_pairs=pairs)
+    assert set(full.pairs) - set(less.pairs) == {("carriage", "hand"), ("other", "roof")}
 
 
 def test_bodies_that_always_overlap_are_ignored_with_a_warning(write_urdf: Write) -> None:
@@ -362,8 +350,6 @@ BROKEN: list[tuple[str, dict[str, Any], str]] = [
     (PLANAR, {"keep_out": [FAR, FAR]}, "keep-out box 'far' has the name of another box"),
     (PLANAR, {"keep_out": [Box((0, 0, 9), (1, 1, 1), name="lower")]}, "'lower' has the name of"),
     (PLANAR, {"disabled_pairs": [("ground", "lower")]}, "'test' has no two bodies to keep apart"),
-    (PLANAR, {"srdf": "nothing.srdf"}, "SRDF 'nothing.srdf' cannot be read"),
-    (PLANAR, {"srdf": "broken.srdf"}, "SRDF 'broken.srdf' cannot be read"),
     (PLANAR, {"package_dirs": ["/nowhere"]}, "package_dirs: there is no folder '/nowhere'"),
     (BARE, {}, "has no collision geometry, so no distance of"),
     (BARE, {"keep_out": [FAR]}, "has no collision geometry, so no distance of"),
@@ -382,7 +368,6 @@ def test_scenes_that_cannot_be_made_say_why(
 ) -> None:
     """Options, files and robots that give no distances between bodies."""
     monkeypatch.chdir(tmp_path)
-    Path("broken.srdf").write_text("<robot")
     path = write_urdf(text)
     with pytest.raises((ExcitationError, RobotError), match=words):
         load_scene(path, load_robot(path), **options)

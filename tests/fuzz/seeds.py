@@ -27,9 +27,8 @@ URDFS = (ARM_URDF, MODELS / "tulip_leg.urdf", MODELS / "differential_wrist.urdf"
 MESHES = ("stl", "stl_ascii", "obj", "ply", "off")
 
 TEXTS = DATA / "fuzz"
-DRIVES, DESCRIPTION, TWO_URDF, SRDF = (
-    (TEXTS / name).read_text("utf-8")
-    for name in ("drives.toml", "description.toml", "two.urdf", "two.srdf")
+DRIVES, DESCRIPTION, TWO_URDF = (
+    (TEXTS / name).read_text("utf-8") for name in ("drives.toml", "description.toml", "two.urdf")
 )
 """Drives with a term of each kind, what `foreign_columns` are, and a robot with a SHAPE."""
 

@@ -186,18 +186,16 @@ def _export(robot: Robot, folder: Path) -> None:
 
 
 def scene(rng: Random, folder: Path) -> Check:
-    """A URDF with collision geometry, an SRDF and a box to keep out of."""
+    """A URDF with collision geometry, and a box to keep out of."""
     shape = rng.choice(('<cylinder radius="0.1" length="0.2"/>',) * 9 + (seeds.MESH.format("stl"),))
     (folder / "part.stl").write_bytes(seeds.mesh("stl"))
     (folder / "robot.urdf").write_bytes(damaged_xml(rng, seeds.TWO_URDF.replace("SHAPE", shape)))
-    (folder / "robot.srdf").write_bytes(damaged_xml(rng, seeds.SRDF))
     place, size, turn = [1.0, 0.0, 0.0], [0.1, 0.1, 0.1], [0.0, 0.3, 0.0]
     box = [*damaged_tree(rng, [place, size, turn]), rng.choice(NAMES)][:4]
     pairs = damaged_tree(rng, [["ground", "lower"]])
-    srdf = rng.choice((None, folder / "robot.srdf"))
     boxes: Any = rng.choice(((), (), [box]))
-    options = {"srdf": srdf, "disabled_pairs": rng.choice(((), (), pairs))}
-    return lambda: _scene(folder, boxes, **options)
+    disabled = rng.choice(((), (), pairs))
+    return lambda: _scene(folder, boxes, disabled_pairs=disabled)
 
 
 def mesh(rng: Random, folder: Path) -> Check:
