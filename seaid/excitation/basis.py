@@ -376,7 +376,8 @@ class SplineBasis:
         cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
         finer = np.sort(np.concatenate([knots, cuts.ravel()]))
         # scipy fills the control points with zeros up to the number of knots
-        return _refinement(knots, finer, degree) @ derivative.c[: len(knots) - degree - 1]
+        control_points = derivative.c[: len(knots) - degree - 1]
+        return np.asarray(_refinement(knots, finer, degree) @ control_points)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the basis as JSON content."""

@@ -459,10 +459,10 @@ def _multisine_excitation(
     std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))[[*target.rows]]
     time = np.linspace(0.0, motion.duration, _REPORT_SAMPLES)
     H = stacked_regressor(replace(target, row_weights=1 / std), time, motion.sample(time))
-    values = singular_values(triangular_factor(H, np.empty((0, H.shape[1]))))
+    R = triangular_factor(H, np.empty((0, H.shape[1])))
+    values = singular_values(R)
     kappa = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    inverse = _safely(np.linalg.pinv, H.T @ H)
-    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0)) if np.isfinite(kappa) else np.inf
+    errors = np.linalg.norm(_safely(np.linalg.pinv, R), axis=1) if np.isfinite(kappa) else np.inf
     return Excitation(
         trajectory=motion,
         condition_number=kappa,

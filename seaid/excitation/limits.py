@@ -6,7 +6,7 @@ motor torque, motor speed and deflection are computed from the nominal model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,6 +188,21 @@ def margins(
         for order, part in enumerate((about_middle, c, c))
     )
     return Margins(limits.half_range - q, limits.velocity - v, limits.acceleration - a)
+
+
+_BISECTIONS = 14
+"""Steps of a bisection, to 1 / 16,000 of a motion."""
+
+
+def largest_factor(keeps_limits: Callable[[float], bool]) -> float:
+    """Return the largest factor up to 1 of a motion that keeps the limits, as the factor 0 does."""
+    inside, outside = 0.0, 1.0
+    if keeps_limits(outside):
+        return outside
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if keeps_limits(middle) else (inside, middle)
+    return inside
 
 
 def limit_values(

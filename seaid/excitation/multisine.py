@@ -24,6 +24,7 @@ from seaid.excitation.limits import (
     JointLimits,
     LimitValue,
     drive_loads,
+    largest_factor,
     limit_values,
 )
 from seaid.excitation.trajectory import Trajectory
@@ -39,7 +40,6 @@ _MOST_HARMONICS = 400
 _USE = 0.95
 """Share of the limits that a multisine without a given amplitude uses."""
 
-_BISECTIONS = 12
 _GRID = 8
 """Instants per period of the highest frequency, at which limits of the drives are checked."""
 
@@ -248,20 +248,17 @@ def _within_drives(
     drives: DriveLimits,
 ) -> Array:
     """Return the sizes (n,), those not given reduced until all motions keep limits of drives."""
-    basis = motions[0](size).basis
-    time, inside, outside = _grid(basis), 0.0, 1.0  # type: ignore[arg-type]
-    reduced = size
-    # the whole size first; nan: half way between the largest kept size and the least broken one
-    for middle in (1.0, *[math.nan] * _BISECTIONS):
-        factor = middle if middle == 1.0 else 0.5 * (inside + outside)
-        trial = np.where(fixed, size, factor * size)
-        loads = [drive_loads(drives, time, motion(trial).sample(time)) for motion in motions]
-        kept = np.all(np.abs(loads).max(axis=(0, 2)) <= _USE * drives.largest)
-        inside, outside = (factor, outside) if kept else (inside, factor)
-        if inside == 1.0:
-            break
-        reduced = np.where(fixed, size, inside * size)
-    return size if inside == 1.0 else reduced
+    time = _grid(motions[0](size).basis)  # type: ignore[arg-type]
+
+    def reduced(factor: float) -> Array:
+        return np.where(fixed, size, factor * size)
+
+    def keeps_limits(factor: float) -> bool:
+        trials = [motion(reduced(factor)).sample(time) for motion in motions]
+        loads = [drive_loads(drives, time, states) for states in trials]
+        return bool(np.all(np.abs(loads).max(axis=(0, 2)) <= _USE * drives.largest))
+
+    return reduced(largest_factor(keeps_limits))
 
 
 def _check_limits(

@@ -30,6 +30,7 @@ from seaid.excitation.limits import (
     Margins,
     drive_load_gradient,
     drive_loads,
+    largest_factor,
     margins,
     positive_values,
 )
@@ -56,9 +57,6 @@ _SCENE_REACH_M = 0.1
 
 _INSTANTS = 10
 """Consecutive instants that share a constraint, that of the worst one."""
-
-_BISECTIONS = 14
-"""Steps of a bisection, to 1 / 16,000 of a motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,21 +103,8 @@ def make_problem(
     stance: StandingRobot | None = None,
 ) -> PlanningProblem:
     """Return the problem with a number of equally spaced instants."""
-    rows, offset = limit_rows(space, limits)
-    time, maps, start_states = _at_instants(space, samples)
-    return PlanningProblem(
-        target=target,
-        criterion=criterion,
-        space=space,
-        time=time,
-        maps=maps,
-        start_states=start_states,
-        rows=rows,
-        offset=offset,
-        drive_limits=drives,
-        scene=scene,
-        stance=stance,
-    )
+    instants, linear = _at_instants(space, samples), limit_rows(space, limits)
+    return PlanningProblem(target, criterion, space, *instants, *linear, drives, scene, stance)
 
 
 def recentred(problem: PlanningProblem, x: Array) -> PlanningProblem:
@@ -274,15 +259,10 @@ def scaled_into_limits(problem: PlanningProblem, x: Array) -> Array:
 
 def scaled_into_nonlinear_limits(problem: PlanningProblem, x: Array, most: float) -> Array:
     """Return x, scaled towards zero until no drive or distance uses more than `most` of a limit."""
-    if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, x) <= most:
+    if not has_nonlinear_limits(problem):
         return x
-    # x = 0 keeps all limits, see `with_feasible_start`, so that the bisection has where to end
-    inside, outside = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (inside + outside)
-        kept = largest_nonlinear_use(problem, middle * x) <= most
-        inside, outside = (middle, outside) if kept else (inside, middle)
-    return inside * x
+    # x = 0 keeps all limits, see `with_feasible_start`
+    return x * largest_factor(lambda factor: largest_nonlinear_use(problem, factor * x) <= most)
 
 
 def random_start(problem: PlanningProblem, rng: np.random.Generator) -> Array:

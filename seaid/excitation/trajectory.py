@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -53,19 +54,11 @@ def joint_trajectory_message(
 
 def as_yaml(message: dict[str, Any]) -> str:
     """Return a message as text that is both JSON and YAML, one line per point."""
-    points = ",\n".join("  " + _text(point) for point in message["points"])
+    # Not every YAML reader takes 1e-05 for a number: it is written as 1.0e-05.
+    texts = (re.sub(r"(?<![.\d])(\d+)e", r"\1.0e", json.dumps(x)) for x in message["points"])
+    points = ",\n".join(f"  {text}" for text in texts)
     head = {key: value for key, value in message.items() if key != "points"}
     return f'{json.dumps(head)[:-1]},\n "points": [\n{points}\n]}}\n'
-
-
-def _text(value: Any) -> str:
-    """Return JSON with numbers that every YAML reader accepts: 1.0e-05, not 1e-05."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f'"{key}": {_text(part)}' for key, part in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_text, value)) + "]"
-    text = json.dumps(value)
-    return text if "." in text else text.replace("e", ".0e")
 
 
 _FORMAT = "seaid trajectory 1"
