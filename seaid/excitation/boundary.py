@@ -148,19 +148,18 @@ def check_within(
     conditions: EndConditions, joint_names: Sequence[str], limits: JointLimits
 ) -> None:
     """Raise ExcitationError, naming joint, end and limit, where an end state breaks a limit."""
-    low = (limits.lower, -limits.velocity, -limits.acceleration)
-    high = (limits.upper, limits.velocity, limits.acceleration)
+    low = np.array([limits.lower, -limits.velocity, -limits.acceleration])
+    high = np.array([limits.upper, limits.velocity, limits.acceleration])
     for kind, which, values in zip(
         conditions.kinds, conditions.ends, conditions.values, strict=True
     ):
-        for joint, value, least, most in zip(
-            joint_names, values, low[kind], high[kind], strict=True
-        ):
-            if not least - ROUNDING <= value <= most + ROUNDING:
-                raise ExcitationError(
-                    f"joint '{joint}': {KINDS[kind]} {value:.6g} at the {_ENDS[which]} is outside "
-                    f"its limits, {least:.6g} to {most:.6g}; give another or wider Limits"
-                )
+        outside = (values < low[kind] - ROUNDING) | (values > high[kind] + ROUNDING)
+        for joint in np.flatnonzero(outside).tolist():
+            raise ExcitationError(
+                f"joint '{joint_names[joint]}': {KINDS[kind]} {values[joint]:.6g} at the "
+                f"{_ENDS[which]} is outside its limits, {low[kind, joint]:.6g} to "
+                f"{high[kind, joint]:.6g}; give another or wider Limits"
+            )
 
 
 def check_consistent(

@@ -141,29 +141,17 @@ def collision_geometry(
     except (ValueError, RuntimeError) as problem:
         raise RobotError(f"collision geometry of '{urdf}' cannot be read: {problem}") from None
     at_rest = _rest_configuration(full, tree.still(robot.locked))
-    _check_same_tree(str(urdf), full, robot, at_rest)
+    still = [full.getJointId(x) for x in full.names[1:] if x not in robot.all_joint_names]
+    model, moved = pin.buildReducedModel(full, shapes, still, at_rest)
+    _check_same_tree(str(urdf), model, robot)
     convex = dict(zip(meshes, hulls(urdf, list(meshes.values())), strict=True))
-    data = full.createData()
-    pin.forwardKinematics(full, data, at_rest)
-    placed, links = pin.GeometryModel(), []
-    for shape in shapes.geometryObjects:
-        links.append(full.frames[shape.parentFrame].name)
-        # a link behind locked joints moves with the nearest ancestor that is not locked, in which
-        # it is placed by oMi[moving]^-1 oMi[parent] placement, the locked joints where they stand
-        moving = _moving(full, shape.parentJoint, robot)
-        joint = robot.model.getJointId(full.names[moving])
-        placement = data.oMi[moving].actInv(data.oMi[shape.parentJoint] * shape.placement)
+    placed = pin.GeometryModel()
+    for shape in moved.geometryObjects:
+        joint = robot.model.getJointId(model.names[shape.parentJoint])
         geometry = convex.get(shape.name, shape.geometry)
         geometry.computeLocalAABB()
-        placed.addGeometryObject(pin.GeometryObject(shape.name, joint, placement, geometry))
-    return placed, tuple(links)
-
-
-def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
-    """Return the joint, or its nearest ancestor that is not locked (0: the base)."""
-    while joint and full.names[joint] not in robot.all_joint_names:
-        joint = full.parents[joint]
-    return joint
+        placed.addGeometryObject(pin.GeometryObject(shape.name, joint, shape.placement, geometry))
+    return placed, tuple(full.frames[x.parentFrame].name for x in shapes.geometryObjects)
 
 
 def _rest_configuration(full: pin.Model, still: Mapping[str, float]) -> Array:
@@ -177,17 +165,15 @@ def _rest_configuration(full: pin.Model, still: Mapping[str, float]) -> Array:
     return np.asarray(q)
 
 
-def _check_same_tree(where: str, full: pin.Model, robot: Robot, at_rest: Array) -> None:
+def _check_same_tree(where: str, model: pin.Model, robot: Robot) -> None:
     """Raise RobotError unless each joint has its parent and placement in the file's model, too."""
-    data = full.createData()
-    pin.forwardKinematics(full, data, at_rest)
     for index, name in enumerate(robot.model.names[1:], 1):
-        joint = full.getJointId(name)
-        parent = _moving(full, full.parents[joint], robot)
-        placement = data.oMi[parent].actInv(data.oMi[joint]).homogeneous
+        joint = model.getJointId(name)
+        placement = model.jointPlacements[joint].homogeneous
         difference = placement - robot.model.jointPlacements[index].homogeneous
-        same_parent = full.names[parent] == robot.model.names[robot.model.parents[index]]
-        if not same_parent or np.max(np.abs(difference)) > _SAME_PLACEMENT:
+        parent, expected = model.parents[joint], robot.model.parents[index]
+        is_elsewhere = model.names[parent] != robot.model.names[expected]
+        if is_elsewhere or np.max(np.abs(difference)) > _SAME_PLACEMENT:
             raise RobotError(
                 f"'{where}' is not the file of robot '{robot.name}': joint '{name}' is elsewhere"
             )

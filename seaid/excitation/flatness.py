@@ -42,13 +42,15 @@ class Transmission:
 
     phi = C q are the output angles of the drives, C the `matrix` (n, n), tau the torques on them.
     `ratio` is N r_L / r_M, `lever` N / r_M, and `compliance` 1 / (r_L k) the deflection per torque;
-    the last two are zero for a stiff drive. `nonlinear` lists springs by index, with their r_L.
+    the last two are zero for a stiff drive. `unloaded` is the measured deflection of the unloaded
+    springs [m or rad]. `nonlinear` lists springs by index, with their r_L.
     """
 
     ratio: Array
     lever: Array
     compliance: Array
     matrix: Array
+    unloaded: Array
     nonlinear: tuple[tuple[int, float, NonlinearSpring], ...] = ()
 
     @property
@@ -71,18 +73,10 @@ class Transmission:
             slope[:, index] = by_force / radius
         return deflection, slope
 
-    @property
-    def unloaded_deflection(self) -> Array:
-        """The measured deflection of the unloaded springs (n,) [m or rad]."""
-        zeros = np.zeros(len(self.ratio))
-        for index, _, spring in self.nonlinear:
-            zeros[index] = spring.zero
-        return zeros
-
 
 def transmission(robot: Robot) -> Transmission:
     """Return the transmission of a robot. Raises ExcitationError if a spring has no value."""
-    ratio, lever, compliance = np.zeros((3, robot.n))
+    ratio, lever, compliance, unloaded = np.zeros((4, robot.n))
     nonlinear = []
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
@@ -95,14 +89,16 @@ def transmission(robot: Robot) -> Transmission:
             # (4b): tau = r_L k deflection
             compliance[index] = 1.0 / (drive.load_radius * drive.values["stiffness"])
         else:
-            nonlinear.append((index, drive.load_radius, nonlinear_spring(joint, drive)))
-    return Transmission(ratio, lever, compliance, robot.transmission, tuple(nonlinear))
+            spring = nonlinear_spring(joint, drive)
+            unloaded[index] = spring.zero
+            nonlinear.append((index, drive.load_radius, spring))
+    return Transmission(ratio, lever, compliance, robot.transmission, unloaded, tuple(nonlinear))
 
 
 def rigid_transmission(robot: Robot) -> Transmission:
     """Return a transmission with motors directly on the joints, if motor motions are not needed."""
     nothing = np.zeros(robot.n)
-    return Transmission(np.ones(robot.n), nothing, nothing, robot.transmission)
+    return Transmission(np.ones(robot.n), nothing, nothing, robot.transmission, nothing)
 
 
 def motor_speeds(drives: Transmission, top_speed: Array) -> Array:
@@ -204,7 +200,7 @@ def motor_signals(
     spring_angle = drives.lever * drives.spring_deflection(torque)[0]
     return np.stack(
         [
-            drives.ratio * q + spring_angle + drives.lever * drives.unloaded_deflection,
+            drives.ratio * q + spring_angle + drives.lever * drives.unloaded,
             drives.ratio * v + first @ spring_angle,
             drives.ratio * a + second @ spring_angle,
             q,

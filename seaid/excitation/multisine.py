@@ -55,9 +55,8 @@ class Multisine(Display):
     period_s : float, optional
         Length of a period [s]; frequencies are multiples of its inverse. Default: half of the
         duration, so that the motion has two periods.
-    spectrum : {"acceleration", "velocity", "position"} or list of (hz, amplitude)
-        The quantity with equal amplitudes at all frequencies, or relative amplitudes of the
-        position, between which they are interpolated.
+    spectrum : {"acceleration", "velocity", "position"}
+        The quantity with equal amplitudes at all frequencies.
     amplitude : float, sequence of n floats or dict, optional
         Largest displacement of each joint from its posture [rad or m]; 0 holds a joint. Default:
         what the limits allow, the same share of them for all joints.
@@ -83,7 +82,7 @@ class Multisine(Display):
 
     band_hz: tuple[float, float] | None = None
     period_s: float | None = None
-    spectrum: Spectrum | Sequence[tuple[float, float]] = "acceleration"
+    spectrum: Spectrum = "acceleration"
     amplitude: LimitValue = None
     posture: LimitValue = None
     odd: bool = True
@@ -94,7 +93,7 @@ class Multisine(Display):
     def __post_init__(self) -> None:
         for name in ("omit_one_of", "realisation", "experiment"):
             check_whole_number(name, getattr(self, name), least=0)
-        if isinstance(self.spectrum, str) and self.spectrum not in _FLAT:
+        if self.spectrum not in _FLAT:
             raise ExcitationError(unknown_name("spectrum", self.spectrum, _FLAT), "spectrum")
 
 
@@ -135,11 +134,13 @@ def multisine(
     size = np.where(fixed, most / np.maximum(peaks[0], 1e-300), _USE * share)
     size[peaks[0] == 0] = 0.0
     index = shape.experiment % len(moving)
+    # of one period
+    instants = basis.period_s * np.linspace(0.0, 1.0, _GRID * basis.harmonics, endpoint=False)
     if drives is not None and not np.all(fixed):
         motions = [partial(motion, experiment=e) for e in range(len(moving))]
-        size = _within_drives(motions, size, fixed, drives)
+        size = _within_drives(motions, size, fixed, drives, instants)
     trajectory = motion(size, index)
-    _check_limits(trajectory, bounds, peaks * size, drives)
+    _check_limits(trajectory, bounds, peaks * size, drives, instants)
     return trajectory
 
 
@@ -206,16 +207,8 @@ def _frequencies(shape: Multisine, duration: float, seed: int) -> tuple[FourierB
 
 def _unscaled(shape: Multisine, basis: FourierBasis, excited: Array, n: int, seed: int) -> Array:
     """Return the amplitudes (2H, n) of sines and cosines, up to a scale per joint."""
-    frequency = excited / basis.period_s
-    if isinstance(shape.spectrum, str):
-        # amplitudes f^-k of the position are equal ones of its derivative of order k
-        size = frequency ** -float(_FLAT[shape.spectrum])
-    else:
-        table = finite("spectrum", shape.spectrum, (None, 2), ExcitationError)
-        if len(table) < 1 or np.any(np.diff(table[:, 0]) <= 0) or np.any(table[:, 1] <= 0):
-            text = "spectrum must have increasing frequencies and amplitudes above zero"
-            raise ExcitationError(text, "spectrum")
-        size = np.exp(np.interp(frequency, table[:, 0], np.log(table[:, 1])))
+    # amplitudes f^-k of the position are equal ones of its derivative of order k
+    size = (excited / basis.period_s) ** -float(_FLAT[shape.spectrum])
     rng = np.random.default_rng([seed, shape.realisation])
     phase = 2 * np.pi * rng.random((len(excited), n))
     # the orthogonal experiments of Dobrowiecki and Schoukens 2007: joint j turned by 2 pi e j / n
@@ -235,20 +228,14 @@ def _peaks(basis: FourierBasis, coefficients: Array) -> Array:
     return np.array([np.abs(basis.hull(order, 16) @ about).max(axis=0) for order in range(3)])
 
 
-def _grid(basis: FourierBasis) -> Array:
-    """Return instants [s] of one period."""
-    count = _GRID * basis.harmonics
-    return basis.period_s * np.arange(count) / count
-
-
 def _within_drives(
     motions: Sequence[Callable[[Array], Trajectory]],
     size: Array,
     fixed: BoolArray,
     drives: DriveLimits,
+    time: Array,
 ) -> Array:
     """Return the sizes (n,), those not given reduced until all motions keep limits of drives."""
-    time = _grid(motions[0](size).basis)  # type: ignore[arg-type]
 
     def reduced(factor: float) -> Array:
         return np.where(fixed, size, factor * size)
@@ -262,12 +249,11 @@ def _within_drives(
 
 
 def _check_limits(
-    motion: Trajectory, bounds: Array, peaks: Array, drives: DriveLimits | None
+    motion: Trajectory, bounds: Array, peaks: Array, drives: DriveLimits | None, time: Array
 ) -> None:
     """Raise ExcitationError naming the joint and the first limit that a multisine breaks."""
     kinds, most, largest = list(KINDS), list(peaks), list(bounds)
     if drives is not None:
-        time = _grid(motion.basis)  # type: ignore[arg-type]
         kinds += [kind.replace("_", " ") for kind in DRIVE_KINDS]
         most += list(np.abs(drive_loads(drives, time, motion.sample(time))).max(axis=1))
         largest += list(drives.largest)

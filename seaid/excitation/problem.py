@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -321,18 +321,10 @@ def _use_of_distance(scene: Scene, distance: Array) -> Array:
 
 def constraints(problem: PlanningProblem, nonlinear: bool = True) -> list[dict[str, Any]]:
     """Return the limits as constraints of scipy's SLSQP, with or without the nonlinear ones."""
-    functions = [_remembered(lambda x: linear_slack(problem, x))]
+    constraints = [_constraint(partial(linear_slack, problem))]
     if nonlinear and has_nonlinear_limits(problem):
-        functions.append(_remembered(lambda x: _nonlinear_slack(problem, x)))
-    return [
-        {
-            "type": "ineq",
-            # the function is bound as a default: a closure would see the last one of the loop
-            "fun": lambda x, function=function: function(x.tobytes())[0],
-            "jac": lambda x, function=function: function(x.tobytes())[1],
-        }
-        for function in functions
-    ]
+        constraints.append(_constraint(partial(_nonlinear_slack, problem)))
+    return constraints
 
 
 def _nonlinear_slack(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
@@ -340,12 +332,15 @@ def _nonlinear_slack(problem: PlanningProblem, x: Array) -> tuple[Array, Array]:
     return TARGET_USE - use, -gradient
 
 
-def _remembered(function: Callable[[Array], Any]) -> Callable[[bytes], Any]:
-    """Return a function of x that caches its last results: SLSQP evaluates x twice.
-
-    It takes x as bytes, since arrays are not hashable.
-    """
-    return lru_cache(maxsize=2)(lambda x: function(np.frombuffer(x)))
+def _constraint(slack: Callable[[Array], tuple[Array, Array]]) -> dict[str, Any]:
+    """Return a function, with its derivative, as a constraint that caches its last results."""
+    # SLSQP evaluates each x twice. It is cached as bytes, since arrays are not hashable.
+    cached = lru_cache(maxsize=2)(lambda x: slack(np.frombuffer(x)))
+    return {
+        "type": "ineq",
+        "fun": lambda x: cached(x.tobytes())[0],
+        "jac": lambda x: cached(x.tobytes())[1],
+    }
 
 
 _FINER, _MOST_INSTANTS = 8, 2000
