@@ -126,7 +126,6 @@ ONE_IMPORTER = {
         *("identification.consistency", "frequency.linear_joints"),
         "identification.motor_driven",
         "excitation.multisine",
-        "regressor.exact.lagrangian",
         *("regressor.exact.recursion", "regressor.motor_only"),
         "symbolic.independence",
     ),

@@ -135,7 +135,7 @@ def test_the_ground_hides_what_it_carries_of_feet_that_always_stand(name: str) -
 
 def test_the_equations_in_flight_are_those_of_exact_arithmetic() -> None:
     robot = seaid.load_robot(example_urdf("go2.urdf"))
-    exact = seaid.symbolic.base_parameters(robot, through="recursion", floating_base=True)
+    exact = seaid.symbolic.base_parameters(robot, floating_base=True)
     assert len(exact.columns) == 94
 
 

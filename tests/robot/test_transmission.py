@@ -49,7 +49,6 @@ from seaid.log import Log, Motion, reconstruct_motion
 from seaid.log.sources import both_sides
 from seaid.regressor import actuator_regression, base_parameters, joint_torques, load_regression
 from seaid.regressor.base import torque_slopes
-from seaid.regressor.exact.equations import base_parameters as exact_base_parameters
 from seaid.regressor.exact.equations import complete_model
 from seaid.regressor.load import LoadModel, load_columns, load_model, offset_sensitivity
 from seaid.robot import Robot, at_drives, at_joints, torques_at_drives, torques_at_joints
@@ -64,6 +63,7 @@ from tests.experiments import (
     with_named_friction,
 )
 from tests.plants import torque_slopes_by_steps
+from tests.regressor.exact.lagrangian import base_by_torques
 from tests.representatives import quick_first
 from tests.standard_errors import check_scores
 
@@ -707,9 +707,7 @@ def test_what_coupled_joints_do_not_have_is_said() -> None:
     with pytest.raises(ExcitationError, match=together):
         load_target(robot, rows, base_parameters(robot, torque_joints=rows))
     assert load_target(robot, None, base_parameters(robot)).rows == (0, 1, 2)
-    with pytest.raises(SymbolicError, match=together):
-        exact_base_parameters(robot, torque_joints=rows)
-    exact = exact_base_parameters(robot, torque_joints=PITCH_ROLL)
+    exact = base_by_torques(robot, PITCH_ROLL)
     assert exact.columns == base_parameters(robot, torque_joints=PITCH_ROLL).columns
     message = "whose motor turns several joints, and no sensor is behind its spring"
     with pytest.raises(IdentificationError, match=message):

@@ -80,9 +80,8 @@ def independent_tree(robot: Robot) -> ExactTree:
     if robot.dependent_joints:
         names = listed(joint.name for joint in robot.dependent_joints)
         raise RobotError(
-            f"'{robot.name}' has mimic joints ({names}), which symbolic equations do not take: use "
-            'base_parameters with through="recursion", or load it with independent_mimics=True or '
-            "without their leaders in joints=",
+            f"'{robot.name}' has mimic joints ({names}), which symbolic equations do not take: "
+            "load it with independent_mimics=True, or without their leaders in joints=",
             "independent_mimics=True",
             "joints=",
         )

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -14,8 +14,6 @@ from flint import fmpq, fmpq_mat
 from seaid._arrays import frozen
 from seaid.regressor.base import BaseParameters, combination_text
 from seaid.regressor.exact.geometry import number
-
-Route = Literal["recursion", "energy", "torque"]
 
 SparseRow = dict[int, fmpq]
 """{column: value}, without zeros."""
@@ -29,21 +27,13 @@ class ExactBaseParameters(BaseParameters):
 
     Attributes
     ----------
-    through : {"recursion", "energy", "torque"}
-        The route of the derivation.
     rank : int
         Rank over the rationals.
-    fundamental_functions, different_rows : int or None
-        Number of functions of the motion, and of rows of B in (12) that differ by more than a
-        factor; None for the recursion.
     exact_rows : tuple of p mappings {column: Fraction}
         The grouping, to which `grouping` has the nearest doubles.
     """
 
-    through: Route
     rank: int
-    fundamental_functions: int | None
-    different_rows: int | None
     exact_rows: tuple[Mapping[int, Fraction], ...] = field(repr=False)
 
     @cached_property
@@ -53,13 +43,7 @@ class ExactBaseParameters(BaseParameters):
         return tuple(tuple(row.get(j, zero) for j in range(width)) for row in self.exact_rows)
 
 
-def packed(
-    echelon: Sequence[SparseRow],
-    names: Sequence[str],
-    through: Route,
-    functions: int | None = None,
-    different: int | None = None,
-) -> ExactBaseParameters:
+def packed(echelon: Sequence[SparseRow], names: Sequence[str]) -> ExactBaseParameters:
     """Return the base parameters of an echelon form, one per row."""
     rows = tuple(
         {j: Fraction(int(x.p), int(x.q)) for j, x in sorted(row.items())} for row in echelon
@@ -75,10 +59,7 @@ def packed(
         expressions=tuple(combination_text(x.values(), [names[j] for j in x], _text) for x in rows),
         grouping=frozen("grouping", grouping, (None, None)),
         gap=float("inf"),
-        through=through,
         rank=len(rows),
-        fundamental_functions=functions,
-        different_rows=different,
         exact_rows=rows,
     )
 
@@ -120,32 +101,16 @@ def subtract(row: dict[Any, fmpq], factor: fmpq, pivot_row: Mapping[Any, fmpq]) 
             row[j] = value
 
 
-def from_rows(rows: Iterable[SparseRow], width: int) -> tuple[list[SparseRow], int]:
-    """Return the echelon form of rows of B, and how many differ by more than a factor."""
-    # Most rows of B are multiples of each other: few are left for the elimination (13).
-    different = {tuple(_primitive(row).items()) for row in rows if row}
-    if not different:
-        return [], 0
-    matrix = fmpq_mat(len(different), width)
-    for i, row in enumerate(different):
-        for j, x in row:
-            matrix[i, j] = x
+def from_rows(
+    rows: Sequence[SparseRow], width: int, without: Collection[int] = ()
+) -> list[SparseRow]:
+    """Return the echelon form of rows, without the columns of known parameters."""
+    matrix = fmpq_mat(len(rows), width)
+    for i, row in enumerate(rows):
+        for j, x in row.items():
+            matrix[i, j] = 0 if j in without else x
     echelon, rank = matrix.rref()
-    table = echelon.tolist()[:rank]
-    return [{j: x for j, x in enumerate(row) if x != 0} for row in table], len(different)
-
-
-def without_columns(echelon: Sequence[SparseRow], known: Collection[int]) -> list[SparseRow]:
-    """Return the echelon form without the columns of known parameters."""
-    rows = [{j: x for j, x in row.items() if j not in known} for row in echelon]
-    return from_rows(rows, 1 + max((j for row in rows for j in row), default=0))[0]
-
-
-def _primitive(row: SparseRow) -> SparseRow:
-    """Return the multiple of a row whose first element is 1."""
-    order = sorted(row)
-    first = row[order[0]]
-    return {j: row[j] / first for j in order}
+    return [{j: x for j, x in enumerate(row) if x != 0} for row in echelon.tolist()[:rank]]
 
 
 def _text(size: Fraction) -> str:

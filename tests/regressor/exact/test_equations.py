@@ -2,20 +2,20 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.errors import RobotError, SeaidError, SeaidWarning, SymbolicError
+from seaid.errors import SeaidWarning
 from seaid.legged import load_robot
 from seaid.regressor import base_parameters as numeric_base_parameters
 from seaid.regressor import cross_check, rigid_body_regressor
 from seaid.regressor.base import random_states
 from seaid.robot import Robot
 from seaid.symbolic import ExactBaseParameters, base_parameters, rigid_body
+from tests.regressor.exact.lagrangian import base_by_energy, base_by_torques
 from tests.regressor.stances import check_floating
 from tests.regressor.trees import SLIDE, Joint, joints, robot_of
 
@@ -25,11 +25,7 @@ TempPaths = pytest.TempPathFactory
 
 
 def three_ways(robot: Robot) -> list[ExactBaseParameters]:
-    return [
-        base_parameters(robot),
-        base_parameters(robot, through="energy"),
-        base_parameters(robot, through="torque"),
-    ]
+    return [base_parameters(robot), base_by_energy(robot), base_by_torques(robot)]
 
 
 @pytest.mark.rounding
@@ -37,16 +33,10 @@ def three_ways(robot: Robot) -> list[ExactBaseParameters]:
 def test_three_ways_give_the_same_rationals(
     name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
-    """Recursion, energy and torque have one echelon form; the torque has the most functions."""
+    """Recursion, energy and torque have one echelon form."""
     recursion, energy, torque = three_ways(load_quietly(example_path(name)))
     assert recursion.exact_rows == energy.exact_rows == torque.exact_rows
     assert recursion.expressions == energy.expressions == torque.expressions
-    assert [x.through for x in (recursion, energy, torque)] == ["recursion", "energy", "torque"]
-    assert (recursion.fundamental_functions, recursion.different_rows) == (None, None)
-    assert (
-        recursion.rank < (energy.fundamental_functions or 0) < (torque.fundamental_functions or 0)
-    )
-    assert (energy.different_rows or 0) >= recursion.rank
     assert torque.gap == float("inf")
 
 
@@ -104,27 +94,10 @@ def test_known_torques_only(
 ) -> None:
     """Torques of some joints, in any order of the joints."""
     robot = load_robot(tulip_urdf, joints=joints)
-    exact = base_parameters(robot, torque_joints=torques)
-    assert exact.through == "torque"
+    exact = base_by_torques(robot, torques)
     assert count in (None, exact.rank)
     check = cross_check(numeric_base_parameters(robot, torque_joints=torques), exact)
     assert check.agree, check
-
-
-@pytest.mark.parametrize("way", ["energy", "torque"])
-def test_too_large_a_system_says_so(
-    way: str,
-    tulip_leg: Robot,
-    example_path: Callable[[str], Path],
-    load_quietly: Callable[..., Robot],
-) -> None:
-    """The limit is on the terms of the way that is taken."""
-    robot = load_quietly(example_path("talos_full_v2.urdf"))
-    with pytest.raises(SymbolicError, match=r"about \d+ terms at joint \d+ of 44, max_terms=20000"):
-        base_parameters(robot, through=way, max_terms=20_000)  # type: ignore[arg-type]
-    assert base_parameters(tulip_leg, through="energy", max_terms=20_000).rank == 29
-    with pytest.raises(SymbolicError, match="max_terms=2000"):
-        base_parameters(tulip_leg, through="torque", max_terms=2000)
 
 
 def test_grouping_is_rational_and_readable(
@@ -160,25 +133,3 @@ def test_floating_base_is_that_of_pinocchios_free_flyer(
     link = "floating_base" if "base" in robot.body_names else "base"
     assert exact.names[:4] == tuple(f"{parameter}_{link}" for parameter in ("m", "mx", "my", "mz"))
     check_floating(exact, load_quietly(example_path(name), base="floating"))
-
-
-ENERGY: dict[str, Any] = {"through": "energy"}
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
-        (ENERGY | {"torque_joints": ("knee_pitch",)}, SymbolicError, 'only through="torque"'),
-        ({"through": "torques"}, SymbolicError, "did you mean 'torque'"),
-        (ENERGY | {"floating_base": True}, SymbolicError, "floating_base=True needs"),
-        ({"torque_joints": ("knee_pich",)}, RobotError, "did you mean 'knee_pitch'"),
-        ({"torque_joints": ()}, SymbolicError, "at least one joint name"),
-        ({"torque_joints": "knee_pitch"}, SymbolicError, "found 'knee_pitch'"),
-    ],
-)
-def test_options_that_do_not_go_together_are_refused(
-    options: Any, error: type[SeaidError], words: str, tulip_leg: Robot
-) -> None:
-    """The message names the option that goes."""
-    with pytest.raises(error, match=words):
-        base_parameters(tulip_leg, **options)

@@ -1,4 +1,4 @@
-"""The Lagrangian as a table of exact numbers, and the rows of B in (12) derived from it.
+"""Exact base parameters by Lagrange's equations, as a proof of the recursion and of the numbers.
 
 L = K - U is linear in the standard parameters: L = sum of f_i(q, q') * (row i of the table) @ theta
 with f_i monomials in sin q, cos q and q', linearly independent once sin^2 is replaced.
@@ -15,10 +15,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import gcd
 
+import numpy as np
 from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from seaid._progress import track
-from seaid.errors import SymbolicError
 from seaid.regressor.exact.geometry import (
     PAIR,
     PAIRS,
@@ -30,18 +29,17 @@ from seaid.regressor.exact.geometry import (
     Powers,
     Sum,
     applied,
+    independent_tree,
     inertia_transform,
     sparse,
     twist_transform,
     with_axis,
 )
-from seaid.regressor.exact.grouping import SparseRow
+from seaid.regressor.exact.grouping import ExactBaseParameters, SparseRow, from_rows, packed
+from seaid.robot import Robot
 
 Monomial = tuple[int, ...]
 """Exponents, three per joint: of cos q (of q if prismatic), of sin q, of q'."""
-
-_GROWTH = 4
-"""Estimated growth of the number of terms from a parent's motion to its child's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +52,28 @@ class _State:
     height: fmpq_mpoly
 
 
-def lagrangian_table(
-    tree: ExactTree, max_terms: int, *, progress: bool = False
-) -> dict[Monomial, SparseRow]:
-    """Return {function of the motion: {parameter: coefficient}} of L, up to `max_terms`."""
+def base_by_energy(robot: Robot) -> ExactBaseParameters:
+    """Return the base parameters as the combinations in kinetic and potential energy."""
+    return _base(robot, list(lagrangian_table(independent_tree(robot)).values()))
+
+
+def base_by_torques(robot: Robot, joints: Sequence[str] | None = None) -> ExactBaseParameters:
+    """Return the base parameters as the combinations in the torques of joints, (11) to (13)."""
+    tree = independent_tree(robot)
+    known = [robot.model_order.index(robot.index(x)) for x in joints or robot.joint_names]
+    return _base(robot, torque_rows(tree, lagrangian_table(tree), known))
+
+
+def _base(robot: Robot, rows: Sequence[SparseRow]) -> ExactBaseParameters:
+    """Return the base parameters of rows of B in (12), without columns of known bodies."""
+    known, names = set(np.flatnonzero(robot.is_known).tolist()), robot.parameter_names
+    # Most rows of B are multiples of each other: few are left for the elimination.
+    different = {tuple((j, row[j] / row[min(row)]) for j in sorted(row)) for row in rows if row}
+    return packed(from_rows([dict(row) for row in different], len(names), without=known), names)
+
+
+def lagrangian_table(tree: ExactTree) -> dict[Monomial, SparseRow]:
+    """Return {function of the motion: {parameter: coefficient}} of L."""
     n = len(tree.joints)
     names = [f"{letter}{i}" for i in range(n) for letter in ("c", "s", "v")]
     ring = fmpq_mpoly_ctx.get(names, Ordering.lex)
@@ -67,33 +83,18 @@ def lagrangian_table(
     states: list[_State] = []
     table: dict[Monomial, SparseRow] = {}
     still = (0,) * (3 * n)
-    count = 0
-    for place, joint in track(list(enumerate(tree.joints)), "Energies", progress):
+    for place, joint in enumerate(tree.joints):
         above = base if joint.parent < 0 else states[joint.parent]
-        expected = count + _GROWTH * sum(map(len, above.square))
-        if expected > max_terms:
-            raise too_large(expected, max_terms, place, n)
         state = _moved(ring, place, joint, _placed(joint, above, zero), zero)
         states.append(state)
         first = 10 * tree.bodies[place]
         columns = _columns(state, joint, zero)
-        count += sum(map(len, columns)) + sum(map(len, state.square))
         for column, polynomial in enumerate(columns, first):
             for monomial, value in polynomial.terms():
                 # A constant energy acts on no joint.
                 if monomial != still:
                     table.setdefault(monomial, {})[column] = value
     return table
-
-
-def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicError:
-    """Return the error for a system with too many terms."""
-    return SymbolicError(
-        f"the system is too large for its polynomials: about {count} terms at joint {place + 1} of "
-        f'{joints}, max_terms={max_terms}; take through="recursion", which has none, fewer joints '
-        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB per term)",
-        "joints=[...]",
-    )
 
 
 def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
@@ -173,35 +174,26 @@ _Row = dict[int, int]
 
 
 def torque_rows(
-    tree: ExactTree,
-    table: Mapping[Monomial, SparseRow],
-    known: Sequence[int],
-    max_terms: int,
-    *,
-    progress: bool = False,
-) -> tuple[list[SparseRow], int]:
-    """Return the rows of B for the torques of the joints `known`, and the number of functions.
+    tree: ExactTree, table: Mapping[Monomial, SparseRow], known: Sequence[int]
+) -> list[SparseRow]:
+    """Return the rows of B for the torques of the joints `known`.
 
-    Repeated sums of rows of the table are kept once. Raises SymbolicError before there are more
-    than `max_terms` terms.
+    Repeated sums of rows of the table are kept once.
     """
     bases: dict[tuple[tuple[int, fmpq], ...], int] = {}
     n = len(tree.joints)
     rows: dict[int, _Row] = {}
     slopes = [_SLIDING_SLOPES if joint.is_prismatic else _TURNING_SLOPES for joint in tree.joints]
     wanted = frozenset(known)
-    for monomial, row in track(list(table.items()), "Torques", progress):
+    for monomial, row in table.items():
         base = bases.setdefault(tuple(sorted(row.items())), len(bases))
         for k, function, factor in _euler_lagrange(monomial, n, slopes, wanted):
             # Function and joint as one number: the row of B.
             terms = rows.setdefault(function * n + k, {})
             terms[base] = terms.get(base, 0) + factor
-        if len(rows) > max_terms:
-            raise too_large(len(rows), max_terms, n - 1, n)
-    functions = {key // n for key, terms in rows.items() if any(terms.values())}
     sums = {_primitive(terms) for terms in rows.values()}
     parts = list(bases)
-    return [_expanded(terms, parts) for terms in sums], len(functions)
+    return [_expanded(terms, parts) for terms in sums]
 
 
 def _euler_lagrange(
