@@ -196,5 +196,5 @@ def test_rx90_has_the_base_parameters_of_khalil_and_dombre(tmp_path: Path) -> No
     # both span the same space: one echelon form
     echelon, pivots = published.rref()
     assert len(pivots) == 36
-    found = sp.Matrix([[sp.Rational(x) for x in row] for row in exact.exact_grouping])
-    assert found.rref()[0] == echelon
+    rows = [[sp.Rational(row.get(j, 0)) for j in range(60)] for row in exact.exact_rows]
+    assert sp.Matrix(rows).rref()[0] == echelon

@@ -41,10 +41,9 @@ from seaid.regressor.exact.grouping import (
 )
 from seaid.regressor.exact.program import (
     Entries,
-    Numeric,
     Program,
     Value,
-    numeric,
+    evaluated,
     regressor_program,
 )
 from seaid.regressor.exact.recursion import null_space
@@ -87,7 +86,7 @@ def base_parameters(robot: Robot, *, floating_base: bool = False) -> ExactBasePa
     Examples
     --------
     >>> exact = seaid.symbolic.base_parameters(robot)
-    >>> exact.rank, exact.exact_grouping[0]
+    >>> exact.rank, exact.exact_rows[0]
     """
     check_held(robot, "base_parameters in exact arithmetic", SymbolicError)
     names = robot.parameter_names
@@ -103,7 +102,7 @@ def base_parameters(robot: Robot, *, floating_base: bool = False) -> ExactBasePa
 
 
 def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
-    """Warn if the geometry is special up to a rounding error."""
+    """Return the parameters, with a warning if the geometry is special up to a rounding error."""
     largest = float(np.max(np.abs(base.grouping), initial=0.0))
     if largest > _SUSPICIOUS:
         row = int(np.argmax(np.max(np.abs(base.grouping), axis=1)))
@@ -175,25 +174,17 @@ class RigidBodyForm:
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return Y (T, n, 10n) of q, v, a (T, n). Raises SeaidError for wrong shapes."""
-        return self._evaluated(self._numeric, len(self.parameter_names), q, v, a)
+        return self._evaluated(self.entries, len(self.parameter_names), q, v, a)
 
     def base_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return the base columns (T, n, p) of `regressor`, without computing the others."""
-        return self._evaluated(self._numeric_base, self.base.rank, q, v, a)
+        return self._evaluated(self.base_entries, self.base.rank, q, v, a)
 
     def _matrix(self, entries: Mapping[tuple[int, int], Value], width: int) -> sp.ImmutableMatrix:
         elements = {place: _to_sympy(value) for place, value in entries.items()}
         return sp.ImmutableMatrix(sp.SparseMatrix(len(self.joint_names), width, elements))
 
-    @cached_property
-    def _numeric(self) -> Numeric:
-        return numeric(self.program, self.entries)
-
-    @cached_property
-    def _numeric_base(self) -> Numeric:
-        return numeric(self.program, self.base_entries)
-
-    def _evaluated(self, program: Numeric, width: int, q: Array, v: Array, a: Array) -> Array:
+    def _evaluated(self, entries: Entries, width: int, q: Array, v: Array, a: Array) -> Array:
         n = len(self.joint_names)
         q, v, a = (frozen(x, value, (None, n)) for x, value in zip("qva", (q, v, a), strict=True))
         if not len(q) == len(v) == len(a):
@@ -206,7 +197,7 @@ class RigidBodyForm:
             for i in range(n)
         }
         Y = np.zeros((len(q), n, width))
-        for (i, j), values in program.evaluate(motion):
+        for (i, j), values in evaluated(self.program, entries, motion):
             Y[:, i, j] = values
         return Y
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,12 +34,6 @@ class ExactBaseParameters(BaseParameters):
 
     rank: int
     exact_rows: tuple[Mapping[int, Fraction], ...] = field(repr=False)
-
-    @cached_property
-    def exact_grouping(self) -> tuple[tuple[Fraction, ...], ...]:
-        """The grouping matrix (p, m) as rationals, computed on first access."""
-        zero, width = Fraction(0), self.grouping.shape[1]
-        return tuple(tuple(row.get(j, zero) for j in range(width)) for row in self.exact_rows)
 
 
 def packed(echelon: Sequence[SparseRow], names: Sequence[str]) -> ExactBaseParameters:

@@ -19,7 +19,7 @@ import numpy as np
 from flint import fmpq
 
 from seaid._arrays import Array
-from seaid.regressor.exact.geometry import INERTIA, ExactJoint, ExactTree, inertia_transform
+from seaid.regressor.exact.geometry import INERTIA, ExactJoint, ExactTree, inertia_transform, number
 
 Value = Mapping[tuple[str, ...], fmpq]
 """A sum: {sorted names of the factors: coefficient}; {} is zero."""
@@ -36,9 +36,9 @@ class Program:
     known: dict[frozenset[tuple[tuple[str, ...], fmpq]], str] = field(default_factory=dict)
 
 
-def constant(number: Any) -> Value:
+def constant(x: Any) -> Value:
     """Return a number as a value."""
-    return {(): fmpq(number)} if number != 0 else {}
+    return {(): fmpq(x)} if x != 0 else {}
 
 
 def name(text: str) -> Value:
@@ -61,9 +61,9 @@ def times(a: Value, b: Value) -> Value:
     return plus(*products)
 
 
-def scaled(number: Any, value: Value) -> Value:
-    """Return number * value."""
-    return {factors: number * x for factors, x in value.items()} if number != 0 else {}
+def scaled(scale: Any, value: Value) -> Value:
+    """Return scale * value."""
+    return {factors: scale * x for factors, x in value.items()} if scale != 0 else {}
 
 
 def dot(a: Iterable[Value], b: Iterable[Value]) -> Value:
@@ -117,53 +117,32 @@ def needed(program: Program, values: Iterable[Value]) -> set[str]:
     return names
 
 
-_Terms = tuple[tuple[float, tuple[str, ...]], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Numeric:
-    """The part of a program that entries {place: value} need, with doubles as coefficients."""
-
-    circular: tuple[tuple[str, str, str], ...]
-    steps: tuple[tuple[str, _Terms], ...]
-    entries: tuple[tuple[tuple[int, int], _Terms], ...]
-
-    def evaluate(self, motion: Mapping[str, Array]) -> Iterator[tuple[tuple[int, int], Any]]:
-        """Yield places and their values (T,) along `motion` {name: (T,)}.
-
-        They agree bit by bit with those of the exported source.
-        """
-        known: dict[str, Any] = dict(motion)
-        for text, function, argument in self.circular:
-            known[text] = _CIRCULAR[function](motion[argument])
-        for text, terms in self.steps:
-            known[text] = _sum_of(terms, known)
-        for place, terms in self.entries:
-            yield place, _sum_of(terms, known)
-
-
-def numeric(program: Program, entries: Mapping[tuple[int, int], Value]) -> Numeric:
-    """Return the part of a program that the entries need, for numeric evaluation."""
-    used = needed(program, entries.values())
-    return Numeric(
-        tuple((text, *call) for text, call in program.circular.items() if text in used),
-        tuple((text, _terms(value)) for text, value in program.steps.items() if text in used),
-        tuple((place, _terms(value)) for place, value in entries.items()),
-    )
-
-
 _CIRCULAR: dict[str, Callable[[Array], Array]] = {"sin": np.sin, "cos": np.cos}
 
 
-def _terms(value: Value) -> _Terms:
-    return tuple((int(x.p) / int(x.q), factors) for factors, x in value.items())
+def evaluated(
+    program: Program, entries: Mapping[tuple[int, int], Value], motion: Mapping[str, Array]
+) -> Iterator[tuple[tuple[int, int], Any]]:
+    """Yield the places of entries and their values (T,) along `motion` {name: (T,)}.
+
+    They agree bit by bit with those of the exported source.
+    """
+    known, used = dict(motion), needed(program, entries.values())
+    for text, (function, argument) in program.circular.items():
+        if text in used:
+            known[text] = _CIRCULAR[function](motion[argument])
+    for text, value in program.steps.items():
+        if text in used:
+            known[text] = _sum_of(value, known)
+    for place, value in entries.items():
+        yield place, _sum_of(value, known)
 
 
-def _sum_of(terms: _Terms, known: Mapping[str, Any]) -> Any:
+def _sum_of(value: Value, known: Mapping[str, Any]) -> Any:
     # In the order of the exported text, with which doubles agree bit by bit.
     total: Any = 0.0
-    for x, factors in terms:
-        product: Any = x
+    for factors, x in value.items():
+        product: Any = number(x)
         for factor in factors:
             product = product * known[factor]
         total = total + product
