@@ -211,18 +211,11 @@ def c_source(form: RigidBodyForm, values: Sequence[float] | None = None) -> str:
 def _c_inverse_dynamics(prefix: str, form: RigidBodyForm, values: Sequence[float]) -> list[str]:
     """Return the lines of tau = R_0 theta_0 with the values theta_0 in SI units."""
     n = len(form.joint_names)
-    lines = _statements(form.program, form.base_entries, "", "const double ", _c)
     rows: dict[int, list[str]] = {i: [] for i in range(n)}
     for (i, j), value in sorted(form.base_entries.items()):
         rows[i].append(f"\n        + ({values[j]!r})*({text_of(value, _c)})")
-    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
     return [
-        f"void {prefix}_inverse_dynamics({inputs}, double tau[{n}])",
-        "{",
-        # Without these a compiler warns of inputs that no entry needs.
-        "    (void)q, (void)v, (void)a;",
-        *_inputs(form.program, form.base_entries, n, "    const double {0}{1} = {0}[{1}];"),
-        *(f"    {line};" for line in lines),
+        *_c_head(f"{prefix}_inverse_dynamics", f"tau[{n}]", form, form.base_entries),
         *(f"    tau[{i}] = 0.0{''.join(terms)};" for i, terms in rows.items()),
         "}",
         "",
@@ -230,21 +223,30 @@ def _c_inverse_dynamics(prefix: str, form: RigidBodyForm, values: Sequence[float
 
 
 def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
-    n = len(form.joint_names)
-    lines = _statements(form.program, entries, "", "const double ", _c)
-    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
+    size = len(form.joint_names) * width
     return [
-        f"void {title}({inputs}, double Y[{n * width}])",
-        "{",
-        "    (void)q, (void)v, (void)a;",
-        *_inputs(form.program, entries, n, "    const double {0}{1} = {0}[{1}];"),
-        *(f"    {line};" for line in lines),
-        f"    memset(Y, 0, {n * width} * sizeof *Y);",
+        *_c_head(title, f"Y[{size}]", form, entries),
+        f"    memset(Y, 0, {size} * sizeof *Y);",
         *(
             f"    Y[{i * width + j}] = {text_of(value, _c)};"
             for (i, j), value in sorted(entries.items())
         ),
         "}",
+    ]
+
+
+def _c_head(title: str, output: str, form: RigidBodyForm, entries: _Entries) -> list[str]:
+    """Return the lines of a function of q, v and a before its output is written."""
+    n = len(form.joint_names)
+    lines = _statements(form.program, entries, "", "const double ", _c)
+    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
+    return [
+        f"void {title}({inputs}, double {output})",
+        "{",
+        # Without these a compiler warns of inputs that no entry needs.
+        "    (void)q, (void)v, (void)a;",
+        *_inputs(form.program, entries, n, "    const double {0}{1} = {0}[{1}];"),
+        *(f"    {line};" for line in lines),
     ]
 
 
