@@ -107,7 +107,7 @@ def exact_tree(robot: Robot) -> ExactTree:
         if robot.all_prismatic[body]:
             translation += rotation * exact_vector([0.0, 0.0, offsets[body]])
         elif offsets[body]:
-            rotation = rotation * _about_z(offsets[body])
+            rotation = rotation * about_z(*_cosine_and_sine(offsets[body]))
         joints.append(
             ExactJoint(
                 parent=parent,
@@ -181,10 +181,10 @@ def exact_rotation(rotation: Array) -> fmpq_mat:
     tilt = math.atan2(math.hypot(inner[0, 2], inner[1, 2]), inner[2, 2])
     first = _about_x(tilt)
     if min(tilt, math.pi - tilt) > _ANGLE_NOISE:
-        first = _about_z(math.atan2(inner[0, 2], -inner[1, 2])) * first
+        first = about_z(*_cosine_and_sine(math.atan2(inner[0, 2], -inner[1, 2]))) * first
     # c is measured on the remainder, which removes the error of a, large for small b.
     rest = as_floats(first).T @ inner
-    inner_exact = first * _about_z(math.atan2(rest[1, 0], rest[0, 0]))
+    inner_exact = first * about_z(*_cosine_and_sine(math.atan2(rest[1, 0], rest[0, 0])))
     return before * inner_exact * after.transpose()
 
 
@@ -237,8 +237,8 @@ def _unit_vector(axis: Array) -> fmpq_mat:
     return vector
 
 
-def _about_z(angle: float) -> fmpq_mat:
-    cosine, sine = _cosine_and_sine(angle)
+def about_z(cosine: fmpq, sine: fmpq) -> fmpq_mat:
+    """Return the rotation (3, 3) about z by the angle of a cosine and a sine."""
     return fmpq_mat([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
 
 
@@ -414,22 +414,13 @@ def _placement(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     return fmpq_mat([*([*rows[i], translation[i, 0]] for i in range(3)), [0, 0, 0, 1]])
 
 
-def in_parent_frame(
-    parameters: Sequence[fmpq], rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT
-) -> fmpq_mat:
-    """Return a body's ten parameters as those (10, 1) in the parent frame.
-
-    By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
-    """
-    T = _placement(rotation, translation)
-    J = T * fmpq_mat(_twice_pseudo(parameters)) * T.transpose()
-    return fmpq_mat(10, 1, _from_pseudo(J.tolist())) * fmpq(1, 2)
-
-
 def inertia_transform(
     rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT, parameters: Iterable[int] = range(10)
 ) -> fmpq_mat:
-    """Return the map (10, k) of `in_parent_frame` from k of the ten `parameters` of a body."""
+    """Return the map (10, k) of k of a body's ten `parameters` to its ten in the parent frame.
+
+    By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
+    """
     # Integers over one denominator d: T (2 J) of the unit parameters side by side, and then on top
     # of each other for the second factor.
     T, d = _placement(rotation, translation).numer_denom()

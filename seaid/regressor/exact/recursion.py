@@ -32,8 +32,8 @@ from seaid.regressor.exact.geometry import (
     ExactJoint,
     ExactTree,
     JointKind,
+    about_z,
     applied,
-    in_parent_frame,
     inertia_transform,
     twist_transform,
     with_axis,
@@ -90,27 +90,26 @@ def _compensated_changes(
 
     `poses` are those of the bodies in the carrier's frame at zero position.
     """
+    if not changes:
+        return []
     carrier, shift = tree.joints[min(poses)].parent, 10 if floating else 0
-    nulls = []
-    for change in changes:
-        null, total, entries = Null(), fmpq_mat(10, 1), change.entries()
-        for i, (place, pose) in enumerate(poses.items()):
-            part = entries[10 * i : 10 * i + 10]
-            if any(part):
-                column = 10 * tree.bodies[place] + shift
-                null |= _null_at(column, in_parent_frame(part, tree.joints[place].alignment))
-                total += in_parent_frame(part, pose.rotation, pose.translation)
-        if carrier >= 0:
-            total = in_parent_frame(total.entries(), tree.joints[carrier].alignment)
-            null |= _null_at(10 * tree.bodies[carrier] + shift, -total)
-        elif floating:
-            null |= _null_at(0, -total)
-        nulls.append(null)
-    return nulls
-
-
-def _null_at(column: int, parameters: fmpq_mat) -> Null:
-    return {column + i: x for i, x in enumerate(parameters.entries()) if x != 0}
+    rows = [list(row) for row in zip(*(change.entries() for change in changes), strict=True)]
+    # {first column of a body: what it has in each of the changes (10, changes)}
+    parts, total = dict[int, fmpq_mat](), fmpq_mat(10, len(changes))
+    for i, (place, pose) in enumerate(poses.items()):
+        part = fmpq_mat(rows[10 * i : 10 * i + 10])
+        in_body = inertia_transform(tree.joints[place].alignment)
+        parts[10 * tree.bodies[place] + shift] = in_body * part
+        total += inertia_transform(pose.rotation, pose.translation) * part
+    if carrier >= 0:
+        in_body = inertia_transform(tree.joints[carrier].alignment)
+        parts[10 * tree.bodies[carrier] + shift] = -(in_body * total)
+    elif floating:
+        parts[0] = -total
+    return [
+        {first + i: part[i, k] for first, part in parts.items() for i in range(10) if part[i, k]}
+        for k in range(len(changes))
+    ]
 
 
 def _hidden_changes(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
@@ -336,20 +335,14 @@ def _poses(
     tree: ExactTree, group: list[int], carrier: int, random: np.random.Generator | None
 ) -> dict[int, _Pose]:
     """Return the bodies of a group in its carrier's frame, at a random point or at zero."""
-    positions = _positions(tree, group, random)
+    turns, lengths = _positions(tree, group, random)
     identity = fmpq_mat([[int(i == j) for j in range(3)] for i in range(3)])
     poses = {carrier: _Pose(identity, fmpq_mat(3, 1), {})}
     for place in group:
         joint, before = tree.joints[place], poses[tree.joints[place].parent]
-        value = positions[place]
-        turn, slide = identity, fmpq_mat(3, 1)
-        if isinstance(value, tuple):
-            c, s = value
-            turn = fmpq_mat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        else:
-            slide[2, 0] = value
-        rotation = joint.rotation * turn
-        translation = joint.translation + joint.rotation * slide
+        rotation = joint.rotation * turns.get(place, identity)
+        along = fmpq_mat([[0], [0], [lengths.get(place, 0)]])
+        translation = joint.translation + joint.rotation * along
         X = twist_transform(rotation, translation)
         rates = {leader: X * column for leader, column in before.rates.items()}
         axis = fmpq_mat(6, 1)
@@ -364,29 +357,29 @@ def _poses(
 
 def _positions(
     tree: ExactTree, group: list[int], random: np.random.Generator | None
-) -> dict[int, fmpq | tuple[fmpq, fmpq]]:
-    """Return the position of each joint: a length, or cosine and sine of an angle.
+) -> tuple[dict[int, fmpq_mat], dict[int, fmpq]]:
+    """Return the rotations (3, 3) of joints that turn, and the lengths of those that slide.
 
     A length and an angle of one coordinate are independent numbers, since no polynomial relates q
     to cos q. Angles with multipliers a/b of each other, both small, are multiples of one angle.
     """
-    positions: dict[int, fmpq | tuple[fmpq, fmpq]] = {}
+    turns, lengths = dict[int, fmpq_mat](), dict[int, fmpq]()
     for leader in {tree.leaders[place] for place in group}:
         members = {x: tree.multipliers[x] for x in group if tree.leaders[x] == leader}
         length = _random_number(random)
         for place, multiplier in members.items():
             if tree.joints[place].is_prismatic:
-                positions[place] = multiplier * length
-        turning = {x: _fraction(y) for x, y in members.items() if x not in positions}
-        positions |= _circle_points(turning, random)
-    return positions
+                lengths[place] = multiplier * length
+        turning = {x: _fraction(y) for x, y in members.items() if x not in lengths}
+        turns |= _turns(turning, random)
+    return turns, lengths
 
 
-def _circle_points(
+def _turns(
     multipliers: dict[int, Fraction], random: np.random.Generator | None
-) -> dict[int, tuple[fmpq, fmpq]]:
-    """Return cosine and sine of the angles {joint: multiplier} of one coordinate."""
-    circles: dict[int, tuple[fmpq, fmpq]] = {}
+) -> dict[int, fmpq_mat]:
+    """Return the rotations about z by the angles {joint: multiplier} of one coordinate."""
+    rotations: dict[int, fmpq_mat] = {}
     while multipliers:
         first = next(iter(multipliers.values()))
         ratios = {joint: multiplier / first for joint, multiplier in multipliers.items()}
@@ -396,14 +389,14 @@ def _circle_points(
             if max(abs(ratio.numerator), ratio.denominator) <= _MOST_TURNS
         }
         common = lcm(*(ratio.denominator for ratio in similar.values()))
-        turns = {joint: int(ratio * common) for joint, ratio in similar.items()}
+        counts = {joint: int(ratio * common) for joint, ratio in similar.items()}
         # The random angle is the largest of which all of them are whole multiples.
-        shared = gcd(*turns.values())
+        shared = gcd(*counts.values())
         t = _random_number(random)
-        circle = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-        circles |= {joint: _turned(circle, count // shared) for joint, count in turns.items()}
+        turn = about_z((1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
+        rotations |= {joint: turn ** (count // shared) for joint, count in counts.items()}
         multipliers = {x: y for x, y in multipliers.items() if x not in similar}
-    return circles
+    return rotations
 
 
 _MOST_TURNS = 60
@@ -419,14 +412,6 @@ def _random_number(random: np.random.Generator | None) -> fmpq:
         return fmpq(0)
     above, below = random.integers(1, 40, 2).tolist()
     return fmpq(int(above), int(below)) * (-1 if random.random() < 0.5 else 1)
-
-
-def _turned(circle: tuple[fmpq, fmpq], count: int) -> tuple[fmpq, fmpq]:
-    """Return cosine and sine of a multiple of an angle."""
-    c, s = fmpq(1), fmpq(0)
-    for _ in range(abs(count)):
-        c, s = c * circle[0] - s * circle[1], s * circle[0] + c * circle[1]
-    return c, (s if count >= 0 else -s)
 
 
 def _visible(above: Spans) -> fmpq_mat:
