@@ -10,7 +10,6 @@ equations: their rank is the number of locally identifiable combinations.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -107,16 +106,11 @@ def _is_covered(robot: Robot, joint: str, sensors: frozenset[str]) -> bool:
     return drive.spring == ("linear",) and (seen or is_motor_only(drive, sensors))
 
 
-@dataclass(frozen=True)
-class _Instant:
-    """Derivatives (5, n) of order 0 to 4 of joint positions and of the torques on the joints."""
+def _instant(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return derivatives (5, n) of order 0 to 4 of joint positions, and of torques on the joints.
 
-    position: Array
-    torque: Array
-
-
-def _instant(robot: Robot, rng: np.random.Generator) -> _Instant:
-    """Return a random motion at an instant, by sums of two sines per joint."""
+    They are those of a random motion at an instant, by sums of two sines per joint.
+    """
     amplitude = rng.uniform(0.3, 1.0, (2, robot.n))
     frequency, phase = rng.uniform(1.0, 3.0, (2, robot.n)), rng.uniform(0, 6.3, (2, robot.n))
 
@@ -134,7 +128,7 @@ def _instant(robot: Robot, rng: np.random.Generator) -> _Instant:
     scale = factorials / _STEP_S ** np.arange(_ORDERS)
     now: Array = np.zeros(1)
     position = np.array([moved(now, order)[0] for order in range(_ORDERS)])
-    return _Instant(position, scale[:, None] * (weights @ torques))
+    return position, scale[:, None] * (weights @ torques)
 
 
 def _rows(
@@ -148,10 +142,10 @@ def _rows(
 
     The drive of a joint with a torque sensor is not in (8). `places` {parameter: column}.
     """
-    at = _instant(robot, rng)
+    position, torque = _instant(robot, rng)
     rows, further = np.zeros((robot.n, len(places))), []
-    rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *at.position[:3, None])[0]
-    slopes = torque_slopes(robot, *at.position[:3, None])
+    rows[:, : robot.parameters.size] = -rigid_body_regressor(robot, *position[:3, None])[0]
+    slopes = torque_slopes(robot, *position[:3, None])
     for index, joint in enumerate(robot.joint_names):
         if "joint_torque" in sensors[joint]:
             continue
@@ -159,8 +153,8 @@ def _rows(
         is_alone = is_motor_only(drive, sensors[joint])
         reach, lever = drive.load_radius, drive.ratio / drive.motor_radius
         # (4b) and (3): d = tau / (r_L k), theta_M = N / r_M (r_L q + d), and so their derivatives.
-        d = at.torque[:, index] / (reach * k)
-        columns = _columns(drive, lever * (reach * at.position[:, index] + d))
+        d = torque[:, index] / (reach * k)
+        columns = _columns(drive, lever * (reach * position[:, index] + d))
         if is_alone or not drive.is_elastic:  # r_L f = r_L N / r_M (tau_M - c phi)
             load = {name: -lever * reach * column[0] for name, column in columns.items()}
         else:

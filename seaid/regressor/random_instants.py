@@ -32,7 +32,8 @@ from seaid.regressor.sensor_equations import (
     System,
     plain,
 )
-from seaid.robot import Robot
+from seaid.robot import Robot, at_joints, torques_at_drives
+from seaid.robot.transmission import rows_at_drives
 
 _STATES = ("", "_dot", "_ddot")
 
@@ -156,18 +157,10 @@ def _instants(
         if drive.spring is None:
             signals |= _motor_states(drive, signals, rng, count)
     Y = rigid_body_regressor(robot, q, v, a)
-    loads = Y @ (truth.bodies + payload) @ _inverse(robot)
+    loads = torques_at_drives(robot.transmission, Y @ (truth.bodies + payload))
     for drive, signals, load in zip(terms, drives, loads.T, strict=True):
         signals |= _motor_torques(drive, signals, load)
     return Y, drives
-
-
-def _inverse(robot: Robot) -> Array:
-    """Return C^-1 of the drives' coordinates phi = C q."""
-    C = robot.transmission
-    return np.asarray(
-        safely(np.linalg.inv, C, what="the transmission of the drives", error=SymbolicError)
-    )
 
 
 def _motor_states(
@@ -200,21 +193,22 @@ def _balanced(
     parameters = bodies - system.robot.payload_parameters
     robot = system.robot.with_values(parameters, system.robot.drives)
     # The torques are affine in a, with the inertia as their slope: at the drives C^-T M C^-1.
-    C_inv = _inverse(robot)
-    inertia = (C_inv.T @ torque_slopes(robot, q, v, a)[2] @ C_inv)[:, elastic][:, :, elastic]
-    wanted = -(joint_torques(robot, q, v, a) @ C_inv)[:, elastic]
+    C, M = robot.transmission, torque_slopes(robot, q, v, a)[2]
+    inertia = rows_at_drives(C, torques_at_drives(C, M))[:, elastic][:, :, elastic]
+    wanted = -torques_at_drives(C, joint_torques(robot, q, v, a))[:, elastic]
     for place, i in enumerate(elastic):
         # (8) of elastic drives: r_L F - joint terms = torque of the bodies.
         force = _value(terms[i].spring, drives[i]) * drives[i][r_L]
         wanted[:, place] += force - _value(terms[i].joint, drives[i])
-    change = safely(
+    change = np.zeros_like(a)
+    change[:, elastic] = safely(
         np.linalg.solve,
         inertia,
         wanted[..., None],
         what="the motion of the sensors",
         error=SymbolicError,
     )[..., 0]
-    return np.asarray(a + change @ C_inv.T[elastic])
+    return np.asarray(a + at_joints(C, change))
 
 
 def _motor_torques(drive: DriveTerms, signals: Signals, load: Array) -> Signals:

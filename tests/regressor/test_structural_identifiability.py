@@ -486,30 +486,31 @@ def test_a_motor_side_alone_tells_of_a_pendulum_by_its_derivatives(
 
 def test_derivatives_of_torques_are_those_along_the_motion(tulip_leg: Robot) -> None:
     """The torques along its Taylor polynomial, exact up to order 2, by central differences."""
-    instant, step = _instant(tulip_leg, np.random.default_rng(0)), 1e-3
-    x = [np.polynomial.Polynomial(c / [1, 1, 2, 6, 24]) for c in instant.position.T]
+    (position, torque), step = _instant(tulip_leg, np.random.default_rng(0)), 1e-3
+    x = [np.polynomial.Polynomial(c / [1, 1, 2, 6, 24]) for c in position.T]
     times = step * np.arange(-1, 2)
     q, v, a = (np.column_stack([f.deriv(k)(times) for f in x]) for k in range(3))
     before, now, after = joint_torques(tulip_leg, q, v, a)
     found = now, (after - before) / (2 * step), (after - 2 * now + before) / step**2
-    np.testing.assert_allclose(instant.torque[:3], found, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(torque[:3], found, rtol=1e-4, atol=1e-3)
 
 
 def test_rows_of_a_motor_side_are_derivatives_by_its_parameters(tulip_leg: Robot) -> None:
     """The torque of the bodies less that of the spring, behind the motor, by differences."""
-    leg, knee, at = tulip_leg, 3, _instant(tulip_leg, np.random.default_rng(0))
+    leg, knee = tulip_leg, 3
+    position, torque = _instant(tulip_leg, np.random.default_rng(0))
     names = [f"{x} of knee_pitch" for x in ("viscous_friction", "stiffness", "spring_offset")]
     places = {name: place for place, name in enumerate([*leg.parameter_names, *names])}
     sensors = dict.fromkeys(leg.joint_names, frozenset({"joint_torque"}))
     sensors["knee_pitch"] = frozenset(MOTOR_SIDE)
     truth, radius, lever = np.array([0.0, 90.0, 0.0]), 0.036, 86 / 0.020
     rows = _rows(leg, np.full(leg.n, truth[1]), sensors, places, np.random.default_rng(0))
-    spring = at.torque[:, knee] / radius
-    motor = lever * (radius * at.position[:, knee] + spring / truth[1])
+    spring = torque[:, knee] / radius
+    motor = lever * (radius * position[:, knee] + spring / truth[1])
 
     def torques(viscous: float, stiffness: float, offset: float) -> Array:
         force = spring[:3] - lever * viscous * motor[1:4]
-        q = at.position[:3].copy()
+        q = position[:3].copy()
         q[:, knee] = (motor[:3] / lever - (force - [offset, 0, 0]) / stiffness) / radius
         return np.asarray(
             joint_torques(leg, *q[:, None])[0] - radius * force[0] * np.eye(leg.n)[knee]
