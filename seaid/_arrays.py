@@ -145,11 +145,10 @@ def _text(shape: tuple[int | None, ...]) -> str:
 
 def connected_groups(links: BoolArray) -> list[list[int]]:
     """Return the connected components of an undirected graph (n, n), each in rising order."""
-    reached = links | links.T | np.eye(len(links), dtype=bool)
-    # A product of boolean matrices doubles the longest path: the closure after log2(n) products.
-    while not np.array_equal(further := reached @ reached, reached):
-        reached = further
-    return [np.flatnonzero(row).tolist() for i, row in enumerate(reached) if not row[:i].any()]
+    from scipy.sparse.csgraph import connected_components
+
+    count, labels = connected_components(links, directed=False)
+    return [np.flatnonzero(labels == label).tolist() for label in range(count)]
 
 
 def spaced(values: Iterable[float]) -> str:

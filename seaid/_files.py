@@ -306,8 +306,6 @@ _LONGEST_PLACE = 200
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
-_Place = tuple["_Place", str | int] | None
-
 
 def from_template(
     package: str, template: str, filters: Mapping[str, Callable[..., Any]], **content: Any
@@ -423,45 +421,40 @@ def _read(
     return content
 
 
-def _check(where: str, content: Any, error: type[SeaidError]) -> None:
+def _check(
+    where: str, value: Any, error: type[SeaidError], place: tuple[str | int, ...] = ()
+) -> None:
     """Raise `error` naming the first value that is too deep, not finite or not plain data."""
-    # No recursion, so that its depth is no limit before `_MOST_DEPTH` is.
-    stack: list[tuple[Any, _Place, int]] = [(content, None, 0)]
-    while stack:
-        value, place, depth = stack.pop()
-        problem = _problem(value, depth)
-        if problem is not None:
-            raise error(f"{where}: {_text(place) or 'it'} {problem}")
-        if isinstance(value, dict):
-            broken = list(filter(_SURROGATE.search, value))
-            if broken:
-                raise error(f"{where}: {shown(broken[0])} is not Unicode: an unpaired surrogate")
-            stack += [(entry, (place, key), depth + 1) for key, entry in value.items()]
-        elif isinstance(value, list):
-            stack += [(entry, (place, index), depth + 1) for index, entry in enumerate(value)]
+    problem = _problem(value, len(place))
+    if problem is not None:
+        raise error(f"{where}: {_text(place) or 'it'} {problem}")
+    if isinstance(value, list):
+        for index, entry in enumerate(value):
+            _check(where, entry, error, (*place, index))
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            _check(where, key, error, place)
+            _check(where, entry, error, (*place, key))
 
 
 def _problem(value: Any, depth: int) -> str | None:
-    if isinstance(value, dict | list):
-        return f"is more than {_MOST_DEPTH} levels deep" if depth >= _MOST_DEPTH else None
-    if isinstance(value, str):
-        return "is not Unicode: an unpaired surrogate" if _SURROGATE.search(value) else None
-    if value is None or isinstance(value, bool):
-        return None
-    if not isinstance(value, int | float):
-        return f"must be a number, a text, a list or a table, found {shown(str(value))}"
-    is_finite = math.isfinite(as_float(value))
-    return None if is_finite else "must be a finite number, of 308 digits at most"
+    match value:
+        case dict() | list():
+            return f"is more than {_MOST_DEPTH} levels deep" if depth >= _MOST_DEPTH else None
+        case str():
+            return "is not Unicode: an unpaired surrogate" if _SURROGATE.search(value) else None
+        case None | bool():
+            return None
+        case int() | float():
+            is_finite = math.isfinite(as_float(value))
+            return None if is_finite else "must be a finite number, of 308 digits at most"
+    return f"must be a number, a text, a list or a table, found {shown(str(value))}"
 
 
-def _text(place: _Place) -> str:
+def _text(place: tuple[str | int, ...]) -> str:
     """Return a place as a.b[2]."""
-    keys: list[str | int] = []
-    while place is not None:
-        place, key = place
-        keys.append(key)
     text = ""
-    for part in reversed(keys):
+    for part in place:
         name = part if isinstance(part, str) and _BARE.fullmatch(part) else shown(part)
         text += f"[{part}]" if isinstance(part, int) else f".{name}" if text else str(name)
     return shortened(text, _LONGEST_PLACE)
