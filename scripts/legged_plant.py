@@ -16,9 +16,10 @@ from scipy.ndimage import gaussian_filter1d
 
 import seaid
 from seaid._arrays import Array
-from seaid.legged.floating import contact_map, floating_model
+from seaid.legged.floating import contact_map
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
+from seaid.robot.pinocchio_model import floating_model
 
 _PLAN_HZ, _SETTLE_S, _LIFT_S = 100, 1.0, 2.0
 HOME = np.tile([0.0, 0.8, -1.6], 4)

@@ -11,7 +11,7 @@ import difflib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
 from itertools import chain, islice
@@ -213,6 +213,17 @@ def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     near = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.5)
     hint = f"did you mean '{lower[near[0]]}'? " if near else ""
     return f"no {kind} is named '{name}'; {hint}allowed: {listed(names, _ALLOWED) or 'none'}"
+
+
+def check_name(
+    kind: str, name: str, allowed: Collection[str], error: type[SeaidError], *where: str
+) -> None:
+    """Raise `error` for a name that is not allowed, in front of it `where` the name stands.
+
+    An argument of the function that a place names, as "joints=", is given after it, too.
+    """
+    if name not in allowed:
+        raise error(": ".join((*where[:1], unknown_name(kind, name, allowed))), *where[1:])
 
 
 _Parameters = ParamSpec("_Parameters")

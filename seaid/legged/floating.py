@@ -19,8 +19,7 @@ import pinocchio as pin
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import LogError, RobotError
 from seaid.robot import BASE_ROWS, HANGING, Contact, FloatingBase, Robot
-from seaid.robot.inertia import to_pinocchio
-from seaid.robot.pinocchio_model import joints_of, with_free_joint
+from seaid.robot.pinocchio_model import floating_model
 from seaid.robot.transmission import rows_at_drives
 
 _G = 9.81
@@ -62,15 +61,6 @@ class FloatingRobot(Robot):
     def joint_of(self, body: int) -> str:
         """Return the joint that moves a body, the first one for the base, which none moves."""
         return super().joint_of(0 if body == len(self.body_names) - 1 else body)
-
-
-def floating_model(held: pin.Model, base: Array) -> pin.Model:
-    """Return the model of the joints on a free joint with the parameters (10,), without gravity."""
-    free = with_free_joint(held.name, joints_of(held))
-    free.inertias[1] = to_pinocchio(base)
-    for place in range(1, len(held.inertias)):
-        free.inertias[place + 1] = held.inertias[place]
-    return free
 
 
 def planar_rotations(base: FloatingBase, angle_rad: Array) -> Array:

@@ -36,7 +36,7 @@ from seaid.log import Motion
 from seaid.log.motion import decimated
 from seaid.report.html_experiment import package_versions, system_name
 from seaid.robot import Robot
-from seaid.robot.pinocchio_model import joints_of, model_of
+from seaid.robot.pinocchio_model import ModelJoint, joints_of, model_of
 from seaid.simulation import ReplayComparison
 
 FILE = "identification.npz"
@@ -454,31 +454,11 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
     """Return the fields of a robot, its model as joints and its drives as tables."""
-    model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints_of(robot.model)}
+    joints = tuple(map(vars, joints_of(robot.model)))
+    model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints}
     tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
     urdf = None if robot.urdf is None else robot.urdf.absolute()
     return {**_fields_of(robot), "model": model, "drives": tables, "urdf": urdf}
-
-
-@dataclass(frozen=True)
-class _Joint:
-    """A joint of `joints_of`.
-
-    Attributes
-    ----------
-    placement : array (4, 4)
-    axis : array (3,)
-    """
-
-    name: str
-    parent: int
-    placement: Array
-    type: Literal["prismatic", "revolute"]
-    axis: Array
-    effort: float
-    velocity: float
-    lower: float
-    upper: float
 
 
 _ROBOTS = ("Robot", "FloatingRobot")
@@ -487,14 +467,14 @@ _ROBOTS = ("Robot", "FloatingRobot")
 
 def _robot(kind: str, content: Mapping[str, Any]) -> Robot:
     """Return the robot of `_robot_fields`."""
-    joints = [_as_annotated(_Joint(**values)) for values in content["model"]["joints"]]
+    joints = [_as_annotated(ModelJoint(**values)) for values in content["model"]["joints"]]
     # Pinocchio's joint 0 is the base, and joint place + 1 is here: its parent has a lower number.
     if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
     own_bodies = len(content["body_names"]) - (kind == "FloatingRobot")
     if len(joints) != own_bodies:
         raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
-    model = model_of(content["name"], content["model"]["gravity"], [*map(vars, joints)])
+    model = model_of(content["name"], content["model"]["gravity"], joints)
     tables = {joint: _table(table) for joint, table in content["drives"].items()}
     drives = {
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive

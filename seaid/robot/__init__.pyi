@@ -5,11 +5,11 @@ from .floating_base import FloatingBase as FloatingBase
 from .floating_base import ImuMotion as ImuMotion
 from .floating_base import imu_motion as imu_motion
 from .inertia import PARAMETERS as PARAMETERS
+from .inertia import Payload as Payload
 from .inertia import inconsistency as inconsistency
 from .inertia import is_physical as is_physical
 from .pinocchio_model import BaseKind as BaseKind
 from .pinocchio_model import DependentJoint as DependentJoint
-from .pinocchio_model import Payload as Payload
 from .robot import Robot as Robot
 from .robot import nominal_model as nominal_model
 from .robot_file import ROBOT_SUFFIXES as ROBOT_SUFFIXES

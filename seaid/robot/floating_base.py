@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, check_name
 
 if TYPE_CHECKING:
     from seaid.robot.pinocchio_model import Assembly, BaseKind
@@ -113,8 +113,7 @@ class FloatingBase(Display):
 
     def frame(self, link: str) -> tuple[int, Array, Array]:
         """Return where a link is. Raises RobotError with the nearest name."""
-        if link not in self.frames:
-            raise RobotError(unknown_name("link", link, self.frames))
+        check_name("link", link, self.frames, RobotError)
         return self.frames[link]
 
     @property
@@ -172,11 +171,11 @@ def base_of_assembly(
     kind: BaseKind,
 ) -> FloatingBase:
     """Return the base of an assembled robot. Raises RobotError."""
-    link, at_root = next(iter(built.frames)), built.at_root
-    if built.base[0, 0] <= 0:
+    link, at_root = built.tree.root, built.tree.at_root
+    if built.bodies[-1, 0] <= 0:
         raise RobotError(
-            f"base='{kind}': the link '{link}' of '{built.path}' and what is fixed to it have no "
-            "mass: give the base its <inertial>, or load the robot with base='fixed'",
+            f"base='{kind}': the link '{link}' of '{built.tree.path}' and what is fixed to it have "
+            "no mass: give the base its <inertial>, or load the robot with base='fixed'",
             f"base='{kind}'",
             "base='fixed'",
         )
@@ -238,14 +237,15 @@ def imu_motion(
 
 def _normal(built: Assembly, kind: BaseKind) -> tuple[float, float, float] | None:
     """Return the normal of the plane of a base. Raises RobotError for one that is no axis."""
-    at_root = built.at_root
+    at_root = built.tree.at_root
     if at_root is None or at_root.type != "planar":
         return _NORMALS.get(kind)
     axis = at_root.axis
     if np.count_nonzero(axis) != 1:
         raise RobotError(
-            f"'{built.path}': the axis of the planar joint '{at_root.name}' must be one of those "
-            f"of its child link, found {axis.tolist()}: turn it, so that the plane is xy, xz or yz"
+            f"'{built.tree.path}': the axis of the planar joint '{at_root.name}' must be one of "
+            f"those of its child link, found {axis.tolist()}: turn it, so that the plane is xy, xz "
+            "or yz"
         )
     return tuple(axis.tolist())
 
@@ -253,10 +253,8 @@ def _normal(built: Assembly, kind: BaseKind) -> tuple[float, float, float] | Non
 def _check_links(base: FloatingBase) -> None:
     """Raise RobotError for contacts and an IMU at links that cannot have them."""
     for link in base.contact_links:
-        if link not in base.frames:
-            raise RobotError(f"contacts=: {unknown_name('link', link, base.frames)}", "contacts=")
+        check_name("link", link, base.frames, RobotError, "contacts=", "contacts=")
         if base.contact_links.count(link) > 1:
             raise RobotError(f"contacts= names '{link}' twice", "contacts=")
-    imu = base.imu_link
-    if imu is not None and imu not in base.frames:
-        raise RobotError(f"imu_link=: {unknown_name('link', imu, base.frames)}", "imu_link=")
+    if base.imu_link is not None:
+        check_name("link", base.imu_link, base.frames, RobotError, "imu_link=", "imu_link=")

@@ -7,11 +7,13 @@ the inertia [kg m^2] about the origin of the body's frame.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array, finite, number, safely
+from seaid._progress import Display
 from seaid.errors import RobotError
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -146,6 +148,63 @@ def inconsistency(parameters: Array) -> str | None:
     if moments[0] + moments[1] < moments[2] - allowed:
         return f"a principal moment of inertia above the sum of the other two: {shown} kg m^2"
     return None
+
+
+@dataclass(frozen=True, repr=False)
+class Payload(Display):
+    """A known body fixed to a link.
+
+    Parameters
+    ----------
+    link : str
+        Link of the URDF.
+    mass : float
+        Mass [kg], above zero.
+    com : 3 floats, default (0, 0, 0)
+        Centre of mass [m] in the link's frame.
+    inertia : 3 x 3 floats, default zero (a point mass)
+        Inertia [kg m^2] at the centre of mass.
+
+    Raises
+    ------
+    RobotError
+        For values that no body has.
+
+    Examples
+    --------
+    >>> Payload("foot", mass=0.5, com=(0.05, 0.0, -0.02))
+    """
+
+    link: str
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[tuple[float, float, float], ...] = ((0.0,) * 3,) * 3
+
+    def __post_init__(self) -> None:
+        where = f"payload on '{self.link}'"
+        mass = number(f"mass of the {where}", self.mass, RobotError)
+        finite(f"com of the {where}", self.com, (3,), RobotError)
+        inertia = finite(f"inertia of the {where}", self.inertia, (3, 3), RobotError)
+        if not SMALLEST_KG <= mass <= LARGEST_KG:
+            raise RobotError(
+                f"mass of the {where} must be {SMALLEST_KG:g} to {LARGEST_KG:g} kg, found {mass:g}"
+            )
+        with np.errstate(over="ignore", invalid="ignore"):  # of sizes that are out of range
+            absurd = out_of_range(self.parameters)
+        if absurd:
+            raise RobotError(f"{where} has {absurd}")
+        rounding = _ROUNDING * np.max(np.abs(inertia))
+        symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=rounding)
+        if not symmetric or _eigenvalues(inertia)[0] < -rounding:
+            raise RobotError(
+                f"inertia of the {where} must be a symmetric matrix without negative principal "
+                f"moments, found {inertia.tolist()}"
+            )
+
+    @property
+    def parameters(self) -> Array:
+        """The ten inertial parameters in the link's frame."""
+        return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
 
 
 def to_pinocchio(parameters: Array) -> pin.Inertia:

@@ -7,15 +7,16 @@ own. Shapes, actuators, tendons, damping and armature are not part of the URDF.
 from __future__ import annotations
 
 import math
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from seaid._arrays import Array, spaced
-from seaid.errors import RobotError, SeaidWarning, reason_of
+from seaid.errors import RobotError, reason_of
+from seaid.robot.urdf import displacement, warn_of
 
 _EARTH = (0.0, 0.0, -9.81)
 _EXACT_RAD = 1e-9
@@ -24,8 +25,6 @@ _EXACT_RAD = 1e-9
 
 def urdf_of_mjcf(path: Path) -> bytes:
     """Return the URDF text of an MJCF file. Raises RobotError for closed loops."""
-    from lxml import etree
-
     try:
         import mujoco
     except ImportError:
@@ -39,11 +38,7 @@ def urdf_of_mjcf(path: Path) -> bytes:
         raise RobotError(f"MuJoCo cannot compile '{path}': {reason_of(problem)}") from None
     if not np.allclose(model.opt.gravity, _EARTH, atol=1e-6):
         gravity = ", ".join(f"{component:g}" for component in model.opt.gravity)
-        warnings.warn(
-            f"'{path.name}' has a gravity of ({gravity}) m/s^2, which gravity= must repeat",
-            SeaidWarning,
-            stacklevel=7,
-        )
+        warn_of(path, f"its gravity is ({gravity}) m/s^2, which gravity= must repeat")
     root = etree.Element("robot", name=path.stem)
     anchors = [np.zeros(3)]
     etree.SubElement(root, "link", name=_name(model.body(0)))
@@ -58,14 +53,14 @@ def joint_dynamics(path: Path) -> dict[str, tuple[float, float, float]]:
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
-    places = {_joint_name(model.joint(k)): int(model.jnt_dofadr[k]) for k in range(model.njnt)}
+    joints = [model.joint(index) for index in range(model.njnt)]
     return {
-        name: (
-            float(model.dof_damping[k]),
-            float(model.dof_frictionloss[k]),
-            float(model.dof_armature[k]),
+        _joint_name(joint): (
+            float(joint.damping[0]),
+            float(joint.frictionloss[0]),
+            float(joint.armature[0]),
         )
-        for name, k in places.items()
+        for joint in joints
     }
 
 
@@ -80,8 +75,6 @@ def _joint_name(joint: Any) -> str:
 
 def _add_body(root: Any, model: Any, index: int, anchors: list[Array]) -> Array:
     """Add the joints and the link of a body; return the origin of the link's frame in the body."""
-    from lxml import etree
-
     body, parent = model.body(index), int(model.body_parentid[index])
     above, anchor = _name(model.body(parent)), np.zeros(3)
     # A URDF has a joint at the origin of its child link, MuJoCo anywhere in the body: the frame of
@@ -121,19 +114,12 @@ def _add_joint(
     root: Any, model: Any, joint: Any, links: tuple[str, str], placement: pin.SE3
 ) -> str:
     """Add a joint of a body, whose position is zero at the reference; return its child link."""
-    from lxml import etree
-
     kind = _KINDS[int(joint.type[0])]
     axis = np.array(joint.axis)
     if kind in ("prismatic", "revolute"):
         # The placement in the file is that at q = qpos0, in a URDF that at q = 0.
         reference = float(model.qpos0[int(joint.qposadr[0])])
-        back = (
-            pin.SE3(np.eye(3), -reference * axis)
-            if kind == "prismatic"
-            else pin.SE3(pin.exp3(-reference * axis), np.zeros(3))
-        )
-        placement = placement * back if reference else placement
+        placement = placement * displacement(kind, axis, -reference)
         if kind == "revolute" and not joint.limited[0]:
             kind = "continuous"
     element = _joint(root, _joint_name(joint), kind, links, placement)
@@ -145,8 +131,6 @@ def _add_joint(
 
 
 def _joint(root: Any, name: str, kind: str, links: tuple[str, str], placement: pin.SE3) -> Any:
-    from lxml import etree
-
     element = etree.SubElement(root, "joint", name=name, type=kind)
     etree.SubElement(element, "parent", link=links[0])
     etree.SubElement(element, "child", link=links[1])
@@ -155,8 +139,6 @@ def _joint(root: Any, name: str, kind: str, links: tuple[str, str], placement: p
 
 
 def _origin(element: Any, placement: pin.SE3) -> None:
-    from lxml import etree
-
     angles = np.array(pin.rpy.matrixToRpy(placement.rotation))
     nearest = np.round(angles / (math.pi / 2)) * (math.pi / 2)
     angles = np.where(np.abs(angles - nearest) < _EXACT_RAD, nearest, angles)
@@ -165,8 +147,6 @@ def _origin(element: Any, placement: pin.SE3) -> None:
 
 def _add_equalities(root: Any, model: Any, kinds: Any, path: Path) -> None:
     """Add joint equalities q1 - q1_0 = a0 + a1 (q2 - q2_0) as mimic; refuse closed loops."""
-    from lxml import etree
-
     joints = {element.get("name"): element for element in root.iter("joint")}
     for index in np.flatnonzero(model.eq_active0):
         kind = int(model.eq_type[index])

@@ -8,23 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, finite, number, safely
-from seaid._progress import Display
-from seaid.errors import RobotError, listed, unknown_name
-from seaid.robot.inertia import (
-    LARGEST_KG,
-    LARGEST_KG_M2,
-    LARGEST_M,
-    SMALLEST_KG,
-    from_center_of_mass,
-    in_parent_frame,
-)
+from seaid._arrays import Array
+from seaid.errors import RobotError, check_name, listed
+from seaid.robot.inertia import Payload, in_parent_frame, to_pinocchio
 
 if TYPE_CHECKING:
     from seaid.robot.urdf import UrdfJoint, UrdfTree
@@ -35,70 +26,6 @@ the root of the file, or one of the axes of the base."""
 
 TURNING = ("revolute", "continuous")
 _MOVING = (*TURNING, "prismatic")
-
-
-@dataclass(frozen=True, repr=False)
-class Payload(Display):
-    """A known body fixed to a link.
-
-    Parameters
-    ----------
-    link : str
-        Link of the URDF.
-    mass : float
-        Mass [kg], above zero.
-    com : 3 floats, default (0, 0, 0)
-        Centre of mass [m] in the link's frame.
-    inertia : 3 x 3 floats, default zero (a point mass)
-        Inertia [kg m^2] at the centre of mass.
-
-    Raises
-    ------
-    RobotError
-        For values that no body has.
-
-    Examples
-    --------
-    >>> Payload("foot", mass=0.5, com=(0.05, 0.0, -0.02))
-    """
-
-    link: str
-    mass: float
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia: tuple[tuple[float, float, float], ...] = ((0.0,) * 3,) * 3
-
-    def __post_init__(self) -> None:
-        where = f"of the payload on '{self.link}'"
-        mass = number(f"mass {where}", self.mass, RobotError)
-        if not finite(f"mass {where}", mass, (), RobotError) > 0:
-            raise RobotError(
-                f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"
-            )
-        com = finite(f"com {where}", self.com, (3,), RobotError)
-        inertia = finite(f"inertia {where}", self.inertia, (3, 3), RobotError)
-        _check_size(f"mass {where}", self.mass, LARGEST_KG, "kg", SMALLEST_KG)
-        _check_size(f"com {where}", float(np.max(np.abs(com))), LARGEST_M, "m")
-        _check_size(f"inertia {where}", float(np.max(np.abs(inertia))), LARGEST_KG_M2, "kg m^2")
-        scale = float(np.max(np.abs(inertia)))
-        least = safely(np.linalg.eigvalsh, inertia, what=f"inertia {where}", error=RobotError)[0]
-        symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * scale)
-        if not symmetric or least < -1e-9 * scale:
-            raise RobotError(
-                f"inertia {where} must be a symmetric matrix without negative principal moments, "
-                f"found {inertia.tolist()}"
-            )
-
-    @property
-    def parameters(self) -> Array:
-        """The ten inertial parameters in the link's frame."""
-        return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
-
-
-def _check_size(what: str, value: float, most: float, unit: str, least: float = 0.0) -> None:
-    if not least <= value <= most:
-        raise RobotError(
-            f"{what} is out of range, found {value:g}: allowed are {least:g} to {most:g} {unit}"
-        )
 
 
 @dataclass(frozen=True)
@@ -138,8 +65,8 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     return tuple(names)
 
 
-def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, UrdfJoint | None]:
-    """Return the tree below a floating or planar joint at its root, and this joint or None.
+def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> UrdfTree:
+    """Return the tree below a floating or planar joint at its root, which is then its `at_root`.
 
     Raises RobotError for a `kind` of base that is not that of the joint.
     """
@@ -153,7 +80,7 @@ def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, Urd
                 "base='planar'",
                 "base='planar_xz'",
             )
-        return tree, None
+        return tree
     if below[0].type != kind:
         raise RobotError(
             f"base='{kind}': the joint '{below[0].name}' at the root of '{tree.path}' is "
@@ -162,7 +89,7 @@ def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> tuple[UrdfTree, Urd
             f"base='{below[0].type}'",
         )
     joints = {name: joint for name, joint in tree.joints.items() if joint is not below[0]}
-    return replace(tree, root=below[0].child, joints=joints), below[0]
+    return replace(tree, root=below[0].child, joints=joints, at_root=below[0])
 
 
 def _is_at_root(tree: UrdfTree, name: str) -> bool:
@@ -198,10 +125,7 @@ def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJo
 def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
     names = list(joints)
     for name in names:
-        if name not in tree.joints:
-            raise RobotError(
-                f"joints=: '{tree.name}': " + unknown_name("joint", name, tree.joints), "joints="
-            )
+        check_name("joint", name, tree.joints, RobotError, f"joints=: '{tree.name}'", "joints=")
         mimic = tree.joints[name].mimic
         if mimic is not None:
             raise RobotError(
@@ -227,29 +151,20 @@ def _depth_first(tree: UrdfTree) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Pinocchio's model (without inertias), and (N, 10) parameters of bodies and of payloads.
+    """The model (without inertias) of a tree, and the parameters (N, 10) of bodies and payloads.
 
     The model has one coordinate for every joint, dependent ones too. `order` has the index of each
-    of its joints among the n moving joints and the dependent ones, which follow them. `base` (2,
-    10) are the parameters of what no joint moves and of the payloads on it; `frames` {link: joint
-    of the model (0 for the base), placement in its body}, that of the base first. `path` is the
-    file for messages, and `at_root` its joint by which the base moves, if it has one.
+    of its joints among the n moving joints and the dependent ones, which follow them. A base that
+    moves is the last body: what no joint moves, and the payloads on it. `frames` {link: joint of
+    the model (0 for the base), placement in its body} has that of the base first.
     """
 
+    tree: UrdfTree
     model: pin.Model
     order: tuple[int, ...]
     bodies: Array
     payloads: Array
-    base: Array
     frames: Mapping[str, tuple[int, pin.SE3]]
-    path: Path
-    at_root: UrdfJoint | None = None
-
-    def with_base_last(self, at_root: UrdfJoint | None) -> Assembly:
-        """Return the assembly with the base, which a joint of the file moves, as its last body."""
-        bodies, payloads = np.vstack([self.bodies, self.base[0]]), self.payloads
-        payloads = np.vstack([payloads, self.base[1]])
-        return replace(self, bodies=bodies, payloads=payloads, at_root=at_root)
 
 
 def assemble(
@@ -263,10 +178,7 @@ def assemble(
 
     Payloads on the base are refused unless it `floats`: nothing depends on them.
     """
-    model = pin.Model()
-    model.name = tree.name
-    model.gravity.linear = np.array(gravity)
-    order: list[int] = []
+    model, order = _empty_model(tree.name, gravity), list[int]()
     bodies, loads = np.zeros((2, len(moving) + 1, 10))  # the last row is that of the base
     places = {name: place for place, name in enumerate(moving)}
     frames = {tree.root: (0, pin.SE3.Identity())}
@@ -284,90 +196,33 @@ def assemble(
             tree.links[joint.child], placement
         )
     for payload in payloads:
-        if payload.link not in tree.links:
-            unknown = unknown_name("link", payload.link, tree.links)
-            raise RobotError(f"payloads=: {unknown}", "payloads=")
+        check_name("link", payload.link, tree.links, RobotError, "payloads=", "payloads=")
         parent, placement = frames[payload.link]
         if not parent and not floats:
             raise RobotError(f"payload on '{payload.link}': no joint moves this link")
         loads[order[parent - 1] if parent else -1] += in_parent_frame(payload.parameters, placement)
     bodies[-1] += tree.links[tree.root]
     _check_masses(tree, moving, bodies[:-1])
-    base = np.array([bodies[-1], loads[-1]])
-    return Assembly(model, tuple(order), bodies[:-1], loads[:-1], base, frames, tree.path)
-
-
-def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
-    """Return the joints of an assembled model as plain data, from which `model_of` makes it again.
-
-    Inertias are not part of it: `Robot.with_values` sets them.
-    """
-    return tuple(
-        {
-            "name": model.names[place],
-            "parent": model.parents[place],
-            "placement": model.jointPlacements[place].homogeneous.copy(),
-            "type": "prismatic" if "JointModelP" in joint.shortname() else "revolute",
-            "axis": _axis(joint),
-            # Joints of one coordinate: joint k has the coordinate k - 1.
-            **{key: float(getattr(model, name)[place - 1]) for key, name in _LIMITS.items()},
-        }
-        for place, joint in enumerate(model.joints)
-        if place
-    )
-
-
-_LIMITS = {
-    "effort": "effortLimit",
-    "velocity": "velocityLimit",
-    "lower": "lowerPositionLimit",
-    "upper": "upperPositionLimit",
-}
-
-
-def _axis(joint: Any) -> Array:
-    """Return the axis (3,) of a joint: that of its name (RX, PY, ...), or its own."""
-    aligned = joint.shortname().removeprefix("JointModel")[1:]
-    if aligned in ("X", "Y", "Z"):
-        return np.asarray(np.eye(3)["XYZ".index(aligned)])
-    return np.asarray(joint.extract().axis, dtype=float)
-
-
-def model_of(name: str, gravity: Array, joints: Sequence[Mapping[str, Any]]) -> pin.Model:
-    """Return a model without inertias from its joints; see `joints_of`."""
-    model = pin.Model()
-    model.name = name
-    model.gravity.linear = np.array(gravity)
-    _add_joints(model, joints)
-    return model
-
-
-def with_free_joint(name: str, joints: Sequence[Mapping[str, Any]]) -> pin.Model:
-    """Return a model of joints, see `joints_of`, on a free joint, without inertias and gravity."""
-    model = pin.Model()
-    model.name = name
-    # Gravity is in the specific force of the base, which is the acceleration of the model.
-    model.gravity.linear = np.zeros(3)
-    taken = {joint["name"] for joint in joints}
-    free = "base" if "base" not in taken else "floating base of seaid"
-    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), free)
-    _add_joints(model, joints, below=1)
-    return model
-
-
-def _add_joints(model: pin.Model, joints: Sequence[Mapping[str, Any]], below: int = 0) -> None:
-    for joint in joints:
-        attributes = {key: joint[key] for key in ("name", "type", "axis", *_LIMITS)}
-        placement = pin.SE3(np.array(joint["placement"]))
-        _add_joint(model, joint["parent"] + below, placement, _Joint(**attributes))
+    count = len(moving) + floats
+    return Assembly(tree, model, tuple(order), bodies[:count], loads[:count], frames)
 
 
 @dataclass(frozen=True)
-class _Joint:
-    """What a joint of a URDF and one of a saved model have in common."""
+class ModelJoint:
+    """A joint of an assembled model as plain data: what a model without inertias is made of.
+
+    Attributes
+    ----------
+    parent : int
+        The joint of the model before it, 0 for the base.
+    placement : array (4, 4)
+    axis : array (3,)
+    """
 
     name: str
-    type: str
+    parent: int
+    placement: Array
+    type: Literal["prismatic", "revolute"]
     axis: Array
     effort: float
     velocity: float
@@ -375,32 +230,72 @@ class _Joint:
     upper: float
 
 
-def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint | _Joint) -> int:
+def joints_of(model: pin.Model) -> tuple[ModelJoint, ...]:
+    """Return the joints of an assembled model, from which `model_of` makes it again."""
+    joints = []
+    for place, joint in enumerate(model.joints):
+        if not place:
+            continue
+        # The velocity of the joint is this (6,), linear and angular, times that of its coordinate.
+        linear, angular = np.split(joint.createData().S.ravel(), 2)
+        made = ModelJoint(
+            name=model.names[place],
+            parent=model.parents[place],
+            placement=model.jointPlacements[place].homogeneous.copy(),
+            type="prismatic" if np.any(linear) else "revolute",
+            axis=linear + angular,
+            # Joints of one coordinate: joint k has the coordinate k - 1.
+            effort=float(model.effortLimit[place - 1]),
+            velocity=float(model.velocityLimit[place - 1]),
+            lower=float(model.lowerPositionLimit[place - 1]),
+            upper=float(model.upperPositionLimit[place - 1]),
+        )
+        joints.append(made)
+    return tuple(joints)
+
+
+def model_of(name: str, gravity: Array, joints: Sequence[ModelJoint]) -> pin.Model:
+    """Return a model without inertias; `Robot.with_values` sets them."""
+    model = _empty_model(name, gravity)
+    for joint in joints:
+        _add_joint(model, joint.parent, pin.SE3(joint.placement), joint)
+    return model
+
+
+def floating_model(held: pin.Model, base: Array) -> pin.Model:
+    """Return the model of the joints on a free joint with the parameters (10,), without gravity."""
+    free = pin.Model()
+    name = "floating base of seaid" if "base" in held.names else "base"
+    joint = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+    free.inertias[joint] = to_pinocchio(base)
+    model = pin.appendModel(free, held, free.addJointFrame(joint), pin.SE3.Identity())
+    model.name = held.name
+    # Gravity is in the specific force of the base, which is the acceleration of the model.
+    model.gravity.linear = np.zeros(3)
+    return model
+
+
+def _empty_model(name: str, gravity: Array) -> pin.Model:
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = np.array(gravity)
+    return model
+
+
+def _add_joint(
+    model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint | ModelJoint
+) -> int:
     prismatic = joint.type == "prismatic"
-    aligned = (
-        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-        if prismatic
-        else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-    )
     along = np.flatnonzero(joint.axis == 1.0)
     if along.size:
-        joint_model = aligned[along[0]]()
+        joint_model = getattr(pin, f"JointModel{'P' if prismatic else 'R'}{'XYZ'[along[0]]}")()
     elif prismatic:
         joint_model = pin.JointModelPrismaticUnaligned(joint.axis)
     else:
         joint_model = pin.JointModelRevoluteUnaligned(joint.axis)
-    return int(
-        model.addJoint(
-            parent,
-            joint_model,
-            placement,
-            joint.name,
-            np.array([joint.effort]),
-            np.array([joint.velocity]),
-            np.array([joint.lower]),
-            np.array([joint.upper]),
-        )
-    )
+    limits = (joint.effort, joint.velocity, joint.lower, joint.upper)
+    arrays = (np.array([limit]) for limit in limits)
+    return int(model.addJoint(parent, joint_model, placement, joint.name, *arrays))
 
 
 def _check_masses(tree: UrdfTree, moving: Sequence[str], bodies: Array) -> None:

@@ -18,15 +18,14 @@ from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, read_drives
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import RobotError, SeaidError, shown, unknown_name
+from seaid.errors import RobotError, SeaidError, check_name, shown, unknown_name
 from seaid.robot.floating_base import FloatingBase
-from seaid.robot.inertia import parameter_names, to_pinocchio
+from seaid.robot.inertia import Payload, parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
     TURNING,
     Assembly,
     BaseKind,
     DependentJoint,
-    Payload,
     assemble,
     dependent_joints,
     movable_joints,
@@ -36,8 +35,6 @@ from seaid.robot.pinocchio_model import (
 from seaid.robot.robot_file import is_mjcf, read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
 from seaid.robot.urdf import SNAP_RAD, UrdfJoint, UrdfTree
-
-__all__ = ["Payload", "Robot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -241,8 +238,7 @@ class Robot(Display):
 
     def index(self, joint: str) -> int:
         """Return the index of a joint. Raises RobotError with the nearest name."""
-        if joint not in self.joint_names:
-            raise RobotError(f"{self.name}: " + unknown_name("joint", joint, self.joint_names))
+        check_name("joint", joint, self.joint_names, RobotError, self.name)
         return self.joint_names.index(joint)
 
     def selected(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
@@ -315,9 +311,9 @@ def robot_of_file(
     if independent_mimics:
         free = {name: replace(joint, mimic=None) for name, joint in tree.joints.items()}
         tree = replace(tree, joints=free)
-    moves, at_root = base != "fixed", None
-    if moves:
-        tree, at_root = without_joint_of_base(tree, base)
+    floats = base != "fixed"
+    if floats:
+        tree = without_joint_of_base(tree, base)
     locked = dict(locked or {})
     _check_locked(tree, locked, joints)
     movable = movable_joints(tree)
@@ -327,11 +323,9 @@ def robot_of_file(
     everything = (*moving, *(joint.name for joint in followers))
     by_joint = _drives(tree, moving, drives)
     down = finite("gravity", gravity, (3,), RobotError)
-    built = assemble(tree, everything, payloads, down, floats=moves)
-    if moves:
-        built = built.with_base_last(at_root)
+    built = assemble(tree, everything, payloads, down, floats)
     robot = replace(
-        _robot(tree, moving, by_joint, built, followers),
+        _robot(built, moving, followers, by_joint),
         urdf=urdf,
         locked=FrozenMapping(locked, "joint"),
         joints_of_file=movable,
@@ -394,12 +388,12 @@ def check_held(
 
 
 def _robot(
-    tree: UrdfTree,
-    moving: tuple[str, ...],
-    drives: dict[str, Drive],
     built: Assembly,
+    moving: tuple[str, ...],
     followers: tuple[DependentJoint, ...],
+    drives: dict[str, Drive],
 ) -> Robot:
+    tree = built.tree
     moved = [_within_followers(tree.joints[name], tree, followers) for name in moving]
 
     joints = (*moving, *(joint.name for joint in followers))
@@ -486,8 +480,7 @@ def _drives(
         declared = drives_from_mapping(drives)
     where = f"drives{file} for '{tree.name}'"
     for name in declared:
-        if name not in tree.joints:
-            raise RobotError(f"{where}: {unknown_name('joint', name, tree.joints)}")
+        check_name("joint", name, tree.joints, RobotError, where)
         mimic = tree.joints[name].mimic
         if mimic is not None:
             raise RobotError(

@@ -14,11 +14,11 @@ import math
 import re
 import warnings
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
-from xml.parsers import expat
 
 from seaid._files import working_folder
-from seaid.errors import RobotError, SeaidWarning, listed, reason_of, shortened, unknown_name
+from seaid.errors import RobotError, SeaidWarning, check_name, listed, reason_of, shortened
 from seaid.robot.urdf import SNAP_RAD, UrdfTree, urdf_tree
 
 LARGEST_BYTES = 64_000_000
@@ -57,8 +57,7 @@ def urdf_path(urdf: str | Path) -> Path:
             f"{_missing(path)}; if it is a name of the package robot_descriptions, install that "
             "package: pip install robot_descriptions"
         ) from None
-    if name not in known:
-        raise RobotError(unknown_name("robot of robot_descriptions", name, known))
+    check_name("robot of robot_descriptions", name, known, RobotError)
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as problem:  # what cloning a repository raises
@@ -147,21 +146,13 @@ def _root_and_text(text: bytes) -> tuple[str, bytes]:
     TinyXML, with which Pinocchio, MuJoCo and ROS read a URDF, knows neither namespaces nor versions
     of XML: the text has no default namespaces, and version 1.0 for 0.0.
     """
-    text = _VERSION_0.sub(rb"\g<1>1.0", text)
-    parser, tags, namespaces = expat.ParserCreate(), list[str](), set[tuple[int, int]]()
+    from lxml import etree
 
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        tags.append(tag)
-        declaration = "xmlns" in attributes and _NAMESPACE.search(text, parser.CurrentByteIndex)
-        if declaration:
-            namespaces.add(declaration.span())
-
-    parser.StartElementHandler = begin
-    with suppress(expat.ExpatError, LookupError, ValueError):  # the parser of the URDF names it
-        parser.Parse(text, True)
-    for start, end in sorted(namespaces, reverse=True):
-        text = text[:start] + text[end:]
-    return tags[0] if tags else "", text
+    text = _NAMESPACE.sub(b"", _VERSION_0.sub(rb"\g<1>1.0", text))
+    with suppress(etree.XMLSyntaxError):  # the parser of the URDF names it
+        for _, root in etree.iterparse(BytesIO(text), events=("start",)):
+            return str(root.tag), text
+    return "", text
 
 
 def _content(path: Path) -> bytes:

@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, connected_groups, frozen, safely
 from seaid.drives import Drive
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, check_name
 
 _SINGULAR = 1e-9
 """Least singular value of a regular block of C, with rows and columns scaled."""
@@ -46,8 +46,7 @@ def check_transmission(
                     "at zero): let it move with joints=, or remove the factor",
                     "joints=",
                 )
-            if name not in joints:
-                raise RobotError(f"{where}: " + unknown_name("joint", name, joints))
+            check_name("joint", name, joints, RobotError, where)
             if drives[name].angle_ratio is not None:
                 raise RobotError(f"{where} has a factor on '{name}', whose drive has angle_ratio")
     matrix = transmission_matrix(joints, drives)

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +27,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, finite
 from seaid._files import real_path
-from seaid.errors import RobotError, SeaidWarning, listed, shortened, unknown_name
+from seaid.errors import RobotError, SeaidWarning, check_name, listed, shortened
 from seaid.robot.inertia import (
     LARGEST_KG,
     LARGEST_KG_M2,
@@ -39,7 +40,6 @@ from seaid.robot.inertia import (
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 _SINGLE = ("revolute", "continuous", "prismatic")
 _LARGEST_RAD = 1e4
-_LONGEST_NAME = 1000
 
 
 class _Numbers(NamedTuple):
@@ -75,15 +75,12 @@ _ONCE = {
 
 def _check_elements(path: Path, root: Any) -> None:
     """Raise RobotError for bad names, types, links and numbers, which yourdfpy may accept."""
-    _check_length(path, "robot", root.get("name") or "")
     joints, links = root.findall("joint"), root.findall("link")
     _check_names(path, "link", links)
     _check_names(path, "joint", joints)
     for joint in joints:
         where = f"URDF '{path}': joint '{joint.get('name')}'"
-        if joint.get("type") not in _TYPES:
-            kind = joint.get("type") or ""
-            raise RobotError(f"{where}: " + unknown_name("joint type", kind, _TYPES))
+        check_name("joint type", joint.get("type", ""), _TYPES, RobotError, where)
         _check_once(where, joint)
         for tag in ("parent", "child"):
             end = joint.find(tag)
@@ -107,15 +104,6 @@ def _check_names(path: Path, tag: str, elements: list[Any]) -> None:
     if repeated:
         raise RobotError(
             f"URDF '{path}': {tag} name used twice: {shortened(', '.join(sorted(repeated)))}"
-        )
-    _check_length(path, tag, max(names, key=len, default=""))
-
-
-def _check_length(path: Path, tag: str, name: str) -> None:
-    if len(name) > _LONGEST_NAME:
-        raise RobotError(
-            f"URDF '{path}': the name of a {tag} has {len(name):,} letters, allowed are "
-            f"{_LONGEST_NAME:,}: '{shortened(name)}'"
         )
 
 
@@ -234,13 +222,11 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
     return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
 
 
-MOST_JOINTS, MOST_ELEMENTS = 5_000, 500_000
-"""Limits on the joints (and links less one) and on the elements of all kinds.
+MOST = {"joint": 5_000, "link": 5_001, "element": 500_000}
+"""Limits on the joints, the links, and the elements of all kinds.
 
 Pinocchio stores for each joint all joints before and behind it: 5,000 in a row take 1 GB.
 """
-
-_PIECE_BYTES = 65_536
 
 
 def _parse_urdf(path: Path, text: bytes) -> Any:
@@ -251,35 +237,28 @@ def _parse_urdf(path: Path, text: bytes) -> Any:
     """
     from lxml import etree
 
-    parser = etree.XMLPullParser(events=("start",), remove_comments=True, remove_pis=True)
-    counts = {"joint": 0, "link": 0}
-    elements = 0
+    counts = dict.fromkeys(MOST, 0)
+    elements = etree.iterparse(
+        BytesIO(text), events=("start",), remove_comments=True, remove_pis=True
+    )
     try:
-        for start in range(0, max(len(text), 1), _PIECE_BYTES):
-            parser.feed(text[start : start + _PIECE_BYTES])
-            for _, element in parser.read_events():
-                elements += 1
-                if element.tag in counts:
-                    counts[element.tag] += 1
-            _check_counts(path, counts, elements)
-        root = parser.close()
+        for _, element in elements:
+            for kind in counts.keys() & {element.tag, "element"}:
+                counts[kind] += 1
+                _check_count(path, kind, counts[kind])
     except etree.XMLSyntaxError as problem:
         remedy = "; write version 1.0" if "Unsupported version" in str(problem.msg) else ""
         raise RobotError(f"URDF '{path}' is not well-formed XML: {problem.msg}{remedy}") from None
+    root = elements.root
     if root.tag != "robot":
         tag = f"{root.prefix}:{etree.QName(root).localname}" if root.prefix else root.tag
         raise RobotError(f"'{path}' is not a URDF: its root tag is <{tag}>, not <robot>")
     return root
 
 
-def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
-    for what, count, most in (
-        ("joints", counts["joint"], MOST_JOINTS),
-        ("links", counts["link"], MOST_JOINTS + 1),
-        ("elements", elements, MOST_ELEMENTS),
-    ):
-        if count > most:
-            raise RobotError(f"URDF '{path}' has more than the {most:,} {what} that are allowed")
+def _check_count(path: Path, kind: str, count: int) -> None:
+    if count > MOST[kind]:
+        raise RobotError(f"URDF '{path}' has more than the {MOST[kind]:,} {kind}s that are allowed")
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -346,11 +325,19 @@ class UrdfJoint:
     mimic: Mimic | None
 
 
+def displacement(kind: str, axis: Array, position: float) -> pin.SE3:
+    """Return what a joint of one axis displaces its child link by at a position [rad or m]."""
+    if kind == "prismatic":
+        return pin.SE3(np.eye(3), position * axis)
+    return pin.SE3(pin.exp3(position * axis), np.zeros(3))
+
+
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
     """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame).
 
-    `xml` is the file with exact angles, and `path` its name for messages.
+    `xml` is the file with exact angles, and `path` its name for messages. `at_root` is the joint
+    of the file by which the base moves, if it has one.
     """
 
     name: str
@@ -359,6 +346,7 @@ class UrdfTree:
     links: dict[str, Array]
     path: Path
     xml: bytes = field(repr=False)
+    at_root: UrdfJoint | None = None
 
     @cached_property
     def elements(self) -> Any:
@@ -391,8 +379,7 @@ class UrdfTree:
         """
         joints, where = dict(self.joints), f"locked=: '{self.name}'"
         for name in positions:
-            if name not in joints:
-                raise RobotError(f"{where}: {unknown_name('joint', name, joints)}", "locked=")
+            check_name("joint", name, joints, RobotError, where, "locked=")
             mimic = joints[name].mimic
             if joints[name].type not in _SINGLE or mimic is not None:
                 kind = joints[name].type if mimic is None else f"moved by '{mimic.leader}'"
@@ -403,13 +390,8 @@ class UrdfTree:
                 )
         for name, position in self.still(positions).items():
             joint = joints[name]
-            at = finite(f"locked=: position of '{name}'", position, (), RobotError)
-            moved = pin.SE3.Identity()
-            if joint.type == "prismatic":
-                moved.translation = float(at) * joint.axis
-            else:
-                moved.rotation = pin.exp3(float(at) * joint.axis)
-            placement = joint.placement * moved
+            at = float(finite(f"locked=: position of '{name}'", position, (), RobotError))
+            placement = joint.placement * displacement(joint.type, joint.axis, at)
             joints[name] = replace(joint, type="fixed", placement=placement, mimic=None)
         return replace(self, joints=joints) if positions else self
 
@@ -451,6 +433,11 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
 
 
+def warn_of(path: Path, text: str) -> None:
+    """Warn the caller of `load_robot` of something in a file."""
+    warnings.warn(f"'{path.name}': {text}", SeaidWarning, stacklevel=8)
+
+
 def _snap_joints(path: Path, joints: Iterable[Any], tolerance_rad: float) -> None:
     """Make rounded angles and axes of joints what they mean, with a warning for each kind."""
     for snap, what in (
@@ -460,11 +447,10 @@ def _snap_joints(path: Path, joints: Iterable[Any], tolerance_rad: float) -> Non
         snapped = [text for joint in joints for text in snap(joint, tolerance_rad)]
         if snapped:
             shown = ", ".join(dict.fromkeys(snapped))
-            warnings.warn(
-                f"'{path.name}': {len(snapped)} rounded {what} they mean ({shown}); "
+            warn_of(
+                path,
+                f"{len(snapped)} rounded {what} they mean ({shown}); "
                 "snap_tolerance_rad=0 leaves them as written",
-                SeaidWarning,
-                stacklevel=7,
             )
 
 
@@ -477,11 +463,10 @@ def _warn_of_negative_moments(path: Path, root: Any) -> None:
         if min(float(inertia.get(moment, 0.0)) for moment in ("ixx", "iyy", "izz")) < 0
     ]
     if negative:
-        warnings.warn(
-            f"'{path.name}': no body has the negative moments of inertia of {listed(negative)}: "
-            "correct ixx, iyy and izz of <inertia>, or identify with feasible=True",
-            SeaidWarning,
-            stacklevel=7,
+        warn_of(
+            path,
+            f"no body has the negative moments of inertia of {listed(negative)}: correct ixx, iyy "
+            "and izz of <inertia>, or identify with feasible=True",
         )
 
 
@@ -498,11 +483,11 @@ def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Mapping[str,
     }
     lost = [name for name, mimic in mimics.items() if mimic.leader not in joints]
     if lost:
-        warnings.warn(
-            f"'{path.name}': <mimic> of {listed(lost)} names joints that are not there "
-            f"({listed(mimics[name].leader for name in lost)}): taken as independent",
-            SeaidWarning,
-            stacklevel=7,
+        leaders = listed(mimics[name].leader for name in lost)
+        warn_of(
+            path,
+            f"<mimic> of {listed(lost)} names joints that are not there ({leaders}): taken as "
+            "independent",
         )
     mimics = {name: mimic for name, mimic in mimics.items() if name not in lost}
     for name in mimics:
@@ -554,15 +539,7 @@ def _placement(origin: Any) -> pin.SE3:
     if origin is None:
         return pin.SE3.Identity()
     xyz, rpy = (np.array(numbers_of(origin.get(name, "0 0 0"))) for name in ("xyz", "rpy"))
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    # R_z(yaw) R_y(pitch) R_x(roll)
-    rotation = np.array(
-        [
-            [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy],
-            [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    rotation = pin.rpy.rpyToMatrix(rpy)
     nearest = np.round(rotation)
     exact = np.abs(rotation - nearest) < 1e-15
     rotation[exact] = nearest[exact]
@@ -620,27 +597,20 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
             )
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
-    if len(roots) != 1:
-        remedy = "join all but one to another link, by a joint of type fixed if it does not move"
-        names = (
-            f"{shortened(roots, 500)}; {remedy}" if roots else "none; remove a joint of its loop"
+    if len(roots) > 1:
+        raise RobotError(
+            f"URDF '{path}' is not one tree: links without parent: {shortened(roots, 500)}; join "
+            "all but one to another link, by a joint of type fixed if it does not move"
         )
-        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {names}")
-    _check_reachable(path, roots[0], links, parents)
+    _check_loops(path, parents)
     return roots[0]
 
 
-def _check_reachable(
-    path: Path, root: str, links: Iterable[str], parents: Mapping[str, str]
-) -> None:
-    reached = {root}
-    for link in links:
-        way: dict[str, None] = {}
-        while link not in reached:
-            if link in way:
-                raise RobotError(
-                    f"URDF '{path}' is not a tree: loop through link '{link}': remove a joint of it"
-                )
-            way[link] = None
-            link = parents[link]
-        reached.update(way)
+def _check_loops(path: Path, parents: Mapping[str, str]) -> None:
+    try:
+        TopologicalSorter({link: [parent] for link, parent in parents.items()}).prepare()
+    except CycleError as problem:
+        loop = listed(problem.args[1][1:])
+        raise RobotError(
+            f"URDF '{path}' is not a tree: loop through links {loop}: remove a joint of it"
+        ) from None

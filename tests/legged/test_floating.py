@@ -22,7 +22,6 @@ from seaid.legged import FloatingRobot
 from seaid.legged.floating import (
     BaseStates,
     contact_equations,
-    floating_model,
     floating_regressor,
     measured_wrenches,
     without_contact_forces,
@@ -30,6 +29,7 @@ from seaid.legged.floating import (
 from seaid.legged.load_side import stances_of
 from seaid.log import BaseLog
 from seaid.robot import Contact, Robot
+from seaid.robot.pinocchio_model import floating_model
 from tests.regressor.stances import columns_of_stances
 from tests.representatives import quick_first
 

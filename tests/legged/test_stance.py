@@ -17,9 +17,10 @@ from seaid.errors import ExcitationError
 from seaid.excitation import make_basis
 from seaid.excitation.basis import matrices
 from seaid.excitation.limits import joint_limits
-from seaid.legged.floating import floating, floating_model, roll_pitch_yaw
+from seaid.legged.floating import floating, roll_pitch_yaw
 from seaid.legged.stance import StanceModel, inverse_dynamics, stance_model
 from seaid.robot import Robot
+from seaid.robot.pinocchio_model import floating_model
 
 CROUCH = np.tile([0.0, 0.8, -1.6], 4)
 

@@ -15,10 +15,10 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.legged.floating import floating_model
 from seaid.log import BaseLog, reconstruct_motion
 from seaid.log.base_log import BaseMotion, _without_jumps, base_jumps, continuous
 from seaid.robot import Contact, Robot
+from seaid.robot.pinocchio_model import floating_model
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 TIME = np.arange(0, 4, 0.002)

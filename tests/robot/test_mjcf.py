@@ -88,7 +88,7 @@ def test_a_joint_that_follows_another_is_a_mimic_from_both_references(tmp_path: 
 def test_other_gravity_is_named_and_a_free_base_is_locked(tmp_path: Path) -> None:
     """A warning gives the gravity; the joints that are asked for leave the free joint out."""
     moon = ARM.replace("<worldbody>", '<option gravity="0 0 -1.6"/><worldbody>', 1)
-    with pytest.warns(SeaidWarning, match=r"gravity of \(0, 0, -1.6\) m/s\^2, which gravity= must"):
+    with pytest.warns(SeaidWarning, match=r"gravity is \(0, 0, -1.6\) m/s\^2, which gravity= must"):
         load_robot(write(tmp_path / "moon.xml", moon))
     shape = '<geom size=".05" mass="1"/>'
     path = write(tmp_path / "arm.xml", ARM.replace(shape, f'<freejoint name="base_free"/>{shape}'))

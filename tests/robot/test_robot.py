@@ -132,17 +132,23 @@ HERE = (0.0, 0.0, 0.0)
 @pytest.mark.parametrize(
     ("payload", "words"),
     [
-        ((0.0,), "payload on 'foot' must have a mass of more than zero, found 0.0"),
-        ((np.nan,), "mass of the payload on 'foot' must be finite, found nan"),
+        ((0.0,), r"mass of the payload on 'foot' must be 1e-30 to 1e\+09 kg, found 0"),
+        ((np.nan,), "mass of the payload on 'foot' must be .* found nan"),
         (("2",), "mass of the payload on 'foot' must be a number, found '2'"),
-        ((1e10,), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
-        ((1e-320,), "mass of the payload on 'foot' is out of range"),
+        ((1e10,), r"must be 1e-30 to 1e\+09 kg, found 1e\+10"),
+        ((1e-320,), r"must be 1e-30 to 1e\+09 kg, found 1e-320|found 9\.99"),
         ((1.0, (np.nan, 0.0, 0.0)), r"com of the payload on 'foot' must .*found \[nan, 0.0"),
         ((1.0, (0.0, 0.0)), r"com of the payload on 'foot' must have shape \(3\)"),
-        ((1.0, (0.0, -1e200, 0.0)), r"com .*, found 1e\+200: allowed are 0 to 10000 m"),
-        ((1.0, HERE, SKEW), r"inertia of .*'foot' must be a symmetric matrix"),
-        ((1.0, HERE, NEGATIVE), "without negative principal moments"),
-        ((1.0, HERE, HUGE), "inertia of"),
+        (
+            (1.0, (0.0, -1e200, 0.0)),
+            "has its centre of mass further than 10000 m away",
+        ),
+        ((1.0, HERE, SKEW), "inertia of the payload on 'foot' must be a symmetric matrix"),
+        (
+            (1.0, HERE, NEGATIVE),
+            "without negative principal moments",
+        ),
+        ((1.0, HERE, HUGE), r"payload on 'foot' has an inertia of 1e\+300 kg m\^2"),
     ],
 )
 def test_payload_that_cannot_be_is_refused(payload: tuple[Any, ...], words: str) -> None:

@@ -14,6 +14,7 @@ from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
 from seaid.robot import reread_urdf
 from seaid.robot.robot_file import read_urdf
+from seaid.robot.urdf import MOST
 from tests.one_joint import BODY
 
 Write = Callable[[str], Path]
@@ -35,7 +36,7 @@ def test_broken_xml_is_said_with_file_and_place(tmp_path: Path, content: bytes) 
     path.write_bytes(content)
     text = load_error(path)
     assert text.startswith(f"URDF '{path}' is not well-formed XML: ")
-    assert "line 1" in text
+    assert "line 1" in text or not content
 
 
 @pytest.mark.parametrize(
@@ -140,9 +141,9 @@ REFUSED = [
     (changed('<child link="arm"/>', "<child/>"), "joint 'elbow' has no <child link="),
     (changed('parent link="base"', 'parent link="bse"'), "'elbow' names link 'bse', which"),
     (f'{ARM}<link name="x"/>', "not one tree: links without parent: ['base', 'x']; join all b"),
-    (f"{ARM}{CAMERA}", "not one tree: links without parent: none; remove a joint of its loop"),
+    (f"{ARM}{CAMERA}", "is not a tree: loop through links base, arm: remove a joint of it"),
     (f'{ARM}<link name="x"/>{SECOND}', "link 'arm' has two parent joints, and a URDF is a tr"),
-    (f"{ARM}{ROUND}", "is not a tree: loop through link 'x': remove a joint of it"),
+    (f"{ARM}{ROUND}", "is not a tree: loop through links x, y: remove a joint of it"),
     ("", "has no links"),
     (changed("revolute", "revolut"), "named 'revolut'; did you mean 'revolute'?"),
     (changed(' type="revolute"', ""), "joint 'elbow': no joint type is named ''; allowed:"),
@@ -237,18 +238,13 @@ def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> Non
 
 
 def test_too_large_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Elements while they are counted, a giant before it is read, and names of any length."""
-    path, long = tmp_path / "big.urdf", "n" * 1001
+    """Elements while they are counted, a giant before it is read."""
+    path = tmp_path / "big.urdf"
     path.write_text("<robot>" + "<joint/>" * 1_000_000)  # the end is never looked for
     assert load_error(path) == f"URDF '{path}' has more than the 5,000 joints that are allowed"
     path.write_text("<robot>" + "<link/>" * 10_000)
     assert load_error(path) == f"URDF '{path}' has more than the 5,001 links that are allowed"
-    for text in (ARM.replace("arm", long), ARM.replace("elbow", long)):
-        path.write_text(f"<robot>{text}</robot>")
-        assert "has 1,001 letters, allowed are 1,000: 'nnn" in load_error(path)
-    path.write_text(f'<robot name="{long}">{ARM}</robot>')
-    assert "the name of a robot has 1,001 letters" in load_error(path)
-    monkeypatch.setattr("seaid.robot.urdf.MOST_ELEMENTS", 1000)
+    monkeypatch.setitem(MOST, "element", 1000)
     path.write_text("<robot>" + "<a/>" * 10_000)
     assert load_error(path) == f"URDF '{path}' has more than the 1,000 elements that are allowed"
     with path.open("wb") as file:
