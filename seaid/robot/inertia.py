@@ -22,16 +22,14 @@ _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
 
 THIN = 1e-9
 """Relative tolerance on the least eigenvalue of a pseudo-inertia, which is 0 for a thin body."""
-LARGEST_M, LARGEST_KG, LARGEST_KG_M2 = 1e4, 1e9, 1e15
-"""Limits on the centre of mass, mass and inertia in a description of a robot.
+LARGEST = {"m": 1e4, "rad": 1e4, "rad or m": 1e4, "kg": 1e9, "kg m^2": 1e15}
+"""{unit: limit} of lengths, angles, masses and inertias in a description of a robot.
 
 In another frame an inertia grows by mass * distance^2: beyond 10 km that sum keeps no digit of the
 body's own inertia, and beyond 1e154 m it overflows.
 """
 SMALLEST_KG = 1e-30
 """The least mass that is not zero; divisions by less lose all digits."""
-
-_UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def parameter_names(bodies: Iterable[str]) -> tuple[str, ...]:
@@ -45,16 +43,8 @@ def pseudo_inertia(parameters: Array) -> Array:
     S = trace(I)/2 * 1 - I. It is linear in the parameters, which are physically consistent if it is
     positive semidefinite.
     """
-    inertia = np.zeros((3, 3))
-    for value, (row, column) in zip(parameters[4:], _UPPER, strict=True):
-        inertia[row, column] = inertia[column, row] = value
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    return _of_moments(second, parameters[1:4], parameters[0])
-
-
-def _of_moments(second: Array, first: Array, mass: float) -> Array:
-    """Return the pseudo-inertia of second moments (3, 3), first moments (3,) and a mass."""
-    return np.block([[second, first[:, None]], [first, mass]])
+    pseudo = pin.PseudoInertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
+    return np.asarray(pseudo.toMatrix())
 
 
 def second_moments(parameters: Array) -> Array:
@@ -74,9 +64,7 @@ def principal_moments(parameters: Array) -> Array:
 
 def from_pseudo_inertia(pseudo: Array) -> Array:
     """Return the ten parameters of a 4x4 pseudo-inertia."""
-    second = pseudo[:3, :3]
-    inertia = np.trace(second) * np.eye(3) - second
-    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[index] for index in _UPPER)])
+    return np.asarray(pin.PseudoInertia.FromMatrix(pseudo).toDynamicParameters())
 
 
 def in_parent_frame(parameters: Array, placement: pin.SE3) -> Array:
@@ -89,7 +77,7 @@ def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     """Return the ten parameters of mass [kg], centre [m] and 3x3 inertia at the centre [kg m^2]."""
     # Parallel axes (Steiner) in terms of the second moments: S = S_c + m c c^T.
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia + mass * np.outer(com, com)
-    return from_pseudo_inertia(_of_moments(second, mass * com, mass))
+    return np.asarray(pin.PseudoInertia(mass, mass * com, second).toDynamicParameters())
 
 
 def _eigenvalues(matrix: Array) -> Array:
@@ -118,13 +106,13 @@ def inconsistent_link(link: str, parameters: Array) -> str | None:
 def out_of_range(parameters: Array) -> str | None:
     """Return which of ten parameters exceeds the limits of a robot description, None if none."""
     mass, first = float(parameters[0]), float(np.max(np.abs(parameters[1:4])))
-    if abs(mass) > LARGEST_KG:
-        return f"a mass of {mass:.4g} kg (at most {LARGEST_KG:g} kg)"
-    if first > LARGEST_M * max(abs(mass), SMALLEST_KG):
-        return f"its centre of mass further than {LARGEST_M:g} m away"
+    if abs(mass) > LARGEST["kg"]:
+        return f"a mass of {mass:.4g} kg (at most {LARGEST['kg']:g} kg)"
+    if first > LARGEST["m"] * max(abs(mass), SMALLEST_KG):
+        return f"its centre of mass further than {LARGEST['m']:g} m away"
     inertia = float(np.max(np.abs(parameters[4:])))
-    if inertia > LARGEST_KG_M2:
-        return f"an inertia of {inertia:.4g} kg m^2 (at most {LARGEST_KG_M2:g} kg m^2)"
+    if inertia > LARGEST["kg m^2"]:
+        return f"an inertia of {inertia:.4g} kg m^2 (at most {LARGEST['kg m^2']:g} kg m^2)"
     return None
 
 
@@ -185,11 +173,10 @@ class Payload(Display):
         mass = number(f"mass of the {where}", self.mass, RobotError)
         finite(f"com of the {where}", self.com, (3,), RobotError)
         inertia = finite(f"inertia of the {where}", self.inertia, (3, 3), RobotError)
-        if not SMALLEST_KG <= mass <= LARGEST_KG:
-            raise RobotError(
-                f"mass of the {where} must be {SMALLEST_KG:g} to {LARGEST_KG:g} kg, found {mass:g}"
-            )
-        with np.errstate(over="ignore", invalid="ignore"):  # of sizes that are out of range
+        if not SMALLEST_KG <= mass <= LARGEST["kg"]:
+            allowed = f"{SMALLEST_KG:g} to {LARGEST['kg']:g} kg"
+            raise RobotError(f"mass of the {where} must be {allowed}, found {mass:g}")
+        with np.errstate(over="ignore"):  # of sizes that are out of range
             absurd = out_of_range(self.parameters)
         if absurd:
             raise RobotError(f"{where} has {absurd}")

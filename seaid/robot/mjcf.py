@@ -55,12 +55,8 @@ def joint_dynamics(path: Path) -> dict[str, tuple[float, float, float]]:
     model = mujoco.MjModel.from_xml_path(str(path))
     joints = [model.joint(index) for index in range(model.njnt)]
     return {
-        _joint_name(joint): (
-            float(joint.damping[0]),
-            float(joint.frictionloss[0]),
-            float(joint.armature[0]),
-        )
-        for joint in joints
+        _joint_name(x): (float(x.damping[0]), float(x.frictionloss[0]), float(x.armature[0]))
+        for x in joints
     }
 
 
@@ -98,11 +94,9 @@ def _add_body(root: Any, model: Any, index: int, anchors: list[Array]) -> Array:
         inertial = etree.SubElement(link, "inertial")
         _origin(inertial, pin.SE3(_rotation(body.iquat), body.ipos - anchor))
         etree.SubElement(inertial, "mass", value=repr(float(body.mass[0])))
-        moments = dict(zip(("ixx", "iyy", "izz"), map(float, body.inertia), strict=True))
-        zeros = dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
-        etree.SubElement(
-            inertial, "inertia", {name: repr(value) for name, value in (moments | zeros).items()}
-        )
+        moments = dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
+        moments |= zip(("ixx", "iyy", "izz"), map(float, body.inertia), strict=True)
+        etree.SubElement(inertial, "inertia", {name: repr(x) for name, x in moments.items()})
     return anchor
 
 

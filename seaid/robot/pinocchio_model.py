@@ -47,22 +47,26 @@ def movable_joints(tree: UrdfTree) -> tuple[str, ...]:
 
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
     """Return the independent joints that move, in order: the given ones, or all of the tree."""
-    names = list(movable_joints(tree)) if joints is None else _given_joints(tree, joints)
+    names = movable_joints(tree) if joints is None else tuple(dict.fromkeys(joints))
     for name in names:
+        check_independent(tree, name, f"joints=: '{tree.name}'", "joints=")
         kind = tree.joints[name].type
         if kind not in _MOVING:
             movable = listed(x for x in movable_joints(tree) if tree.joints[x].type in _MOVING)
-            base = f"; or that of the base with base='{kind}'" if _is_at_root(tree, name) else ""
+            still = "fixed, or locked by locked=" if kind == "fixed" else kind
+            at_base = tree.joints[name] is _joint_of_base(tree)
+            base = f"; or that of the base with base='{kind}'" if at_base else ""
             raise RobotError(
-                f"URDF '{tree.path}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} "
+                f"URDF '{tree.path}': joint '{name}' is {still}; seaid moves {', '.join(_MOVING)} "
                 "joints of a robot with a fixed base: name those that move with joints=[...], "
                 f"which locks '{name}' and all others at zero; there are {movable or 'none'}{base}",
                 "joints=[...]",
+                "locked=",
                 f"base='{kind}'",
             )
     if not names:
         raise RobotError(f"URDF '{tree.path}' has no joint that moves")
-    return tuple(names)
+    return names
 
 
 def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> UrdfTree:
@@ -70,33 +74,33 @@ def without_joint_of_base(tree: UrdfTree, kind: BaseKind) -> UrdfTree:
 
     Raises RobotError for a `kind` of base that is not that of the joint.
     """
-    below = tree.children(tree.root)
-    if len(below) != 1 or not _is_at_root(tree, below[0].name):
-        if kind == "planar":
-            raise RobotError(
-                "base='planar' takes the plane of a planar joint at the root of the file, and that "
-                f"of '{tree.path}' has none: name the plane by axes of the base, such as "
-                "base='planar_xz'",
-                "base='planar'",
-                "base='planar_xz'",
-            )
-        return tree
-    if below[0].type != kind:
+    at_root = _joint_of_base(tree)
+    if at_root is None and kind == "planar":
         raise RobotError(
-            f"base='{kind}': the joint '{below[0].name}' at the root of '{tree.path}' is "
-            f"{below[0].type}: load it with base='{below[0].type}'",
-            f"base='{kind}'",
-            f"base='{below[0].type}'",
+            "base='planar' takes the plane of a planar joint at the root of the file, and that of "
+            f"'{tree.path}' has none: name the plane by axes of the base, as base='planar_xz'",
+            "base='planar'",
+            "base='planar_xz'",
         )
-    joints = {name: joint for name, joint in tree.joints.items() if joint is not below[0]}
-    return replace(tree, root=below[0].child, joints=joints, at_root=below[0])
+    if at_root is None:
+        return tree
+    if at_root.type != kind:
+        raise RobotError(
+            f"base='{kind}': the joint '{at_root.name}' at the root of '{tree.path}' is "
+            f"{at_root.type}: load it with base='{at_root.type}'",
+            f"base='{kind}'",
+            f"base='{at_root.type}'",
+        )
+    joints = {name: joint for name, joint in tree.joints.items() if joint is not at_root}
+    return replace(tree, root=at_root.child, joints=joints, at_root=at_root)
 
 
-def _is_at_root(tree: UrdfTree, name: str) -> bool:
-    """Whether a joint is the floating or planar one of a base: the only one of an empty root."""
-    below = [joint.name for joint in tree.children(tree.root)]
-    moves = tree.joints[name].type in ("floating", "planar")
-    return moves and below == [name] and not np.any(tree.links[tree.root])
+def _joint_of_base(tree: UrdfTree) -> UrdfJoint | None:
+    """Return the floating or planar joint of a base, the only one of an empty root, if any."""
+    match tree.children(tree.root):
+        case [joint] if joint.type in ("floating", "planar") and not np.any(tree.links[tree.root]):
+            return joint
+    return None
 
 
 def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJoint, ...]:
@@ -122,21 +126,17 @@ def dependent_joints(tree: UrdfTree, moving: Sequence[str]) -> tuple[DependentJo
     return tuple(followers)
 
 
-def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
-    names = list(joints)
-    for name in names:
-        check_name("joint", name, tree.joints, RobotError, f"joints=: '{tree.name}'", "joints=")
-        mimic = tree.joints[name].mimic
-        if mimic is not None:
-            raise RobotError(
-                f"joints=: '{tree.name}': joint '{name}' mimics '{mimic.leader}' and moves with "
-                f"it: name '{mimic.leader}' only, or load it with independent_mimics=True",
-                "joints=",
-                "independent_mimics=True",
-            )
-    if len(set(names)) < len(names):
-        raise RobotError(f"joints= names a joint twice: {names}", "joints=")
-    return names
+def check_independent(tree: UrdfTree, joint: str, where: str, *arguments: str) -> None:
+    """Raise RobotError for a joint that is not in the file or that another joint moves."""
+    check_name("joint", joint, tree.joints, RobotError, where, *arguments)
+    mimic = tree.joints[joint].mimic
+    if mimic is not None:
+        raise RobotError(
+            f"{where}: joint '{joint}' mimics '{mimic.leader}', whose drive moves both: name "
+            f"'{mimic.leader}' only, or load the robot with independent_mimics=True",
+            *arguments,
+            "independent_mimics=True",
+        )
 
 
 def _depth_first(tree: UrdfTree) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
@@ -18,7 +18,7 @@ from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, read_drives
 from seaid.drives.angle_ratio import Ratios
 from seaid.drives.toml import drives_from_mapping
-from seaid.errors import RobotError, SeaidError, check_name, shown, unknown_name
+from seaid.errors import RobotError, SeaidError, check_name
 from seaid.robot.floating_base import FloatingBase
 from seaid.robot.inertia import Payload, parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import (
@@ -27,6 +27,7 @@ from seaid.robot.pinocchio_model import (
     BaseKind,
     DependentJoint,
     assemble,
+    check_independent,
     dependent_joints,
     movable_joints,
     moving_joints,
@@ -224,10 +225,10 @@ class Robot(Display):
         A dependent joint acts on its leader: tau = E^T tau_all and M = E^T M_all E, by the
         principle of power.
         """
+        if self.model_order == tuple(range(self.n)):
+            return torques
         # (..., N) in the model's order -> in that of `all_joint_names`.
         back = np.argsort(self.model_order)
-        if self._expansion is None and list(self.model_order) == back.tolist() == sorted(back):
-            return torques
         for axis in range(-axes, 0):
             torques = np.take(torques, back, axis=axis)
             if self._expansion is not None:
@@ -315,7 +316,6 @@ def robot_of_file(
     if floats:
         tree = without_joint_of_base(tree, base)
     locked = dict(locked or {})
-    _check_locked(tree, locked, joints)
     movable = movable_joints(tree)
     tree = tree.locked_at(locked)
     moving = moving_joints(tree, joints)
@@ -324,23 +324,10 @@ def robot_of_file(
     by_joint = _drives(tree, moving, drives)
     down = finite("gravity", gravity, (3,), RobotError)
     built = assemble(tree, everything, payloads, down, floats)
-    robot = replace(
-        _robot(built, moving, followers, by_joint),
-        urdf=urdf,
-        locked=FrozenMapping(locked, "joint"),
-        joints_of_file=movable,
-    )
+    robot = _robot(built, moving, followers, by_joint)
+    still = FrozenMapping(locked, "joint")
+    robot = replace(robot, urdf=urdf, locked=still, joints_of_file=movable)
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies)), built
-
-
-def _check_locked(tree: UrdfTree, locked: Iterable[str], joints: Iterable[str] | None) -> None:
-    """Raise RobotError if a joint is locked and among the moving `joints` at once."""
-    if both := sorted({*locked} & {*(joints or ())}):
-        raise RobotError(
-            f"'{tree.name}': joint '{both[0]}' is locked; leave it out of joints=, or of locked=",
-            "joints=",
-            "locked=",
-        )
 
 
 def nominal_model(path: Path, robot: Robot) -> Robot:
@@ -442,53 +429,30 @@ def _within_followers(
 
 def _known_bodies(robot: Robot, tree: UrdfTree, names: str | Sequence[str]) -> tuple[str, ...]:
     bodies = robot.parameters.reshape(-1, 10)
-    if isinstance(names, str) and names != "all":
-        raise RobotError(
-            f"known_bodies must be a list of names, found the text {shown(names)}", "known_bodies"
-        )
-    if names in ("all", ["all"], ("all",)) and "all" not in robot.body_names:
+    names = [names] if isinstance(names, str) else list(names)
+    if names == ["all"] and "all" not in robot.body_names:
         names = list(compress(robot.body_names, np.any(np.nan_to_num(bodies), axis=1)))
     still = {tree.joints[joint].child for joint in robot.standing_joints}
     names = [name for name in names if name not in still]  # parts of other bodies
     for name in names:
-        wrong = _obstacle(robot, tree, name)
-        if wrong:
-            raise RobotError(f"known_bodies: {wrong}", "known_bodies:")
+        kind, where = "body that a joint moves", ("known_bodies", "known_bodies:")
+        check_name(kind, name, robot.body_names, RobotError, *where)
+        if not np.any(bodies[robot.body_names.index(name)]):
+            raise RobotError(
+                f"known_bodies: '{name}' has no inertial parameters in the URDF", "known_bodies:"
+            )
     return tuple(dict.fromkeys(names))
-
-
-def _obstacle(robot: Robot, tree: UrdfTree, name: str) -> str:
-    """Return why a body cannot be a known one, as text, or an empty text."""
-    if name not in robot.body_names and name in tree.links:
-        return (
-            f"no moving joint carries '{name}' as its own link; the bodies are "
-            f"{', '.join(robot.body_names)}, each with the links fixed to it"
-        )
-    if name not in robot.body_names:
-        return unknown_name("body", name, robot.body_names)
-    has_mass = np.any(robot.parameters.reshape(-1, 10)[robot.body_names.index(name)])
-    return "" if has_mass else f"'{name}' has no inertial parameters in the URDF"
 
 
 def _drives(
     tree: UrdfTree, moving: Sequence[str], drives: str | Path | Mapping[str, Any] | None
 ) -> dict[str, Drive]:
-    declared, file = dict[str, Drive](), ""
     if isinstance(drives, str | Path):
-        declared, file = read_drives(drives), f" of '{drives}'"
-    elif drives is not None:
-        declared = drives_from_mapping(drives)
-    where = f"drives{file} for '{tree.name}'"
+        declared, where = read_drives(drives), f"drives of '{drives}' for '{tree.name}'"
+    else:
+        declared, where = drives_from_mapping(drives or {}), f"drives for '{tree.name}'"
     for name in declared:
-        check_name("joint", name, tree.joints, RobotError, where)
-        mimic = tree.joints[name].mimic
-        if mimic is not None:
-            raise RobotError(
-                f"{where}: joint '{name}' mimics '{mimic.leader}' and has "
-                f"no drive of its own: remove its table, that of '{mimic.leader}' moves both; or "
-                "load it with independent_mimics=True",
-                "independent_mimics=True",
-            )
+        check_independent(tree, name, where)
     by_joint = {name: declared.get(name, IDEAL_DRIVE) for name in moving}
     for name, drive in by_joint.items():
         check_kind(name, tree.joints[name].type, drive)

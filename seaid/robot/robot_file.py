@@ -21,8 +21,9 @@ from seaid._files import working_folder
 from seaid.errors import RobotError, SeaidWarning, check_name, listed, reason_of, shortened
 from seaid.robot.urdf import SNAP_RAD, UrdfTree, urdf_tree
 
-LARGEST_BYTES = 64_000_000
-"""Limit on the size of a URDF file."""
+LARGEST_BYTES = 16_000_000
+"""Limit on the size of a URDF file, whose elements take ten times as much memory; robots of 5,000
+joints are below it."""
 
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 """Suffixes of files that describe a robot, read or refused with the converter's name."""
@@ -121,14 +122,13 @@ def _check_kind(path: Path, text: bytes) -> None:
             raise RobotError(
                 f"'{path}' is compressed: unpack it ({command} {path.name}) and name the URDF"
             )
-    head = text.lstrip(b"\xef\xbb\xbf \t\r\n")[:4096]
-    if path.suffix.lower() == ".toml" or (head and _is_toml(text)):
+    if path.suffix.lower() == ".toml":
         raise RobotError(
             f"'{path}' is TOML, not a URDF: the robot's URDF comes first, and its drives as "
             "drives=",
             "drives=",
         )
-    if path.suffix.lower() in _LOGS and not head.startswith(b"<"):
+    if path.suffix.lower() in _LOGS and not text.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         raise RobotError(
             f"'{path}' is not a URDF, by its name a log: the robot's URDF comes first, then the "
             "logs"
@@ -184,11 +184,6 @@ def _missing(path: Path) -> str:
         return text
     names = listed(near, _MOST_NAMED)
     return f"{text}: it is a folder; in it: {names}" if is_folder else f"{text}; there is {names}"
-
-
-def _is_toml(text: bytes) -> bool:
-    """Whether a file without an XML element has the table header of a TOML file."""
-    return b"<" not in text[:4096] and re.search(rb"^\s*\[[^\]]+\]\s*$", text, re.M) is not None
 
 
 def _expanded(path: Path) -> bytes:

@@ -28,37 +28,26 @@ import pinocchio as pin
 from seaid._arrays import Array, finite
 from seaid._files import real_path
 from seaid.errors import RobotError, SeaidWarning, check_name, listed, shortened
-from seaid.robot.inertia import (
-    LARGEST_KG,
-    LARGEST_KG_M2,
-    LARGEST_M,
-    SMALLEST_KG,
-    from_center_of_mass,
-    in_parent_frame,
-)
+from seaid.robot.inertia import LARGEST, SMALLEST_KG, from_center_of_mass, in_parent_frame
 
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 _SINGLE = ("revolute", "continuous", "prismatic")
-_LARGEST_RAD = 1e4
 
 
 class _Numbers(NamedTuple):
-    """Count of the numbers in an attribute, and their largest size with its unit."""
+    """Count of the numbers in an attribute, and their unit where their size has a limit."""
 
     many: int
-    largest: float = math.inf
     unit: str = ""
 
 
 _NUMBERS: Mapping[str, Mapping[str, _Numbers]] = {
-    "origin": {"xyz": _Numbers(3, LARGEST_M, "m"), "rpy": _Numbers(3, _LARGEST_RAD, "rad")},
+    "origin": {"xyz": _Numbers(3, "m"), "rpy": _Numbers(3, "rad")},
     "axis": {"xyz": _Numbers(3)},
-    "mass": {"value": _Numbers(1, LARGEST_KG, "kg")},
-    "inertia": dict.fromkeys(
-        ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers(1, LARGEST_KG_M2, "kg m^2")
-    ),
+    "mass": {"value": _Numbers(1, "kg")},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers(1, "kg m^2")),
     "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers(1)),
-    "mimic": dict.fromkeys(("multiplier", "offset"), _Numbers(1, LARGEST_M, "rad or m")),
+    "mimic": dict.fromkeys(("multiplier", "offset"), _Numbers(1, "rad or m")),
 }
 """Attributes of the elements that matter for the dynamics."""
 _NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
@@ -112,10 +101,7 @@ def _check_once(where: str, parent: Any) -> None:
     counts = Counter(element.tag for element in parent)
     for tag in _ONCE[parent.tag]:
         if counts[tag] > 1:
-            inside = "" if parent.tag in ("link", "joint") else f" in its <{parent.tag}>"
-            raise RobotError(
-                f"{where} has {counts[tag]} elements <{tag}>{inside}: keep one of them"
-            )
+            raise RobotError(f"{where} has {counts[tag]} elements <{tag}>: keep one of them")
 
 
 def _check_numbers(where: str, parent: Any) -> None:
@@ -139,15 +125,11 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
             f"{where}: {name} of <{tag}> must be {wanted.many} finite number"
             f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
-    if max(map(abs, values)) > wanted.largest:
+    largest = LARGEST.get(wanted.unit, math.inf)
+    if max(map(abs, values)) > largest:
         raise RobotError(
             f"{where}: {name} of <{tag}> is out of range, found '{shortened(text)}': allowed are "
-            f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
-        )
-    if tag == "mass" and 0 < abs(values[0]) < SMALLEST_KG:
-        raise RobotError(
-            f"{where}: its mass is too small, found '{shortened(text)}': allowed are 0 and "
-            f"{SMALLEST_KG:g} to {LARGEST_KG:g} kg"
+            f"-{largest:g} to {largest:g} {wanted.unit}"
         )
 
 
@@ -222,8 +204,8 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
     return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
 
 
-MOST = {"joint": 5_000, "link": 5_001, "element": 500_000}
-"""Limits on the joints, the links, and the elements of all kinds.
+MOST = {"joint": 5_000, "link": 5_001}
+"""Limits on the joints and the links of a robot.
 
 Pinocchio stores for each joint all joints before and behind it: 5,000 in a row take 1 GB.
 """
@@ -232,33 +214,22 @@ Pinocchio stores for each joint all joints before and behind it: 5,000 in a row 
 def _parse_urdf(path: Path, text: bytes) -> Any:
     """Return the <robot> element of a URDF's text, without comments; `path` is for messages.
 
-    Raises RobotError for malformed XML, for another root, and for more joints, links or elements
-    than allowed, as soon as they are counted.
+    Raises RobotError for malformed XML, another root, and more joints or links than allowed.
     """
     from lxml import etree
 
-    counts = dict.fromkeys(MOST, 0)
-    elements = etree.iterparse(
-        BytesIO(text), events=("start",), remove_comments=True, remove_pis=True
-    )
     try:
-        for _, element in elements:
-            for kind in counts.keys() & {element.tag, "element"}:
-                counts[kind] += 1
-                _check_count(path, kind, counts[kind])
+        root = etree.fromstring(text, etree.XMLParser(remove_comments=True, remove_pis=True))
     except etree.XMLSyntaxError as problem:
         remedy = "; write version 1.0" if "Unsupported version" in str(problem.msg) else ""
         raise RobotError(f"URDF '{path}' is not well-formed XML: {problem.msg}{remedy}") from None
-    root = elements.root
     if root.tag != "robot":
         tag = f"{root.prefix}:{etree.QName(root).localname}" if root.prefix else root.tag
         raise RobotError(f"'{path}' is not a URDF: its root tag is <{tag}>, not <robot>")
+    for kind, most in MOST.items():
+        if len(root.findall(kind)) > most:
+            raise RobotError(f"URDF '{path}' has more than the {most:,} {kind}s that are allowed")
     return root
-
-
-def _check_count(path: Path, kind: str, count: int) -> None:
-    if count > MOST[kind]:
-        raise RobotError(f"URDF '{path}' has more than the {MOST[kind]:,} {kind}s that are allowed")
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -353,14 +324,10 @@ class UrdfTree:
         """The <robot> as yourdfpy reads it, with its shapes. Raises RobotError for broken ones."""
         import logging
 
-        from lxml import etree
         from yourdfpy import URDF
 
         logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
         try:
-            for shape in etree.fromstring(self.xml).iter("box", "sphere", "cylinder", "origin"):
-                for text in shape.attrib.values():
-                    numbers_of(str(text))
             urdf = URDF.load(BytesIO(self.xml), build_scene_graph=False, load_meshes=False)
         except Exception as problem:  # yourdfpy lets whatever its parsing raises through
             raise RobotError(
@@ -425,9 +392,7 @@ def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.get("name"): _joint(path, joint, noise) for joint in joints_as_written}
     base = _root_link(path, links, joints.values())
-    _add_mimics(
-        path, joints, {joint.get("name"): joint.find("mimic") for joint in joints_as_written}
-    )
+    _add_mimics(path, joints, joints_as_written)
     if not root.get("name"):
         root.set("name", "".join(char if char.isprintable() else "?" for char in path.stem))
     return UrdfTree(root.get("name"), base, joints, links, path, etree.tostring(root))
@@ -470,17 +435,13 @@ def _warn_of_negative_moments(path: Path, root: Any) -> None:
         )
 
 
-def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Mapping[str, Any]) -> None:
+def _add_mimics(path: Path, joints: dict[str, UrdfJoint], elements: Iterable[Any]) -> None:
     """Give each joint what it mimics by its <mimic>, or a warning if that is not there."""
-    mimics = {
-        name: Mimic(
-            element.get("joint"),
-            float(element.get("multiplier", 1.0)),
-            float(element.get("offset", 0.0)),
-        )
-        for name, element in elements.items()
-        if element is not None
-    }
+    mimics = {}
+    for element in elements:
+        for mimic in element.iterfind("mimic"):
+            factor, offset = float(mimic.get("multiplier", 1.0)), float(mimic.get("offset", 0.0))
+            mimics[element.get("name")] = Mimic(mimic.get("joint"), factor, offset)
     lost = [name for name, mimic in mimics.items() if mimic.leader not in joints]
     if lost:
         leaders = listed(mimics[name].leader for name in lost)
@@ -513,23 +474,20 @@ def _followed(path: Path, name: str, mimics: Mapping[str, Mimic]) -> Mimic:
 
 
 def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
-    limit, name = joint.find("limit"), joint.get("name")
+    limit = joint.find("limit")
+    limits = {} if limit is None else limit.attrib
     turns_freely = joint.get("type") == "continuous" or limit is None
-
-    def limit_or(which: str, default: float) -> float:
-        return default if limit is None else float(limit.get(which, default))
-
     return UrdfJoint(
-        name=name,
+        name=joint.get("name"),
         type=joint.get("type"),
         parent=joint.find("parent").get("link"),
         child=joint.find("child").get("link"),
         placement=_placement(joint.find("origin")),
         axis=_axis(path, joint, noise),
-        lower=-math.inf if turns_freely else limit_or("lower", 0.0),
-        upper=math.inf if turns_freely else limit_or("upper", 0.0),
-        velocity=limit_or("velocity", math.inf),
-        effort=limit_or("effort", math.inf),
+        lower=-math.inf if turns_freely else float(limits.get("lower", 0.0)),
+        upper=math.inf if turns_freely else float(limits.get("upper", 0.0)),
+        velocity=float(limits.get("velocity", math.inf)),
+        effort=float(limits.get("effort", math.inf)),
         mimic=None,
     )
 
@@ -568,6 +526,7 @@ def _link_parameters(path: Path, link: Any) -> Array:
         return np.zeros(10)
     mass, moments = inertial.find("mass"), inertial.find("inertia")
     kg = 0.0 if mass is None else float(mass.get("value"))
+    kg = kg if abs(kg) >= SMALLEST_KG else 0.0
     tensor = np.zeros((3, 3))
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     for name, row, column in zip(names, *np.triu_indices(3), strict=True):
@@ -586,10 +545,7 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
         raise RobotError(f"URDF '{path}' has no links: it needs one for the base and each body")
     for joint in joints:
         for link in (joint.parent, joint.child):
-            if link not in links:
-                raise RobotError(
-                    f"URDF '{path}': joint '{joint.name}' names link '{link}', which is not there"
-                )
+            check_name("link", link, links, RobotError, f"URDF '{path}': joint '{joint.name}'")
         if joint.child in parents:
             raise RobotError(
                 f"URDF '{path}': link '{joint.child}' has two parent joints, and a URDF is a tree: "

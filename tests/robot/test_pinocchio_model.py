@@ -256,9 +256,9 @@ def test_a_refinement_starts_from_bodies_that_are_physically_inconsistent(grippe
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"joints": ["shoulder", "level"]}, "'level' mimics 'shoulder' and moves with it: name"),
+        ({"joints": ["shoulder", "level"]}, "mimics 'shoulder', whose drive moves both: name"),
         ({"joints": ["turn"]}, "joint 'level' mimics 'shoulder', which does not move it here, and"),
-        ({"drives": {"mirror": DRIVES["squeeze"]}}, "has no drive of its own: remove its table"),
+        ({"drives": {"mirror": DRIVES["squeeze"]}}, "whose drive moves both: name 'squeeze' on"),
     ],
 )
 def test_what_a_follower_cannot_be_is_said(
@@ -406,7 +406,7 @@ def test_shapes_of_locked_links_are_where_they_stand(urdf: Path) -> None:
         ({"torso": 0.1}, "locked=: 'crane': no joint is named 'torso'"),
         ({"follower": 0.1}, "joint 'follower' is moved by 'elbow'; name revolute, continuous or"),
         ({"lift": float("nan")}, "locked=: position of 'lift'"),
-        ({"shoulder": 0.1}, "joint 'shoulder' is locked; leave it out of joints="),
+        ({"shoulder": 0.1}, "joint 'shoulder' is fixed, or locked by locked=; seaid moves"),
     ],
 )
 def test_what_cannot_be_locked(urdf: Path, locked: dict[str, float], message: str) -> None:

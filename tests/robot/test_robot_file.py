@@ -62,7 +62,6 @@ def test_urdf_and_drives_in_each_others_place_are_named() -> None:
         (b"<?xml version='1.0'?>\n<sdf version='1.9'/>", "a.sdf", "is SDF, which seaid does not"),
         (b"<sdf version='1.9'/>", "a.urdf", "sdformat_urdf, or sdf2urdf of pysdf"),
         (b"time,q\n0,1\n", "run.csv", "by its name a log: the robot's URDF comes first, then"),
-        (b"# drives\n[knee]\ntype = 'stiff'\n", "knee.txt", "is TOML, not a URDF"),
     ],
 )
 def test_a_file_of_another_kind_says_what_makes_it_a_urdf(

@@ -14,7 +14,6 @@ from seaid.errors import RobotError, SeaidWarning
 from seaid.legged import load_robot
 from seaid.robot import reread_urdf
 from seaid.robot.robot_file import read_urdf
-from seaid.robot.urdf import MOST
 from tests.one_joint import BODY
 
 Write = Callable[[str], Path]
@@ -96,14 +95,6 @@ def test_negative_moments_of_inertia_are_named(tmp_path: Path) -> None:
         assert load_robot(path).n == 1
 
 
-def test_shapes_have_numbers_that_other_readers_take(tmp_path: Path) -> None:
-    path = tmp_path / "arm.urdf"
-    shape = '<visual><geometry><sphere radius="1_0"/></geometry></visual></link>'
-    path.write_text(f'<robot name="a">{ARM.replace("</link>", shape)}</robot>')
-    with pytest.raises(RobotError, match="cannot be read: ValueError: 1_0"):
-        _ = reread_urdf(path).elements
-
-
 # One table of refused robots: trees that are none, numbers that are none, elements twice
 
 
@@ -139,7 +130,10 @@ REFUSED = [
     (changed(' name="elbow"', ""), "a <joint> has no name"),
     (changed("<parent", "<xparent"), """joint 'elbow' has no <parent link="...">"""),
     (changed('<child link="arm"/>', "<child/>"), "joint 'elbow' has no <child link="),
-    (changed('parent link="base"', 'parent link="bse"'), "'elbow' names link 'bse', which"),
+    (
+        changed('parent link="base"', 'parent link="bse"'),
+        "no link is named 'bse'; did you mean 'base'",
+    ),
     (f'{ARM}<link name="x"/>', "not one tree: links without parent: ['base', 'x']; join all b"),
     (f"{ARM}{CAMERA}", "is not a tree: loop through links base, arm: remove a joint of it"),
     (f'{ARM}<link name="x"/>{SECOND}', "link 'arm' has two parent joints, and a URDF is a tr"),
@@ -171,12 +165,12 @@ REFUSED = [
     (changed("<parent", '<origin xyz="-2e4 0 0"/><parent'), "'-2e4 0 0': allowed are -1000"),
     (changed("<parent", '<origin rpy="1e5 0 0"/><parent'), "allowed are -10000 to 10000 rad"),
     (changed(MASS, 'mass value="1e10"'), "found '1e10': allowed are -1e+09 to 1e+09 kg"),
-    (changed(MASS, 'mass value="1e-320"'), "its mass is too small, found '1e-320'"),
+    (changed(MASS, 'mass value="1e-320"'), "has inertia but zero mass; give it"),
     (changed(MASS, f'mass value="{"1" * 400}"'), f"found '{'1' * 78} …'"),
     (changed('ixx="1"', 'ixx="1e16"'), "found '1e16': allowed are -1e+15 to 1e+15 kg m^2"),
     (changed(BODY, BODY * 2), "link 'arm' has 2 elements <inertial>: keep one of"),
-    (changed("<mass", '<mass value="2"/><mass'), "2 elements <mass> in its <inertial>"),
-    (changed("<mass", "<origin/><origin/><mass"), "2 elements <origin> in its <inertial>"),
+    (changed("<mass", '<mass value="2"/><mass'), "2 elements <mass>: keep one"),
+    (changed("<mass", "<origin/><origin/><mass"), "2 elements <origin>: keep one"),
     (changed("<child", '<parent link="arm"/><child'), "'elbow' has 2 elements <parent>"),
     (changed("<child", '<child link="base"/><child'), "elements <child>: keep one"),
     *((with_element(x * 3), f"joint 'elbow' has 3 elements <{tag}>") for tag, x in ONCE.items()),
@@ -237,19 +231,16 @@ def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> Non
     np.testing.assert_allclose(found, [math.sqrt(0.5), math.sqrt(0.5), 0.0], rtol=1e-12)
 
 
-def test_too_large_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Elements while they are counted, a giant before it is read."""
+def test_too_large_a_file_is_refused(tmp_path: Path) -> None:
+    """A giant is refused before it is read."""
     path = tmp_path / "big.urdf"
-    path.write_text("<robot>" + "<joint/>" * 1_000_000)  # the end is never looked for
+    path.write_text("<robot>" + "<joint/>" * 10_000 + "</robot>")
     assert load_error(path) == f"URDF '{path}' has more than the 5,000 joints that are allowed"
-    path.write_text("<robot>" + "<link/>" * 10_000)
+    path.write_text("<robot>" + "<link/>" * 10_000 + "</robot>")
     assert load_error(path) == f"URDF '{path}' has more than the 5,001 links that are allowed"
-    monkeypatch.setitem(MOST, "element", 1000)
-    path.write_text("<robot>" + "<a/>" * 10_000)
-    assert load_error(path) == f"URDF '{path}' has more than the 1,000 elements that are allowed"
     with path.open("wb") as file:
         file.truncate(10**12)  # a hole on the disk
-    words = f"URDF '{path}' is too large: 1,000,000,000,000 bytes, allowed are 64,000,000"
+    words = f"URDF '{path}' is too large: 1,000,000,000,000 bytes, allowed are 16,000,000"
     assert load_error(path) == words
 
 
