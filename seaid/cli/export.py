@@ -63,7 +63,7 @@ def export(
     allow_inconsistent
         Also write physically inconsistent bodies.
     randomization
-        Also write ranges and samples for domain randomization: .json or .yaml.
+        Also write ranges and samples for domain randomization, as .json.
     level
         Probability of the ranges.
     samples

@@ -7,10 +7,8 @@ and a lower triangle X: physically consistent for any X, and X + X^T are relativ
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
 from seaid._arrays import Array, safely
-from seaid._files import plain, write_whole
+from seaid._files import write_json
 from seaid._progress import Display
 from seaid.drives import ParameterName, total_ratio, unit_of
 from seaid.drives.terms import parameter_named
@@ -119,7 +117,7 @@ def write_randomization(
     found : Identification
         The result of `identify` with feasible=True.
     path : path
-        The file, .json or .yaml.
+        The file, .json.
     level : float
         Probability of the ranges.
     samples : int
@@ -161,48 +159,24 @@ def write_randomization(
         "level": level,
         "spread": spread,
         "seed": seed,
-        "parameters": [plain(asdict(parameter)) for parameter in made.ranges],
+        "parameters": made.ranges,
         "unidentified": [f"{r.name} of {r.of}: {r.why}" for r in made.unidentified],
-        "samples": made.samples.tolist(),
+        "samples": made.samples,
     }
-    is_yaml = path.suffix.lower() != ".json"
-    write_whole(path, _yaml(content) if is_yaml else json.dumps(content, indent=1) + "\n")
+    write_json(path, content)
     return made
 
 
 def _check(path: Path, level: float, samples: int, spread: float) -> None:
     """Raise RobotError for options that have no meaning."""
-    if path.suffix.lower() not in (".json", ".yaml", ".yml"):
-        raise RobotError(f"'{path}' must end in .json, .yaml or .yml")
+    if path.suffix.lower() != ".json":
+        raise RobotError(f"'{path}' must end in .json")
     if not 0 < level < 1:
         raise RobotError(f"level= must be between 0 and 1, found {level}", "level=")
     if samples < 0 or int(samples) != samples:
         raise RobotError(f"samples= must be a whole number from 0 on, found {samples}", "samples=")
     if not 0 < spread <= 1:
         raise RobotError(f"spread= must be above 0 and at most 1, found {spread}", "spread=")
-
-
-def _yaml(content: Mapping[str, Any]) -> str:
-    """Return plain data as YAML: one line for each element of a list."""
-    lines: list[str] = []
-    for key, value in content.items():
-        if isinstance(value, list) and value:
-            lines += [f"{key}:", *(f"- {_flow(entry)}" for entry in value)]
-        else:
-            lines.append(f"{key}: {_flow(value)}")
-    return "\n".join([*lines, ""])
-
-
-def _flow(value: Any) -> str:
-    """Return a value as YAML on one line."""
-    if isinstance(value, list):
-        return f"[{', '.join(map(_flow, value))}]"
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {_flow(entry)}' for key, entry in value.items())}}}"
-    text = json.dumps(value)
-    # YAML 1.1 reads 1e-05 as a text: a number there has a point
-    is_pointless = isinstance(value, float) and "." not in text
-    return text.replace("e", ".0e") if is_pointless else text
 
 
 def _triangles() -> Array:

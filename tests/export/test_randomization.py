@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 import seaid
 from scripts.benchmarks.randomization_coverage import log_of, study
@@ -85,13 +84,11 @@ def test_what_is_not_determined_is_named(made: Randomization) -> None:
 
 
 @pytest.mark.slow  # 500 robots are written
-def test_the_files_hold_the_same(found: Identification, tmp_path: Path) -> None:
+def test_the_file_holds_what_is_returned(found: Identification, tmp_path: Path) -> None:
     made = seaid.export.write_randomization(
         found, tmp_path / "a.json", samples=3, level=0.9, seed=5
     )
     content = json.loads((tmp_path / "a.json").read_text())
-    seaid.export.write_randomization(found, tmp_path / "a.yaml", samples=3, level=0.9, seed=5)
-    assert yaml.safe_load((tmp_path / "a.yaml").read_text()) == content
     assert content["format"] == "seaid randomization 1"
     assert content["samples"] == made.samples.tolist()
     assert [one["low"] for one in content["parameters"]] == [one.low for one in made.ranges]
@@ -102,7 +99,7 @@ def test_the_files_hold_the_same(found: Identification, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        ("a.txt", {}, r"must end in \.json, \.yaml or \.yml"),
+        ("a.txt", {}, r"must end in \.json"),
         ("a.json", {"level": 1.0}, "level= must be between 0 and 1, found 1.0"),
         ("a.json", {"samples": -1}, "samples= must be a whole number from 0 on"),
         ("a.json", {"samples": 1.5}, "samples= must be a whole number from 0 on"),
