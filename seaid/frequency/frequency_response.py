@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, IndexArray
 from seaid._progress import Result, counted
 from seaid.checks import predictions
 from seaid.drives import total_ratio
@@ -63,8 +63,6 @@ class FrequencyResponse(Result):
     response : array (F, n, n)
         Best linear approximation from the motor torque of a joint (last axis) to the motor angle of
         a joint [rad/(N m)], complex.
-    joint_response : array (F, n, n) or None
-        The same to the joint position [rad/(N m) or m/(N m)], where all of them are measured.
     noise_std, total_std : array (F, n, n)
         Standard deviations of `response`: by noise, which differs from period to period, and in
         total, with what the nonlinear parts of the robot do; NaN where the logs do not show it.
@@ -90,7 +88,6 @@ class FrequencyResponse(Result):
     joints: tuple[str, ...]
     frequency_hz: Array
     response: Array
-    joint_response: Array | None
     noise_std: Array
     total_std: Array
     coherence: Array
@@ -162,20 +159,17 @@ def frequency_response(
     >>> found.drives["knee"].value("resonance"), found.drives["knee"].interval(0.95)
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
-    multisine = None
+    middle = harmonics = None
     if plan is not None:
-        multisine, logs = _multisine_of(plan), [_within(log, plan) for log in logs]
-        period_s = multisine.basis.period_s
+        period_s, middle, harmonics = _multisine_of(plan)
+        logs = [_within(log, plan) for log in logs]
     rate = _rate_of(logs, period_s)
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
-    ratio, _ = _scales(robot, range(robot.n))
+    ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
     records = [record_of(robot, log, ratio, period_s) for log in logs]
     picked = _picked(robot, records, joints, band[1])
-    posture = at_joints(robot.transmission, np.mean([x.posture for x in records], axis=0))
-    harmonics = None
-    if multisine is not None:
-        # The constant of the series is its mean position, about which the robot is linearised.
-        posture, harmonics = multisine.coefficients[0], multisine.harmonics
+    mean = np.mean([record.posture for record in records], axis=0)
+    posture = at_joints(robot.transmission, mean) if middle is None else middle
     nominal = linearised(robot, posture, picked)
 
     def read(records: Sequence[Record]) -> Spectra:
@@ -183,10 +177,10 @@ def frequency_response(
 
     first = fitted(read(records), nominal, robot, picked)
     spectra, fit = _with_sticking_motors(read, records, picked, first)
-    result = replace(_response(robot, picked, records, spectra, fit), period_s=period_s)
+    identified = None
     if identification is not None:
-        known = _response_of(identification.robot, posture, picked, spectra, result.frequency_hz)
-        result = replace(result, identified=known)
+        identified = linearised(identification.robot, posture, picked)
+    result = _response(robot, picked, records, spectra, fit, identified, period_s)
     findings = [
         *_findings(result, fit, spectra, nominal, robot, rate),
         *_disagreements(result, identification),
@@ -195,49 +189,40 @@ def frequency_response(
 
 
 def _response(
-    robot: Robot, picked: list[int], records: Sequence[Record], spectra: Spectra, fit: Fit
+    robot: Robot,
+    picked: list[int],
+    records: Sequence[Record],
+    spectra: Spectra,
+    fit: Fit,
+    identified: LinearJoints | None,
+    period_s: float | None,
 ) -> FrequencyResponse:
     """Return the best linear approximation of joints, with the robot that fits them best."""
     names = tuple(robot.joint_names[index] for index in picked)
-    alike = _with_dry_friction(fit.joints, fit.dry, spectra, spectra.hz)
+    alike = _with_dry_friction(fit.joints, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
-    ratio, scale = _scales(robot, picked)
+    # Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
+    ratio = np.array([total_ratio(robot.drives[name]) for name in names])
+    scale = ratio[:, None] * ratio
+
+    def modelled(joints: LinearJoints) -> Array:
+        return np.asarray(scale * _with_dry_friction(joints, spectra, measured.hz))
+
     return FrequencyResponse(
         joints=names,
         frequency_hz=measured.hz,
         response=scale * measured.motor,
-        joint_response=None if measured.joint is None else ratio * measured.joint,
         noise_std=scale * measured.noise_std,
         total_std=scale * measured.total_std,
         coherence=measured.coherence,
-        model=scale * _with_dry_friction(fit.joints, fit.dry, spectra, measured.hz),
-        identified=None,
+        model=modelled(fit.joints),
+        identified=None if identified is None else modelled(identified),
         drives={
             names[place]: fit.estimate(place, robot.drives[names[place]])
             for place in np.flatnonzero(fit.joints.elastic).tolist()
         },
-        period_s=None,
+        period_s=period_s,
     )
-
-
-def _scales(robot: Robot, picked: Sequence[int]) -> tuple[Array, Array]:
-    """Return the ratios (n,) of motors to joints, and what makes responses those of the motors.
-
-    Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
-    """
-    ratio = np.array([total_ratio(robot.drives[robot.joint_names[index]]) for index in picked])
-    return ratio, ratio[:, None] * ratio
-
-
-def _response_of(
-    robot: Robot, posture: Array, picked: list[int], spectra: Spectra, hz: Array
-) -> Array:
-    """Return the response (F, n, n) of an identified robot linearised at a posture (n,)."""
-    ratio, scale = _scales(robot, picked)
-    drives = [robot.drives[robot.joint_names[index]] for index in picked]
-    # Friction levels of motors at the joints, as all of the linear robot.
-    level = ratio * [drive.values.get("coulomb_friction", 0.0) for drive in drives]
-    return scale * _with_dry_friction(linearised(robot, posture, picked), level, spectra, hz)
 
 
 def _with_sticking_motors(
@@ -245,7 +230,7 @@ def _with_sticking_motors(
 ) -> tuple[Spectra, Fit]:
     """Return spectra with the friction of motors that stand still by a fit, and their fit."""
     spectra = read(records)
-    for _ in range(_STICK_ROUNDS if spectra.is_periodic and np.any(fit.dry > 0) else 0):
+    for _ in range(_STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
     return spectra, fit
@@ -319,29 +304,16 @@ def _picked(
     return picked
 
 
-@dataclass(frozen=True, eq=False)
-class _Multisine:
-    """The Fourier series of a plan."""
-
-    basis: FourierBasis
-    coefficients: Array
-
-    @property
-    def harmonics(self) -> Array:
-        """The numbers of the harmonics that are excited."""
-        # Coefficients: the constant, H sines, H cosines, per joint.
-        sizes = np.abs(self.coefficients[1:]).reshape(2, self.basis.harmonics, -1)
-        total = sizes.sum(axis=(0, 2))
-        return np.asarray(1 + np.flatnonzero(total > 1e-9 * total.max()))
-
-
-def _multisine_of(plan: Trajectory) -> _Multisine:
-    """Return the multisine of a plan, which may have a run-in. Raises IdentificationError."""
+def _multisine_of(plan: Trajectory) -> tuple[float, Array, IndexArray]:
+    """Return period [s], mean position (n,) and excited harmonics of a plan, but for its run-in."""
     parts = plan.basis.parts if isinstance(plan.basis, JoinedBasis) else (plan.basis,)
     first = 0
     for part in parts:
         if isinstance(part, FourierBasis):
-            return _Multisine(part, plan.coefficients[first : first + part.size])
+            # Coefficients: the constant, H sines, H cosines, per joint.
+            coefficients = plan.coefficients[first : first + part.size]
+            sizes = np.abs(coefficients[1:]).reshape(2, part.harmonics, -1).sum(axis=(0, 2))
+            return part.period_s, coefficients[0], 1 + np.flatnonzero(sizes > 1e-9 * sizes.max())
         first += part.size
     raise IdentificationError(
         "plan= must be a multisine, from design_excitation(..., basis='multisine'), found a "
@@ -360,7 +332,7 @@ def _within(log: Log, plan: Trajectory) -> Log:
     return log.between(start + begin - 1e-6 * step, start + end + 1e-6 * step)
 
 
-def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz: Array) -> Array:
+def _with_dry_friction(joints: LinearJoints, spectra: Spectra, hz: Array) -> Array:
     """Return the response (F, n, n) with dry friction as the viscous one closest to it.
 
     The best linear approximation of a sign is a gain for a random speed (Bussgang 1952).
@@ -369,8 +341,8 @@ def _with_dry_friction(joints: LinearJoints, level: Array, spectra: Spectra, hz:
     power = np.sum(np.abs(speed) ** 2, axis=(0, 1, 2))
     # Projection of sign(w) on w, by Parseval: Re <w, sign(w)> / <w, w> over logs, periods, lines.
     gain = np.sum(np.real(np.conj(speed) * spectra.sign), axis=(0, 1, 2)) / power
-    n = len(level)
-    alike = replace(joints, friction=joints.friction + level * gain)
+    n = len(joints.dry)
+    alike = replace(joints, friction=joints.friction + joints.dry * gain)
     return alike.compliance(2j * np.pi * hz)[:, :n, :n]
 
 
@@ -385,7 +357,9 @@ def _findings(
     """Yield what the response of each joint shows of its spring, and of the fit."""
     expected = np.full(len(result.drives), np.nan)
     if np.all(np.isfinite(nominal.stiffness)) and np.all(np.isfinite(nominal.mass)):
-        expected = np.abs(nominal.antiresonances()) / (2 * np.pi)
+        # Motors that are held have no part in it, with whatever inertia.
+        held = replace(nominal, inertia=np.zeros(len(nominal.inertia)))
+        expected = np.abs(held.modes(held=True)) / (2 * np.pi)
     top = float(result.frequency_hz[-1])
     for (joint, spring), hz in zip(result.drives.items(), expected.tolist(), strict=True):
         place = result.joints.index(joint)
@@ -396,7 +370,7 @@ def _findings(
         yield from predictions.unseen_resonance(joint, spring, hz, band_hz, noise)
     if np.sum(fit.joints.elastic) > 1 and fit.lack_of_fit >= FITS:
         yield predictions.wrong_minimum(fit.lack_of_fit)
-    known = fit.joints.elastic & ~fit.parameters.rotors
+    known = fit.joints.elastic & ~fit.parameters.free["inertia"]
     free = with_free_rotors(spectra, fit) if np.any(known) else fit
     for place in np.flatnonzero(known).tolist():
         joint = result.joints[place]

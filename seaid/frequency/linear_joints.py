@@ -11,15 +11,15 @@ no motor coordinate: I and F are added to the diagonals of M and D.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import scipy
 
-from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid._arrays import Array, BoolArray, safely
 from seaid.drives import Drive, is_dry, total_ratio
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import scaled_svd
@@ -37,7 +37,8 @@ class LinearJoints:
     `inertia`, `friction`, `stiffness`, `damping` (n,) are I, F, k and c; `mass`, `gravity` (n, n)
     are M and G. The robot's m joints move by J phi with `motion` (m, n) J, and have the viscous
     friction `drag` (m,) b, so that D = J^T diag(b) J. A stiff joint has its rotor in `mass`, and
-    zeros in k, c and I.
+    zeros in k, c and I. `dry` (n,) is the level F_C of the motors' dry friction, which is not
+    linear, and in none of the matrices.
     """
 
     elastic: BoolArray
@@ -49,28 +50,29 @@ class LinearJoints:
     gravity: Array
     drag: Array
     motion: Array
+    dry: Array
 
     def matrices(self) -> tuple[Array, Array, Array]:
         """Return inertia, damping and stiffness (N, N) of the motors, then the stiff and loads.
 
         The first n coordinates are those of the motor encoders, the others the elastic loads.
         """
-        n, e = len(self.elastic), np.flatnonzero(self.elastic)
+        motor, load = self.angles()
+        stretch, links = motor - load, self.motion @ load
+        # A sum of value * d^T d over the elements, with the row d by which one sees coordinates.
+        inertia = motor.T * self.inertia @ motor + load.T @ self.mass @ load
+        damping = motor.T * self.friction @ motor + stretch.T * self.damping @ stretch
+        stiffness = stretch.T * self.stiffness @ stretch + load.T @ self.gravity @ load
+        return inertia, damping + links.T * self.drag @ links, stiffness
+
+    def angles(self) -> tuple[Array, Array]:
+        """Return the angles of motors and loads (2 of (n, N)) by all coordinates."""
+        n = len(self.elastic)
+        motor = np.eye(n, n + int(np.sum(self.elastic)))
         # A stiff joint has one coordinate, which is both its motor's and its load's.
-        load = np.arange(n)
-        load[e] = n + np.arange(len(e))
-        size = n + len(e)
-        full = [np.zeros((size, size)) for _ in range(3)]
-        springs = (np.zeros(n), self.damping, self.stiffness)
-        at_motor = (self.inertia, self.friction, np.zeros(n))
-        at_load = (self.mass, self.motion.T @ (self.drag[:, None] * self.motion), self.gravity)
-        for matrix, links, motor, spring in zip(full, at_load, at_motor, springs, strict=True):
-            matrix[np.ix_(load, load)] += links
-            matrix[np.arange(n), np.arange(n)] += motor
-            for i in e:
-                pair = np.array([i, load[i]])
-                matrix[np.ix_(pair, pair)] += spring[i] * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        return full[0], full[1], full[2]
+        load = motor.copy()
+        load[self.elastic] = np.eye(len(motor.T))[n:]
+        return motor, load
 
     def compliance(self, s: Any) -> Array:
         """Return A(s)^-1 (F, N, N) at complex frequencies s (F,) [rad/s]."""
@@ -79,43 +81,36 @@ class LinearJoints:
         A = inertia * s**2 + damping * s + stiffness
         return np.asarray(safely(np.linalg.inv, A, what=_WHAT))
 
-    def modes(self) -> tuple[Array, Array]:
-        """Return resonances and antiresonances (2 of (m,)) as eigenvalues of each elastic joint.
+    def modes(self, *, held: bool) -> Array:
+        """Return a mode of each elastic joint (m,) as its eigenvalue.
 
-        Resonances are poles, with all motors free; antiresonances are zeros, with all motors held.
-        A mode belongs to the joint whose spring has most of its energy.
+        Resonances are poles, with all motors free; antiresonances are zeros, with all motors
+        `held`, and rotors have no part in them. A mode belongs to the joint whose spring has most
+        of its energy.
         """
-        m, c, k = self.matrices()
-        return self._assigned(m, c, k, np.arange(len(m))), self.antiresonances()
-
-    def antiresonances(self) -> Array:
-        """Return the eigenvalues (m,) with all motors held, which rotors have no part in."""
-        held = np.arange(len(self.elastic), len(self.elastic) + int(np.sum(self.elastic)))
-        return self._assigned(*self.matrices(), held)
-
-    def _assigned(self, m: Array, c: Array, k: Array, kept: IndexArray) -> Array:
-        n, e = len(self.elastic), np.flatnonzero(self.elastic)
-        m, c, k = (matrix[np.ix_(kept, kept)] for matrix in (m, c, k))
-        size = len(kept)
-        inverse = safely(np.linalg.inv, m, what=_WHAT)
-        # First-order form of M q'' + C q' + K q = 0 with the state (q, q').
-        state = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse @ k, -inverse @ c]])
-        values, vectors = safely(np.linalg.eig, state, what=_WHAT)
+        motor, load = self.angles()
+        kept = np.arange(len(motor) if held else 0, len(motor.T))
+        m, c, k = (matrix[np.ix_(kept, kept)] for matrix in self.matrices())
+        values, vectors = safely(np.linalg.eig, state_matrix(m, c, k), what=_WHAT)
         # one of each complex pair; an overdamped mode has two real values, of which none is one
         upper = np.flatnonzero(values.imag > 0)
-        shapes = np.zeros((len(self.elastic) + len(e), len(upper)), dtype=complex)
-        shapes[kept] = vectors[:size, upper]
-        stretch = shapes[e] - shapes[n + np.arange(len(e))]
-        energy = self.stiffness[e, None] * np.abs(stretch) ** 2
+        shapes = vectors[: len(kept), upper]
+        stretch = (motor - load)[np.ix_(self.elastic, kept)] @ shapes
+        energy = self.stiffness[self.elastic, None] * np.abs(stretch) ** 2
         # per kinetic energy, so that the lowest modes, with little of a spring's, count little
-        energy /= np.maximum(
-            np.sum(np.abs(vectors[:size, upper]) ** 2 * np.diag(m)[:, None], 0), 1e-300
-        )
-        modes = np.full(len(e), np.nan, dtype=complex)
+        energy /= np.maximum(np.diag(m) @ np.abs(shapes) ** 2, 1e-300)
+        modes = np.full(len(energy), np.nan, dtype=complex)
         # One mode per joint, so that the sum of the energies in the joints' springs is largest.
         rows, columns = scipy.optimize.linear_sum_assignment(-energy)
         modes[rows] = values[upper[columns]]
         return modes
+
+
+def state_matrix(inertia: Array, damping: Array, stiffness: Array) -> Array:
+    """Return the first-order form (2N, 2N) of M q'' + C q' + K q = 0 with the state (q, q')."""
+    nothing, unity = np.zeros_like(inertia), np.eye(len(inertia))
+    inverse = safely(np.linalg.inv, inertia, what=_WHAT)
+    return np.block([[nothing, unity], [-inverse @ stiffness, -inverse @ damping]])
 
 
 def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoints:
@@ -149,6 +144,7 @@ def linearised(robot: Robot, posture: Array, joints: Sequence[int]) -> LinearJoi
         gravity=gravity,
         drag=_values(every, "joint_viscous_friction"),
         motion=motion,
+        dry=_values(drives, "coulomb_friction") * ratio,
     )
 
 
@@ -157,65 +153,55 @@ def _values(drives: Sequence[Drive], name: str, missing: float = 0.0) -> Array:
     return np.array([drive.values.get(name, missing) for drive in drives], dtype=float)
 
 
+_POSITIVE = ("stiffness", "inertia")
+"""Fields of which the parameters are logarithms, positive and with relative steps."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Parameters:
-    """The free parameters of n joints as a vector: where each field of `LinearJoints` is in it.
+    """The parameters of joints as a vector: the numbers that are `free` {field: mask}, in order.
 
-    log k and, where the rotor is not known, log I of elastic joints; c; F; D where the drive has
-    it; the upper triangles of M and G; the level F_C of dry friction.
+    The others are those of `start`. Of a symmetric matrix the upper triangle is free.
     """
 
     start: LinearJoints
-    rotors: BoolArray
-    drags: BoolArray
-    dry: BoolArray
+    free: Mapping[str, BoolArray]
 
-    @cached_property
-    def sizes(self) -> list[int]:
-        n, e = len(self.dry), int(np.sum(self.start.elastic))
-        triangle = n * (n + 1) // 2
-        free = [int(np.sum(mask)) for mask in (self.rotors, self.drags, self.dry)]
-        return [e, free[0], e, n, free[1], triangle, triangle, free[2]]
-
-    def vector(self, joints: LinearJoints, dry: Array) -> Array:
+    def vector(self, joints: LinearJoints) -> Array:
         """Return the vector of some joints."""
-        upper, e = np.triu_indices(len(dry)), self.start.elastic
-        # Logarithms keep k and I positive and make steps of a search relative.
-        parts = [np.log(joints.stiffness[e]), np.log(joints.inertia[self.rotors])]
-        parts += [joints.damping[e], joints.friction, joints.drag[self.drags]]
-        parts += [joints.mass[upper], joints.gravity[upper], dry[self.dry]]
-        return np.concatenate(parts)
+        parts = {name: getattr(joints, name)[mask] for name, mask in self.free.items()}
+        return np.concatenate([np.log(x) if name in _POSITIVE else x for name, x in parts.items()])
 
-    def joints(self, x: Array) -> tuple[LinearJoints, Array]:
-        """Return the joints of a vector, and their dry friction (n,)."""
-        k, rotor, c, F, D, M, G, level = np.split(x, np.cumsum(self.sizes)[:-1])
-        n, e = len(self.dry), self.start.elastic
-        upper = np.triu_indices(n)
-        inertia, drag, dry = self.start.inertia.copy(), self.start.drag.copy(), np.zeros(n)
-        stiffness, damping = np.zeros((2, n))
-        # Clipped, so that a far trial step of the search does not overflow.
-        stiffness[e], damping[e] = np.exp(np.clip(k, -60, 60)), c
-        inertia[self.rotors], drag[self.drags] = np.exp(np.clip(rotor, -60, 60)), D
-        dry[self.dry] = level
-        mass, gravity = np.zeros((2, n, n))
-        mass[upper], gravity[upper] = M, G
-        mass, gravity = (matrix + np.triu(matrix, 1).T for matrix in (mass, gravity))
-        joints = replace(
-            self.start,
-            inertia=inertia,
-            friction=F,
-            stiffness=stiffness,
-            damping=damping,
-            mass=mass,
-            gravity=gravity,
-            drag=drag,
-        )
-        return joints, dry
+    def parts(self, x: Array) -> dict[str, Array]:
+        """Return the part of a vector for each field."""
+        ends = np.cumsum([np.count_nonzero(mask) for mask in self.free.values()])
+        return dict(zip(self.free, np.split(x, ends[:-1]), strict=True))
+
+    def joints(self, x: Array) -> LinearJoints:
+        """Return the joints of a vector."""
+        fields = {}
+        for name, part in self.parts(x).items():
+            values = getattr(self.start, name).copy()
+            # Clipped, so that a far trial step of the search does not overflow.
+            positive = name in _POSITIVE
+            values[self.free[name]] = np.exp(np.clip(part, -60, 60)) if positive else part
+            is_matrix = values.ndim == 2
+            fields[name] = np.triu(values) + np.triu(values, 1).T if is_matrix else values
+        return replace(self.start, **fields)
+
+
+def _slopes(function: Callable[[Array], Array], x: Array, steps: Array) -> Array:
+    """Return the derivatives (R, p) of a function by parameters x (p,), by central differences."""
+    slopes = [
+        (function(x + change) - function(x - change)) / (2 * step)
+        for change, step in zip(np.diag(steps), steps, strict=True)
+    ]
+    return np.stack(slopes, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The linearised robot that fits spectra best, its dry friction (n,), and its covariance.
+    """The linearised robot that fits spectra best, and the covariance of its parameters.
 
     `residual` is the root mean square of the weighted residual: 1 if the weights fit. `lack_of_fit`
     is the size of its errors over that of the part which motor angles do not explain.
@@ -223,30 +209,18 @@ class Fit:
 
     parameters: _Parameters
     x: Array
+    joints: LinearJoints
     covariance: Array
     residual: float
     lack_of_fit: float
 
-    @property
-    def joints(self) -> LinearJoints:
-        """The linearised robot."""
-        return self.parameters.joints(self.x)[0]
-
-    @property
-    def dry(self) -> Array:
-        """Level of the dry friction (n,) of the motors, at the joints."""
-        return self.parameters.joints(self.x)[1]
-
     def estimate(self, place: int, drive: Drive) -> Estimate:
         """Return resonance, antiresonance and the numbers of one elastic joint, by its place."""
-        values = self._values(self.x, place, drive)
-        steps = 1e-5 * np.maximum(np.abs(self.x), 1e-3)
-        slopes = [
-            (self._values(self.x + dx, place, drive) - self._values(self.x - dx, place, drive))
-            / (2 * step)
-            for dx, step in zip(np.diag(steps), steps, strict=True)
-        ]
-        J = np.array(slopes).T  # the delta method
+
+        def numbers(x: Array) -> Array:
+            return _numbers(self.parameters.joints(x), place, drive)
+
+        J = _slopes(numbers, self.x, 1e-5 * np.maximum(np.abs(self.x), 1e-3))  # the delta method
         force, length = drive.spring_units
         torque, angle = drive.joint_units
         inertia = "kg m^2" if torque == "N m" else "kg"
@@ -255,26 +229,26 @@ class Fit:
         names |= {"spring_damping": f"{force} s/{length}", "motor_inertia": "kg m^2"}
         names |= {"viscous_friction": "N m s/rad", "load_inertia": inertia}
         names |= {"gravity_stiffness": f"{torque}/{angle}"}
-        covariance = J @ self.covariance @ J.T
-        return Estimate(
-            tuple(names), values, covariance, tuple(names.values()), self.residual, float("nan")
-        )
+        covariance, units = J @ self.covariance @ J.T, tuple(names.values())
+        values = numbers(self.x)
+        return Estimate(tuple(names), values, covariance, units, self.residual, math.nan)
 
-    def _values(self, x: Array, place: int, drive: Drive) -> Array:
-        joints, _ = self.parameters.joints(x)
-        poles, zeros = joints.modes()
-        mode = int(np.sum(joints.elastic[:place]))
-        by_radius, by_ratio = drive.load_radius**2, total_ratio(drive) ** 2
-        numbers = [
-            *(part for root in (poles[mode], zeros[mode]) for part in _frequency(root)),
-            joints.stiffness[place] / by_radius,
-            joints.damping[place] / by_radius,
-            joints.inertia[place] / by_ratio,
-            joints.friction[place] / by_ratio,
-            joints.mass[place, place],
-            joints.gravity[place, place],
-        ]
-        return np.array(numbers, dtype=float)
+
+def _numbers(joints: LinearJoints, place: int, drive: Drive) -> Array:
+    """Return the numbers of one elastic joint that `Fit.estimate` names."""
+    poles, zeros = (joints.modes(held=held) for held in (False, True))
+    mode = int(np.sum(joints.elastic[:place]))
+    by_radius, by_ratio = drive.load_radius**2, total_ratio(drive) ** 2
+    numbers = [
+        *(*_frequency(poles[mode]), *_frequency(zeros[mode])),
+        joints.stiffness[place] / by_radius,
+        joints.damping[place] / by_radius,
+        joints.inertia[place] / by_ratio,
+        joints.friction[place] / by_ratio,
+        joints.mass[place, place],
+        joints.gravity[place, place],
+    ]
+    return np.array(numbers, dtype=float)
 
 
 def _frequency(mode: complex) -> tuple[float, float]:
@@ -333,13 +307,19 @@ def fitted(spectra: Spectra, nominal: LinearJoints, robot: Robot, joints: Sequen
     """
     drives = [robot.drives[name] for name in robot.joint_names]
     viscous = np.array(["viscous" in drive.joint_friction for drive in drives])
-    known = np.isfinite(nominal.inertia)
-    parameters = _Parameters(
-        start=nominal,
-        rotors=nominal.elastic & ~known,
-        drags=viscous & np.any(nominal.motion != 0, axis=1),
-        dry=np.array([is_dry(drives[index]) for index in joints]),
-    )
+    n, elastic = len(nominal.elastic), nominal.elastic
+    upper = np.triu(np.ones((n, n), dtype=bool))
+    free = {
+        "stiffness": elastic,
+        "inertia": elastic & ~np.isfinite(nominal.inertia),
+        "damping": elastic,
+        "friction": np.full(n, True),
+        "drag": viscous & np.any(nominal.motion != 0, axis=1),
+        "mass": upper,
+        "gravity": upper,
+        "dry": np.array([is_dry(drives[index]) for index in joints]),
+    }
+    parameters = _Parameters(replace(nominal, dry=np.zeros(n)), free)
     problem = _Problem(spectra, parameters)
     first, further = _starts(spectra, parameters)
     x, cost = min((problem.solved(x, _LEAST_ROUNDS) for x in first), key=lambda pair: pair[1])
@@ -359,9 +339,9 @@ def refitted(spectra: Spectra, fit: Fit) -> Fit:
 
 def with_free_rotors(spectra: Spectra, fit: Fit) -> Fit:
     """Return the fit with the rotor inertias of all elastic joints free, from where one ended."""
-    parameters = replace(fit.parameters, rotors=fit.joints.elastic)
-    problem = _Problem(spectra, parameters)
-    x = parameters.vector(fit.joints, fit.dry)
+    free = {**fit.parameters.free, "inertia": fit.joints.elastic}
+    problem = _Problem(spectra, replace(fit.parameters, free=free))
+    x = problem.parameters.vector(fit.joints)
     return problem.fit(problem.solved(x, _LEAST_ROUNDS)[0])
 
 
@@ -372,7 +352,7 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     tau - I w' - F w - k (phi_M - phi), with the load angle phi that the linearised robot has. The
     fit thus does not rest on samples at standstill.
     """
-    joints, dry = fit.joints, fit.dry
+    joints, dry = fit.joints, fit.joints.dry
     n, e = len(dry), np.flatnonzero(joints.elastic)
     fields = (record.torque, record.motor, record.sign)
     U, Y, S = (signal[..., picked].reshape(-1, n) for signal in fields)
@@ -382,7 +362,7 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
     x = np.einsum("fij,fj->fi", joints.compliance(s[1:])[:, :, :n], force[1:])
     spring = np.zeros_like(force)
     spring[0] = force[0]  # the motor does not accelerate on average
-    stretch = x[:, e] - x[:, n + np.arange(len(e))]
+    stretch = x @ np.subtract(*joints.angles())[e].T
     # the measured angle of the motor, in place of that of the model
     measured = np.fft.rfft(Y, axis=0)[1:, e] - x[:, e]
     spring[1:, e] = (joints.stiffness[e] + s[1:, None] * joints.damping[e]) * stretch
@@ -403,15 +383,15 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
 
     A single joint without a nominal stiffness starts from a scan, coupled ones also at random.
     """
-    nominal, e = parameters.start, parameters.start.elastic
-    base = _with_rigid_values(spectra, nominal)
+    nominal, e, free = parameters.start, parameters.start.elastic, parameters.free
+    base = _with_rigid_values(spectra, nominal, free["dry"])
     level = 0.1 * np.sqrt(np.mean(np.abs(spectra.torque.mean(1)) ** 2, axis=(0, 1)))
     known = np.where(e, nominal.inertia, 0.0)
     rotors = [known] if np.all(np.isnan(known[e])) else [known, np.where(e, np.nan, 0.0)]
     first = [
-        _possible(joints, base, parameters.rotors, spectra.hz)
+        _possible(joints, base, free["inertia"], spectra.hz)
         for rotor in rotors
-        for joints in _by_fractions(spectra, e, rotor, parameters.dry)
+        for joints in _by_fractions(spectra, e, rotor, free["dry"])
     ]
     ends, coupled = np.log(spectra.hz[[0, -1]]), np.sum(e) > 1
     chances = np.random.default_rng(0).uniform(ends[0], ends[1], (_RANDOM_STARTS, len(e)))
@@ -424,27 +404,31 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
         first, further = (first, same + further) if coupled else (first + same, further)
 
     def vector(joints: LinearJoints) -> Array:
-        return parameters.vector(_lightly_damped(joints), level)
+        return parameters.vector(replace(_lightly_damped(joints), dry=level))
 
     return list(map(vector, first)), list(map(vector, further))
 
 
-def _with_rigid_values(spectra: Spectra, nominal: LinearJoints) -> LinearJoints:
-    """Return nominal joints with the friction, and what they lack, of a rigid robot."""
-    U, Y, s = spectra.torque.mean(1), spectra.motor.mean(1), 2j * np.pi * spectra.hz
-    rigid_mass, friction, rigid_gravity = _rigid(U, Y, s)
+def _with_rigid_values(spectra: Spectra, nominal: LinearJoints, dry: BoolArray) -> LinearJoints:
+    """Return nominal joints with the friction, and what they lack, of a rigid robot.
+
+    A robot with springs is nearly rigid at the lowest third of the lines.
+    """
+    n = len(dry)
+    low = max(len(spectra.hz) // 3, min(len(spectra.hz), 3 * n))
+    rigid = _by_fractions(spectra.up_to(low), np.full(n, False), np.zeros(n), dry)[0]
     mass, gravity, e = nominal.mass, nominal.gravity, nominal.elastic
     inertia = nominal.inertia.copy()
     unknown = e & ~np.isfinite(inertia)
-    inertia[unknown] = _RIGID * np.abs(np.diag(rigid_mass))[unknown]
+    inertia[unknown] = _RIGID * np.abs(np.diag(rigid.mass))[unknown]
     has_masses = bool(np.all(np.diag(mass) > 0))  # not NaN, nor links without a mass
     if not has_masses:
-        mass = rigid_mass - np.diag(inertia * e)
-        least = _RIGID * np.maximum(np.abs(np.diag(rigid_mass)), inertia * e)
+        mass = rigid.mass - np.diag(inertia * e)
+        least = _RIGID * np.maximum(np.abs(np.diag(rigid.mass)), inertia * e)
         mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
     if not has_masses or not np.all(np.isfinite(gravity)):
-        gravity = rigid_gravity
-    friction = np.maximum(friction, 0.0)
+        gravity = rigid.gravity
+    friction = np.maximum(rigid.friction, 0.0)
     return replace(nominal, mass=mass, gravity=gravity, inertia=inertia, friction=friction)
 
 
@@ -538,7 +522,8 @@ def _joints_of_fraction(
 ) -> LinearJoints:
     """Return what the coefficients (7, n, n) of a fraction in s / unit say of the joints."""
     n, e = len(elastic), np.flatnonzero(elastic)
-    D2, N0, N2, N4 = coefficients[[1, 2, 4, 6]] / unit ** np.array([2, 0, 2, 4])[:, None, None]
+    powers = np.array([2, 0, 1, 2, 4])[:, None, None]
+    D2, N0, N1, N2, N4 = coefficients[[1, 2, 3, 4, 6]] / unit**powers
     inverse = safely(np.linalg.pinv, D2[:, e], what=_WHAT)
     inertia, stiffness = np.zeros((2, n))
     inertia[e] = np.diag(inverse @ N4[:, e])
@@ -546,29 +531,8 @@ def _joints_of_fraction(
     stiffness[e] = np.diag(inverse @ mass[:, e])
     mass, gravity = (0.5 * (matrix + matrix.T) for matrix in (mass, N0))
     nothing = np.zeros(n)
-    numbers = inertia, nothing, stiffness, nothing, mass, gravity, nothing
-    return LinearJoints(elastic, *numbers, motion=np.eye(n))
-
-
-def _rigid(U: Array, Y: Array, s: Any) -> tuple[Array, Array, Array]:
-    """Return inertia, friction and stiffness of a rigid robot at the lowest third of the lines."""
-    n = U.shape[2]
-    low = slice(0, max(len(s) // 3, min(len(s), 3 * n)))
-    y, u = Y[:, low].reshape(-1, n), U[:, low].reshape(-1, n)
-    t = np.tile(s[low], len(Y))[:, None]
-    solutions = []
-    for joint in range(n):
-        # M s^2 Y + F s Y + G Y = U, with viscous friction of the joint's motor alone.
-        columns = np.hstack([t**2 * y, t * y[:, [joint]], y])
-        # Relative errors: otherwise the lines of the largest torque have all the weight.
-        weight = 1 / np.maximum(np.abs(u[:, [joint]]), 1e-300)
-        rows, target = weight * columns, weight[:, 0] * u[:, joint]
-        stacked = np.vstack([rows.real, rows.imag])
-        goal = np.concatenate([target.real, target.imag])
-        solutions.append(safely(np.linalg.lstsq, stacked, goal, what=_WHAT, rcond=None)[0])
-    x = np.array(solutions)
-    mass, gravity = x[:, :n], x[:, n + 1 :]
-    return 0.5 * (mass + mass.T), x[:, n], 0.5 * (gravity + gravity.T)
+    numbers = inertia, np.diag(N1), stiffness, nothing, mass, gravity, nothing
+    return LinearJoints(elastic, *numbers, motion=np.eye(n), dry=nothing)
 
 
 def _noise(error: Array, gain: Array) -> Array:
@@ -598,10 +562,10 @@ class _Problem:
         """The complex frequencies (L,) [rad/s]."""
         return 2j * np.pi * self.spectra.hz
 
-    def responses(self, x: Array) -> Array:
-        """Return the responses (L, n, N) of the motor angles to forces on all coordinates."""
-        joints, _ = self.parameters.joints(x)
-        return joints.compliance(self.s)[:, : len(joints.elastic)]
+    @cached_property
+    def unity(self) -> Array:
+        """Noise (2, 1, 1) of torques alone, by which errors are torques."""
+        return np.array([1.0, 0.0])[:, None, None]
 
     def errors(self, x: Array, noise: Array) -> Array:
         """Return the errors of the torques (E, L, n), less what the ends may explain.
@@ -612,7 +576,7 @@ class _Problem:
         """
         H, weights = self.whitened(x, noise)
         n = H.shape[1]
-        _, dry = self.parameters.joints(x)
+        dry = self.parameters.joints(x).dry
         force = self.spectra.torque.mean(1) - dry * self.spectra.sign.mean(1)
         error = self.spectra.motor.mean(1) - np.einsum("lij,elj->eli", H[:, :, :n], force)
         error = np.einsum("lij,elj->eli", weights, error)
@@ -625,7 +589,8 @@ class _Problem:
 
     def whitened(self, x: Array, noise: Array) -> tuple[Array, Array]:
         """Return the responses, and the weights (L, n, n) by which errors of angles are errors."""
-        H = self.responses(x)
+        joints = self.parameters.joints(x)
+        H = joints.compliance(self.s)[:, : len(joints.elastic)]
         A = safely(np.linalg.inv, H[:, :, : H.shape[1]], what=_WHAT)
         power = noise[0] + noise[1] * np.sum(np.abs(A) ** 2, axis=2)
         return H, A / np.sqrt(power)[:, :, None]
@@ -644,15 +609,16 @@ class _Problem:
 
     def noise(self, x: Array) -> Array:
         """Return the noise (2, L, n) of torques and angles, a fit times the power of near lines."""
-        n = self.spectra.torque.shape[-1]
-        plain = np.stack([np.ones((len(self.s), n)), np.zeros((len(self.s), n))])
-        _, A = self.whitened(x, plain)
-        error = np.mean(np.abs(self.errors(x, plain)) ** 2, axis=0)
+        E, _, L, n = self.spectra.torque.shape
+        _, A = self.whitened(x, self.unity)
+        error = np.mean(np.abs(self.errors(x, self.unity)) ** 2, axis=0)
         error = np.maximum(error, 1e-24 * np.mean(np.abs(self.spectra.torque) ** 2))
         gain = np.sum(np.abs(A) ** 2, axis=2)
         noise = np.array([_noise(error[:, i], gain[:, i]) for i in range(n)]).T[:, None]
         shape = noise[0] + noise[1] * gain
-        return np.asarray(noise * self.spare_share * self.averaged(error / shape))
+        # Real equations per degree of freedom, by which residuals are smaller than errors.
+        share = 2 * E * L * n / max(self.spare, 1)
+        return np.asarray(noise * share * self.averaged(error / shape))
 
     def averaged(self, power: Array) -> Array:
         """Return a power (L, n) averaged over near lines."""
@@ -664,19 +630,14 @@ class _Problem:
         """Powers of s by which the ends of a record act."""
         return _ENDS if self.spectra.is_periodic else _ENDS_WITH_LINE
 
-    @cached_property
-    def spare_share(self) -> float:
-        """Real equations per degree of freedom, by which residuals are smaller than errors."""
-        E, _, L, n = self.spectra.torque.shape
-        return float(2 * E * L * n / max(self.spare, 1))
-
     @property
     def spare(self) -> int:
         """Degrees of freedom: real equations less parameters and ends."""
         E, _, L, n = self.spectra.torque.shape
         size = n + int(np.sum(self.parameters.start.elastic))
         ends = len(self.powers) * n + 2 * (size - n)
-        return int(2 * E * L * n - ends * E - sum(self.parameters.sizes))
+        free = sum(map(np.count_nonzero, self.parameters.free.values()))
+        return int(2 * E * L * n - ends * E - free)
 
     def solved(self, x: Array, rounds: int) -> tuple[Array, float]:
         """Return the parameters and the cost, the logarithm of the residual torques."""
@@ -702,8 +663,7 @@ class _Problem:
         linear in the frequency (local polynomials: Pintelon and Schoukens 2012, section 7.2).
         """
         n, lines = self.spectra.torque.shape[-1], len(self.s)
-        plain = np.stack([np.ones((lines, n)), np.zeros((lines, n))])
-        errors, Y = self.errors(x, plain), self.spectra.motor.mean(1)
+        errors, Y = self.errors(x, self.unity), self.spectra.motor.mean(1)
         width = max(2 * NEAR + 1, math.ceil(4 * n / len(Y)))
         ratios = []
         for first in range(0, lines - width + 1, width):
@@ -722,13 +682,11 @@ class _Problem:
 
     def _scale(self, x: Array) -> Array:
         """Return typical sizes of the parameters: of one kind the largest."""
-        parts = np.split(x, np.cumsum(self.parameters.sizes)[:-1])
-        logs = (0, 1)
         sizes = [
-            np.ones(len(part))
-            if i in logs
-            else np.full(len(part), max(np.max(np.abs(part), initial=0), 1e-6))
-            for i, part in enumerate(parts)
+            np.full(len(part), max(np.max(np.abs(part), initial=0), 1e-6))
+            if name not in _POSITIVE
+            else np.ones(len(part))
+            for name, part in self.parameters.parts(x).items()
         ]
         return np.concatenate(sizes)
 
@@ -739,14 +697,9 @@ class _Problem:
     def fit(self, x: Array) -> Fit:
         """Return the fit with the covariance of its parameters."""
         noise = self.noise(x)
-        steps = 1e-6 * self._scale(x)
-        slopes = [
-            (self._real(x + dx, noise) - self._real(x - dx, noise)) / (2 * step)
-            for dx, step in zip(np.diag(steps), steps, strict=True)
-        ]
-        # The weights, by `noise` at x, are held: they are no part of the derivative.
-        J = np.array(slopes).T
         scale = self._scale(x)
+        # The weights, by `noise` at x, are held: they are no part of the derivative.
+        J = _slopes(partial(self._real, noise=noise), x, 1e-6 * scale)
         inverse = scale[:, None] * safely(np.linalg.pinv, J * scale, what=_WHAT)
         errors = self.errors(x, noise)
         # the power of a line, of which the fit takes the share h, is |e|^2 / (1 - h), as in HC2
@@ -761,4 +714,5 @@ class _Problem:
         residual = float(np.sqrt(np.mean(np.abs(errors) ** 2)))
         if self.spare < 1:
             covariance = np.full_like(covariance, np.nan)  # fewer equations than unknowns
-        return Fit(self.parameters, x, covariance, residual, self.lack_of_fit(x))
+        joints = self.parameters.joints(x)
+        return Fit(self.parameters, x, joints, covariance, residual, self.lack_of_fit(x))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,7 @@ import scipy  # reports import this module, and `scipy.signal` takes half a seco
 from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.errors import IdentificationError
 from seaid.log import Log
 from seaid.robot import Robot, at_drives
@@ -55,16 +55,14 @@ _safely = partial(safely, what="the frequency response")
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One log at the joints in P periods of N samples: torque, angles, sign of the motor's speed.
+    """One log at the joints in P periods of N samples: torque, angle and sign of speed of motors.
 
     Arrays are (P, N, n); a log without periods has one, from which the line between its ends is
-    subtracted. `joint` is NaN where not measured; `posture` (n,) is the mean position, by the motor
-    there.
+    subtracted. `posture` (n,) is the mean position, by the motor where the joint is not measured.
     """
 
     torque: Array
     motor: Array
-    joint: Array
     sign: Array
     step_s: float
     posture: Array
@@ -81,11 +79,15 @@ class Spectra:
     hz: Array
     torque: Array
     motor: Array
-    joint: Array
     sign: Array
     unexcited_hz: Array
     unexcited: Array
     is_periodic: bool
+
+    def up_to(self, line: int) -> Spectra:
+        """Return the spectra of the lowest lines, up to one of them."""
+        torque, motor, sign = (x[:, :, :line] for x in (self.torque, self.motor, self.sign))
+        return replace(self, hz=self.hz[:line], torque=torque, motor=motor, sign=sign)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,6 @@ class Approximation:
 
     hz: Array
     motor: Array
-    joint: Array | None
     noise_std: Array
     total_std: Array
     coherence: Array
@@ -109,53 +110,41 @@ def record_of(robot: Robot, log: Log, ratio: Array, period_s: float | None) -> R
 
     The first of three periods or more, in which the motion settles, is excluded.
     """
-    time = log.time
-    step = float(time[-1] - time[0]) / (len(time) - 1)
     motor = log.motor_position / ratio
-    joint = at_drives(robot.transmission, log.joint_position)
-    values = np.stack([log.motor_torque * ratio, motor, joint])
-    uneven = float(np.max(np.abs(np.diff(time) - step))) > 1e-3 * step
+    values = np.stack([log.motor_torque * ratio, motor])
+    instants, step = _instants(log.time, period_s)
+    sampled = CubicSpline(log.time, np.nan_to_num(values), axis=1)(instants)
+    # A channel of which a sample is missing is missing.
+    is_whole = np.all(np.isfinite(values), axis=1, keepdims=True)
+    torque, angle = np.where(is_whole[:, None], sampled, np.nan)
+    flat = np.nan_to_num(angle.reshape(-1, angle.shape[-1]))
+    sign = np.stack([_friction_sign(x) for x in flat.T], axis=1).reshape(angle.shape)
     if period_s is None:
-        shaped = _detrended(time, values, uneven)
-    else:
-        shaped, step = _whole_periods(time, values, period_s, step, uneven)
-    # The reversals are those of the measured angle, not of the angle without its line.
-    angles = motor if period_s is None else shaped[1]
-    flat = np.nan_to_num(angles.reshape(-1, shaped.shape[-1]))
-    sign = np.stack([_friction_sign(angle) for angle in flat.T], axis=1).reshape(shaped[1].shape)
+        # A jump of the angle from its end to its start would alias; a line acts as 1/s does.
+        line = np.linspace(0.0, 1.0, angle.shape[1])[:, None]
+        angle = angle - angle[:, :1] - line * (angle[:, -1:] - angle[:, :1])
+    joint = at_drives(robot.transmission, log.joint_position)
     posture = np.mean(np.where(np.isfinite(joint), joint, motor), axis=0)
-    return Record(shaped[0], shaped[1], shaped[2], sign, step, posture)
+    return Record(torque, angle, sign, step, posture)
 
 
-def _detrended(time: Array, values: Array, uneven: bool) -> Array:
-    """Return values (3, T, n) as one period (3, 1, T, n), angles less the line between their ends.
+def _instants(time: Array, period_s: float | None) -> tuple[Array, float]:
+    """Return even instants (P, N) of whole periods up to the end of a log, and their step [s].
 
-    A jump of an angle from its end to its start would alias; a line acts as 1/s does.
+    Without a period they are those of the whole log, as one period.
     """
-    if uneven:
-        values = _resampled(time, values, np.linspace(time[0], time[-1], len(time)))
-    shaped = values[:, None].copy()
-    line = np.linspace(0.0, 1.0, len(time))[:, None]
-    shaped[1:] -= shaped[1:, :, :1] + line * (shaped[1:, :, -1:] - shaped[1:, :, :1])
-    return shaped
-
-
-def _whole_periods(
-    time: Array, values: Array, period_s: float, step: float, uneven: bool
-) -> tuple[Array, float]:
-    """Return values (3, T, n) in whole periods (3, P, N, n) up to the end, and their step [s]."""
-    count = round(period_s / step)
-    periods = round_down((len(time) * step) / period_s)
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    if period_s is None:
+        return np.linspace(time[0], time[-1], len(time))[None], step
+    count, length = round(period_s / step), len(time) * step
+    periods = round_down(length / period_s)
     kept = periods - 1 if periods >= 3 else periods
-    if uneven or abs(count * step - period_s) > 1e-6 * period_s:
-        step = period_s / count
-        end = time[-1] + (0.0 if len(time) * step > periods * period_s else step)
-        values = _resampled(time, values, end - step * np.arange(kept * count, 0, -1))
-    else:
-        spare = len(time) - periods * count  # one sample: the end, which is the start again
-        first = (0 if spare <= 1 else spare) + (periods - kept) * count
-        values = values[:, first : first + kept * count]
-    return values.reshape(3, kept, count, -1), step
+    # Of exactly whole periods the last sample is a step before the end.
+    is_whole = length - periods * period_s < 0.5 * step
+    step = period_s / count
+    end = time[-1] + (step if is_whole else 0.0)
+    instants = end - step * np.arange(kept * count, 0, -1)
+    return np.clip(instants, time[0], time[-1]).reshape(kept, count), step
 
 
 def motor_rates(angle: Array) -> tuple[Array, Array]:
@@ -188,15 +177,6 @@ def round_down(value: float) -> int:
     return math.floor(value + 1e-6)
 
 
-def _resampled(time: Array, values: Array, wanted: Array) -> Array:
-    """Return values (3, T, n) at other times, by cubic splines."""
-    inside = np.clip(wanted, time[0], time[-1])
-    filled = np.nan_to_num(values)
-    sampled = CubicSpline(time, filled, axis=1)(inside)
-    sampled[np.broadcast_to(~np.isfinite(values[:, :1]), sampled.shape)] = np.nan
-    return np.asarray(sampled)
-
-
 def moving_joints(records: Sequence[Record], top_hz: float) -> list[int]:
     """Return the joints whose motors accelerate in the band."""
     power = np.zeros(records[0].motor.shape[-1])
@@ -219,7 +199,7 @@ def spectra_of(
     records: Sequence[Record],
     picked: Sequence[int],
     band_hz: tuple[float, float],
-    harmonics: Array | None,
+    harmonics: IndexArray | None,
     *,
     periodic: bool,
 ) -> Spectra:
@@ -227,7 +207,7 @@ def spectra_of(
     periods = min(len(record.torque) for record in records)
     count = min(record.torque.shape[1] for record in records)
     signals = []
-    for name in ("torque", "motor", "joint", "sign"):
+    for name in ("torque", "motor", "sign"):
         # The last periods, since the first ones of a longer record may have its transient.
         parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
         signals.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
@@ -247,9 +227,9 @@ def spectra_of(
             "band_hz",
         )
     others = _unexcited(hz, within, excited)
-    torque, motor, joint, sign = fields[:, :, :, excited]
+    torque, motor, sign = fields[:, :, :, excited]
     unexcited = fields[:2, :, :, others]
-    return Spectra(hz[excited], torque, motor, joint, sign, hz[others], unexcited, periodic)
+    return Spectra(hz[excited], torque, motor, sign, hz[others], unexcited, periodic)
 
 
 def _unexcited(hz: Array, within: BoolArray, excited: BoolArray) -> BoolArray:
@@ -305,8 +285,6 @@ def approximation_of(
     # response itself is not, near resonances.
     motor, gram = _responses(U, Y - np.einsum("fij,efj->efi", base, U), few)
     motor = base + motor
-    measured = bool(np.all(np.isfinite(spectra.joint)))
-    joint = _responses(U, spectra.joint.mean(axis=1), few)[0] if measured else None
     residual = spectra.motor - np.einsum("fij,epfj->epfi", motor, spectra.torque)
     noise_variance = np.full((L, n), np.nan)
     if P > 1:
@@ -321,7 +299,7 @@ def approximation_of(
         coherence = np.clip(1 - total_variance / np.maximum(power, 1e-300), 0.0, 1.0)
         variances = noise_variance, total_variance
         noise_std, total_std = (np.sqrt(x[:, :, None] * gram[:, None, :]) for x in variances)
-    return Approximation(spectra.hz, motor, joint, noise_std, total_std, coherence)
+    return Approximation(spectra.hz, motor, noise_std, total_std, coherence)
 
 
 def _responses(U: Array, Y: Array, few: bool) -> tuple[Array, Array]:
@@ -373,7 +351,7 @@ def _by_segments(
     """Return the response by the averaged cross-spectra of segments of all logs (Welch)."""
     n, sums = len(picked), []
     for record in records:
-        fields = [getattr(record, name)[0][:, picked] for name in ("torque", "motor", "joint")]
+        fields = [getattr(record, name)[0][:, picked] for name in ("torque", "motor")]
         signals = np.nan_to_num(np.concatenate(fields, axis=1).T)
         # _SEGMENTS segments that overlap by half.
         length = 2 * signals.shape[1] // (_SEGMENTS + 1)
@@ -385,9 +363,8 @@ def _by_segments(
     S = np.moveaxis(np.sum(sums, axis=0), -1, 0)
     kept = (hz >= spectra.hz[0]) & (hz <= spectra.hz[-1]) & (hz > 0)
     S = S[kept]
-    u, y, q = (slice(k * n, (k + 1) * n) for k in range(3))
+    u, y = slice(n), slice(n, 2 * n)
     G = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, y]), 1, 2)
-    joint = np.swapaxes(_safely(np.linalg.solve, S[:, u, u], S[:, u, q]), 1, 2)
     power = np.real(np.einsum("fii->fi", S[:, y, y]))
     explained = np.real(np.einsum("fij,fij->fi", G, S[:, y, u]))
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
@@ -397,7 +374,4 @@ def _by_segments(
     inverse = np.real(np.einsum("fii->fi", _safely(np.linalg.inv, S[:, u, u])))
     unexplained = power * (1 - coherence) / max(averages - n, 1.0)
     total_std = np.sqrt(unexplained[:, :, None] * inverse[:, None, :])
-    measured = bool(np.all(np.isfinite(spectra.joint)))
-    return Approximation(
-        hz[kept], G, joint if measured else None, np.nan * total_std, total_std, coherence
-    )
+    return Approximation(hz[kept], G, np.nan * total_std, total_std, coherence)

@@ -10,17 +10,17 @@ STEP_S = 0.01
 
 
 def record(torque: Array, motor: Array) -> Record:
-    """Return a log without periods (T, n), without positions of joints."""
+    """Return a log without periods (T, n)."""
     nothing = np.full_like(torque, np.nan)[None]
     posture = np.zeros(torque.shape[1])
-    return Record(torque[None], motor[None], nothing, nothing, STEP_S, posture)
+    return Record(torque[None], motor[None], nothing, STEP_S, posture)
 
 
 def approximation(*records: Record) -> Approximation:
     n = records[0].torque.shape[-1]
     no_lines, hz = np.zeros((1, 1, 2, n)), np.array([5.0, 45.0])
     unexcited = np.zeros((2, 1, 1, 0, n))
-    spectra = Spectra(hz, no_lines, no_lines, no_lines, no_lines, hz[:0], unexcited, False)
+    spectra = Spectra(hz, no_lines, no_lines, no_lines, hz[:0], unexcited, False)
     return approximation_of(spectra, records, range(n), np.zeros((2, n, n)))
 
 
