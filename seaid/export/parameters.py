@@ -25,23 +25,9 @@ if TYPE_CHECKING:
 
 _READER = Reader(RobotError)
 _FORMAT = "seaid parameters 4"
-_KEYS = (
-    *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
-    *(
-        "torques_used",
-        "method",
-        "shared",
-        "cutoff_hz",
-        "verdict",
-        "warnings",
-        "bodies",
-        "whole_body",
-        "drive_tables",
-        "feasible",
-        "checks",
-    ),
-    *("excluded", "processing", "seaid"),
-)
+_READ = ("joints", "bodies", "drive_tables", "drives", "load")
+"""Keys that are read again."""
+
 _MOST = 1e12
 """Largest parameter of a body [kg, kg m, kg m^2]."""
 
@@ -174,7 +160,7 @@ def parameters_content(path: Path) -> dict[str, Any]:
             f"'{path}' is no file of identified parameters: 'format' is {shown(file_format)}, not "
             f"{_FORMAT!r}; give one written by seaid identify or write_parameters"
         )
-    return _READER.table(dict.fromkeys(_KEYS, Any), content, f"'{path}'", _KEYS)
+    return _READER.table(dict.fromkeys(content, Any), content, f"'{path}'", _READ)
 
 
 def _check_robot(joints: Any, bodies: Any, robot: Robot) -> None:

@@ -101,7 +101,7 @@ NO_FILES = {
     "[]": "is no file of identified parameters: 'format' is None, not 'seaid parameters 4'",
     '{"joints": []}': "'format' is None.*: give one|; give one written by seaid identify",
     '{"format": 2}': "'format' is 2, not 'seaid parameters 4'",
-    '{"format": "seaid parameters 4"}': "other.json': key 'robot' is missing",
+    '{"format": "seaid parameters 4"}': "other.json': key 'joints' is missing",
 }
 
 
@@ -157,7 +157,6 @@ SLIDING, TURNING = (
         ("bodies.boom", ..., "is of another robot"),
         ("joints", list(KNOWN.joint_names)[::-1], "is of another robot"),
         ("format", "seaid parameters 3", "'format' is 'seaid parameters 3'"),
-        ("model", 1, "no key is named 'model'"),
     ],
 )
 def test_a_file_that_was_changed_is_refused(
