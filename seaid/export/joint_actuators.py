@@ -17,7 +17,7 @@ import numpy as np
 from seaid.checks.predictions import not_in_format
 from seaid.drives import Drive, total_ratio, unit_of
 from seaid.errors import Finding, Severity, listed
-from seaid.export.mjcf_drives import SMOOTH, term_value, unsupported_terms, value_of
+from seaid.export.mjcf_drives import SMOOTH, motor_at, term_value, unsupported_terms
 from seaid.robot import Robot
 
 
@@ -42,11 +42,6 @@ class JointActuator:
     limit: float
     delay_s: float
     velocity_limit: float
-
-    @property
-    def has_gains(self) -> bool:
-        """Whether a position controller drives the joint; else its command is a force."""
-        return self.drive.controller is not None
 
     def steps(self, step_s: float) -> int:
         """Return the delay in time steps; a command that acts early acts at once."""
@@ -78,10 +73,8 @@ def has_plain_gear(robot: Robot) -> np.ndarray:
 
 def _known(drive: Drive, is_complete: bool) -> Drive:
     """Return the drive, with zeros for values that are unknown unless it has to be complete."""
-    if is_complete:
-        return drive
     unknown = {name: 0.0 for name in drive.parameter_names if name not in drive.values}
-    return drive.with_values(unknown) if unknown else drive
+    return drive.with_values(unknown) if unknown and not is_complete else drive
 
 
 def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> JointActuator:
@@ -90,19 +83,14 @@ def _actuator(joint: str, drive: Drive, slides: bool, velocity_limit: float) -> 
     # The law acts at theta_M/N = (r_L/r_M) q: its torques at the joint are r_L/r_M times as large,
     # and its gains by the square of that.
     pulleys = ratio / drive.ratio
-    # Smooth terms share the parameter F_C with the plain one; simulators have only the plain one.
-    is_dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
-    coulomb = value_of(joint, drive, "coulomb_friction") if is_dry else 0.0
-    viscous = term_value(joint, drive, "friction", "viscous")
+    motor = motor_at(joint, drive, ratio)
     return JointActuator(
         joint=joint,
         slides=slides,
         drive=drive,
-        # theta_M = n q and tau = n tau_M with n = N r_L / r_M: inertia and viscous friction grow by
-        # n^2, dry friction and a constant, whose size does not depend on the speed, by n.
-        armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
-        viscous=ratio**2 * viscous + term_value(joint, drive, "joint_friction", "viscous"),
-        dry=ratio * coulomb + term_value(joint, drive, "joint_friction", "coulomb"),
+        armature=motor.armature,
+        viscous=motor.damping + term_value(joint, drive, "joint_friction", "viscous"),
+        dry=motor.friction + term_value(joint, drive, "joint_friction", "coulomb"),
         offset=ratio * term_value(joint, drive, "friction", "offset"),
         # The torque limit of the drive holds for its feed-forward, and not for its friction.
         feedforward=pulleys * controller.feedforward_Nm if controller else 0.0,
@@ -134,14 +122,14 @@ class Effect:
     remedy: Remedy = no_remedy
 
 
-_OF_SLIDES = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "s": "s"}
+SLIDING_UNITS = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "s": "s"}
 """{unit of a joint that turns: that of one that slides}."""
 
 
 def _unit(actuator: JointActuator, effect: Effect) -> str:
     if effect is EFFECTS["spring"]:
         return unit_of(actuator.drive, "stiffness")
-    return _OF_SLIDES[effect.unit] if actuator.slides else effect.unit
+    return SLIDING_UNITS[effect.unit] if actuator.slides else effect.unit
 
 
 def _as_commands(torque: Callable[[JointActuator], float]) -> Remedy:
@@ -227,10 +215,9 @@ def _other_terms(drive: Drive) -> list[str]:
 
 
 def lost_effects(
-    robot: Robot, actuators: Iterable[JointActuator], title: str, holds: Collection[str]
+    robot: Robot, actuators: Sequence[JointActuator], title: str, holds: Collection[str]
 ) -> list[Finding]:
     """Return what a format that `holds` some effects does not have of the drives of a robot."""
-    actuators = tuple(actuators)
     findings = [
         finding
         for name, effect in EFFECTS.items()

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import spaced
-from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Drive, unit_of
-from seaid.drives.terms import COULOMB, WARM_UP, key_of
+from seaid.drives import DEAD_ZONES, PARAMETERS_OF, Controller, Drive, unit_of
+from seaid.drives.terms import COULOMB, WARM_UP, MotorInput, key_of
 from seaid.errors import RobotError, listed
 from seaid.export.mjcf_bodies import TINY
 from seaid.robot import Robot
@@ -165,15 +165,6 @@ class _Coordinate:
     stiffness: tuple[float, ...] = ()
     rest: tuple[float, ...] = (0.0,)
 
-    def behind(self, gear: _Coordinate) -> _Coordinate:
-        """Return the coordinate of a joint with the armature and friction of a gear before it."""
-        return replace(
-            self,
-            armature=gear.armature,
-            damping=self.damping + gear.damping,
-            friction=self.friction + gear.friction,
-        )
-
 
 def add_drives(
     robot: Robot,
@@ -192,10 +183,10 @@ def add_drives(
         note_drive(joint, drive, notes)
         # The output of drive i turns by C_i q.
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
-        parallel, gear = _parallel(joint, drive), _Coordinate()
+        gear = _Coordinate()
         where = {"joint": joint}
         if not drive.is_elastic:
-            gear = _behind_gear(joint, drive)
+            gear = motor_at(joint, drive, drive.ratio)
             _check_armature(robot, joint, turned, gear.armature)
             # Armature, damping and friction act on the length C_i q of a tendon as they would on a
             # joint.
@@ -203,7 +194,7 @@ def add_drives(
                 where = {"tendon": _free(f"{joint}_drive", taken)}
                 _add_tendon(tendons, where["tendon"], turned, gear, step)
                 gear = _Coordinate()
-        _set_joint(joints[joint], parallel.behind(gear), step)
+        _set_joint(joints[joint], _at_joint(joint, drive, gear), step)
         if drive.is_elastic:
             where = {"joint": _add_rotor(world, joint, drive, taken, step)}
             lever = {where["joint"]: drive.motor_radius / drive.ratio}
@@ -235,10 +226,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     """
     # An elastic drive has its rotor as a joint of its own, with the gear in the spring's tendon.
     gear = 1.0 if drive.is_elastic else drive.ratio
-    offset = 0.0
-    if "offset" in drive.friction:
-        offset = value_of(joint, drive, "friction_offset")
-    law = drive.law
+    offset, law = term_value(joint, drive, "friction", "offset"), drive.law
     if law is None:
         attributes = {"gear": spaced([gear])}
         if not offset:
@@ -247,7 +235,7 @@ def _actuator(joint: str, drive: Drive, step: float) -> tuple[str, dict[str, str
     turns = drive.ratio if drive.is_elastic else 1.0  # of the actuator's coordinate per q
     late = _delay(drive, step)
     if _is_dc_motor(drive):
-        return "dcmotor", _dc_motor(drive, turns) | late
+        return "dcmotor", _dc_motor(law, drive.motor_input, turns) | late
     # MuJoCo: force = gainprm u + b_0 + b_1 length + b_2 velocity, of the actuator's coordinate. At
     # the rotor, K_p (u - theta_M/N)/N = K_p/N u - K_p/N^2 theta_M: one N less for the command.
     bias = law.feedforward_Nm / turns - offset * gear
@@ -293,16 +281,14 @@ def _is_dc_motor(drive: Drive) -> bool:
     return not law.feedforward_Nm and (is_of_position or gains[0] == gains[1])
 
 
-def _dc_motor(drive: Drive, turns: float) -> dict[str, str]:
+def _dc_motor(law: Controller, motor_input: MotorInput, turns: float) -> dict[str, str]:
     """Return the attributes of a dcmotor at q, whose voltage and torque are limited.
 
     By the voltage V that stalls at the limit and runs at v_0, the torque is within
     -limit (1 + q'/v_0) and limit (1 - q'/v_0), and by the saturation within -limit and limit.
     """
-    law = drive.law
-    assert law is not None
     volts, limit = law.nominal_supply_V or 1.0, law.torque_limit_Nm
-    is_of_position = drive.motor_input == "position_command"
+    is_of_position = motor_input == "position_command"
     gain = law.position_gain_Nm_per_rad if is_of_position else 0.0
     return {
         # At the rotor q = theta_M/N: a gear of 1/N makes the actuator see q, and act on theta_M
@@ -333,20 +319,10 @@ def _constant(joint: str, drive: Drive) -> dict[str, str]:
     }
 
 
-def _behind_gear(joint: str, drive: Drive) -> _Coordinate:
-    """Return the motor of a stiff drive, reflected to the output of its gear."""
-    motor = _motor(joint, drive)
-    return _Coordinate(
-        armature=drive.ratio**2 * motor.armature,
-        damping=drive.ratio**2 * motor.damping,
-        friction=drive.ratio * motor.friction,
-    )
-
-
-def _parallel(joint: str, drive: Drive) -> _Coordinate:
-    """Return the parallel spring and the joint friction."""
-    damping = term_value(joint, drive, "joint_friction", "viscous")
-    friction = term_value(joint, drive, "joint_friction", "coulomb")
+def _at_joint(joint: str, drive: Drive, gear: _Coordinate) -> _Coordinate:
+    """Return the parallel spring and the friction of a joint, with those of a `gear` on it."""
+    damping = gear.damping + term_value(joint, drive, "joint_friction", "viscous")
+    friction = gear.friction + term_value(joint, drive, "joint_friction", "coulomb")
     stiffness = term_value(joint, drive, "parallel_spring", "linear")
     preload = term_value(joint, drive, "parallel_spring", "preload")
     if stiffness == 0 and preload != 0:
@@ -361,16 +337,22 @@ def _parallel(joint: str, drive: Drive) -> _Coordinate:
             f"joint '{joint}': MuJoCo has no parallel spring with a negative stiffness, found "
             f"{stiffness:.4g} {unit_of(drive, 'parallel_stiffness')}"
         )
-    return _Coordinate(0.0, damping, friction, (stiffness,) if stiffness else (), (rest,))
+    springs = (stiffness,) if stiffness else ()
+    return _Coordinate(gear.armature, damping, friction, springs, (rest,))
 
 
-def _motor(joint: str, drive: Drive) -> _Coordinate:
-    """Return inertia and friction of a motor in its own coordinate."""
-    dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
+def motor_at(joint: str, drive: Drive, ratio: float) -> _Coordinate:
+    """Return inertia and friction of a motor at a coordinate q with theta_M = ratio q."""
+    # With tau = n tau_M too, inertia and viscous friction grow by n^2, and dry friction, whose size
+    # does not depend on the speed, by n.
+    friction = 0.0
+    # Smooth terms share the parameter F_C with the plain one; simulators have only the plain one.
+    if {*COULOMB} & {*drive.friction}:
+        friction = ratio * value_of(joint, drive, "coulomb_friction")
     return _Coordinate(
-        armature=value_of(joint, drive, "motor_inertia"),
-        damping=term_value(joint, drive, "friction", "viscous"),
-        friction=value_of(joint, drive, "coulomb_friction") if dry else 0.0,
+        armature=ratio**2 * value_of(joint, drive, "motor_inertia"),
+        damping=ratio**2 * term_value(joint, drive, "friction", "viscous"),
+        friction=friction,
     )
 
 
@@ -458,7 +440,7 @@ def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
 def _add_rotor(world: Any, joint: str, drive: Drive, taken: set[str], step: float) -> str:
     """Add the motor of an elastic drive as a separate body; return the name of its joint."""
     name = _free(f"{joint}_motor", taken)
-    values = _motor(joint, drive)
+    values = motor_at(joint, drive, 1.0)
     if values.armature <= TINY:
         raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
     body = world.makeelement("body", name=name)

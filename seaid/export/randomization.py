@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from seaid._progress import Display
 from seaid.drives import ParameterName, total_ratio, unit_of
 from seaid.drives.terms import parameter_named
 from seaid.errors import RobotError, checked, shortened
+from seaid.export.joint_actuators import SLIDING_UNITS
 from seaid.identification import Identification
 from seaid.robot import PARAMETERS
 from seaid.robot.inertia import THIN, from_pseudo_inertia, pseudo_inertia, second_moments
@@ -209,7 +211,7 @@ class _Cloud:
     - `absorption` (rows, absorbed): the combinations per absorbed parameter
     - `drives`, `values`: names and values of the rows after the combinations
     - `errors` (rows,), `covariance_root` (rows, rows): their deviations, and a root of C
-    - `W` (p, p): whitening of the combinations; `following`: C_db C_bb^-1, by which the other
+    - `W` (rows, p): whitening of the combinations; `following`: C_db C_bb^-1, by which the other
       drives follow the combinations
     """
 
@@ -221,16 +223,13 @@ class _Cloud:
         self.bodies = [int(body) for body in np.flatnonzero(~known)]
         self.roots = np.array([self._root(body) for body in self.bodies]).reshape(-1, 4, 4)
         values = {joint: drive.values for joint, drive in self.robot.drives.items()}
-        self.absorbed = [
-            (joint, name) for joint, name, _ in model.absorbed if values[joint].get(name, 0.0) > 0
-        ]
+        positive = [values[joint].get(name, 0.0) > 0 for joint, name, _ in model.absorbed]
+        self.absorbed = [(joint, name) for joint, name, _ in compress(model.absorbed, positive)]
         self.start = np.log(np.array([values[joint][name] for joint, name in self.absorbed]))
         self.count = 10 * len(self.bodies) + len(self.absorbed)
         self._assemble()
-        names = [ParameterName(name, joint) for joint, name, _ in model.absorbed]
-        columns = [names.index(ParameterName(name, joint)) for joint, name in self.absorbed]
         self.absorption = np.zeros((len(self.errors), len(self.absorbed)))
-        self.absorption[: len(model.absorption)] = model.absorption[:, columns]
+        self.absorption[: len(model.absorption)] = model.absorption[:, positive]
         self.values = np.array(
             [values[key.owner].get(key.quantity, 0.0) for key in self.drives], dtype=float
         )
@@ -281,15 +280,13 @@ class _Cloud:
             error=RobotError,
         )
         # With C = root root^T, root times independent normal numbers has the covariance C.
-        self.covariance_root = scale[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
-        p = self.p
-        C = self.covariance_root @ self.covariance_root.T
-        inverse = safely(np.linalg.pinv, C[:p, :p] / np.outer(scale[:p], scale[:p]),
-                         what="the covariance", error=RobotError)  # fmt: skip
-        roots, axes = safely(np.linalg.eigh, inverse, what="the covariance", error=RobotError)
-        # |W r|^2 = r^T C^-1 r; other drives follow the combinations by C_db C_bb^-1
-        self.W = (np.sqrt(np.maximum(roots, 0.0))[:, None] * axes.T) / scale[:p]
-        self.following = C[p:, :p] @ (self.W.T @ self.W)
+        root = vectors * np.sqrt(np.maximum(values, _LEAST))
+        self.covariance_root, p = scale[:, None] * root, self.p
+        # With the pseudoinverse W of the p rows of combinations |W r|^2 = r^T C_bb^-1 r, and
+        # C_db C_bb^-1 is the rows of the other drives times W.
+        W = safely(np.linalg.pinv, root[:p], what="the covariance", error=RobotError)
+        self.W = W / scale[:p]
+        self.following = self.covariance_root[p:] @ self.W
 
     def _wider(self, estimate: Any) -> Array:
         """Return the ratio of Student's t to the normal quantile at the level."""
@@ -427,8 +424,7 @@ class _Cloud:
         if shown in _AT_JOINT:
             shown, _, unit = _AT_JOINT[shown]
             slides = self.robot.is_prismatic[self.robot.index(name.owner)]
-            unit = unit.replace("kg m^2", "kg").replace("N m", "N") if slides else unit
-            unit = unit.replace("/rad", "/m") if slides else unit
+            unit = SLIDING_UNITS[unit] if slides else unit
         nominal = low = high = factor * value
         source, why = "given", "was given"
         tail = 0.5 - self.level / 2

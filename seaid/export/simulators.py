@@ -29,7 +29,7 @@ from seaid.export.mjcf import write_mjcf
 from seaid.export.urdf import (
     Edit,
     Element,
-    with_children,
+    MoreEdits,
     with_content,
     with_start,
     without,
@@ -223,11 +223,7 @@ _FILTERS: Mapping[str, Callable[..., str]] = {
 """How the templates write values."""
 
 
-def _urdf(request: _Request) -> _Written:
-    return _edited_urdf(request, lambda text, root: [])
-
-
-def _edited_urdf(request: _Request, more: Callable[[bytes, Element], list[Edit]]) -> _Written:
+def _urdf(request: _Request, more: MoreEdits = None) -> _Written:
     r = request
     files = write_edited(r.robot, r.path, None, r.force, r.temperature_degC, more)
     return files.drives, files.notes
@@ -237,17 +233,6 @@ def _mjcf(request: _Request) -> _Written:
     r = request
     written = write_mjcf(r.robot, r.path, force=r.force, at_temperature_degC=r.temperature_degC)
     return None, written.notes
-
-
-def _rigid_dynamics(text: bytes, root: Element, request: _Request) -> list[Edit]:
-    """Return the edits that write the friction of elastic drives as of rigid ones."""
-    joints, edits = root.named("joint"), []
-    for actuator in request.actuators:
-        # `write_edited` does so for stiff drives, and edits of one element must not overlap.
-        if actuator.drive.is_elastic:
-            seen = {"damping": _number(actuator.viscous), "friction": _number(actuator.dry)}
-            edits += with_children(text, joints[actuator.joint], {"dynamics": seen})
-    return edits
 
 
 def _drake(request: _Request) -> _Written:
@@ -261,17 +246,17 @@ def _drake(request: _Request) -> _Written:
         # expat resolves namespaces and reports no xmlns attributes: only the text has them.
         if "xmlns:drake" not in root.attributes and b"xmlns:drake" not in text[: root.inside]:
             edits.append(with_start(text, root, {"xmlns:drake": "http://drake.mit.edu"}))
-        edits += _rigid_dynamics(text, root, request)
         return [*edits, with_content(text, root, map(_drake_transmission, request.actuators))]
 
-    return _edited_urdf(request, more)
+    return _urdf(request, more)
 
 
 def _drake_transmission(actuator: JointActuator) -> bytes:
     name = quoteattr(actuator.joint)
     inertia, ratio = actuator.drive.values["motor_inertia"], total_ratio(actuator.drive)
     p, d = _number(actuator.position_gain), _number(actuator.velocity_gain)
-    gains = f'<drake:controller_gains p="{p}" d="{d}"/>' if actuator.has_gains else ""
+    has_gains = actuator.drive.controller is not None  # else its command is a force
+    gains = f'<drake:controller_gains p="{p}" d="{d}"/>' if has_gains else ""
     return (
         f'<transmission type="SimpleTransmission" name={name}><joint name={name}/>'
         f'<actuator name={name}><drake:gear_ratio value="{_number(ratio)}"/>'

@@ -18,17 +18,27 @@ import pinocchio as pin
 from seaid._arrays import Array, spaced
 from seaid._files import real_path, whole_file
 from seaid._progress import Display, counted
-from seaid.drives import IDEAL_DRIVE, Drive, write_drives
+from seaid.drives import IDEAL_DRIVE, write_drives
 from seaid.errors import RobotError, checked, unknown_name
-from seaid.export.joint_actuators import has_plain_gear
+from seaid.export.joint_actuators import actuators_of, has_plain_gear
 from seaid.export.mjcf_drives import temperature_notes
 from seaid.identification import Identification
 from seaid.robot import Robot, UrdfTree, is_physical, reread_urdf
-from seaid.robot.inertia import SMALLEST_KG, THIN, in_parent_frame, inconsistent_link, out_of_range
+from seaid.robot.inertia import (
+    SMALLEST_KG,
+    THIN,
+    in_parent_frame,
+    inconsistent_link,
+    out_of_range,
+    second_moments,
+)
 from seaid.robot.robot_file import urdf_text
 
 Edit = tuple[int, int, bytes]
 """First byte, byte after the last one, and the replacement."""
+
+MoreEdits = Callable[[bytes, "Element"], list[Edit]] | None
+"""What a format of URDF adds to a text, by its root element."""
 
 _START_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=/>]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")
 
@@ -109,8 +119,7 @@ def with_children(
         if child is None:
             missing[tag] = attributes
         else:
-            old = text[child.start : child.inside]
-            edits.append((child.start, child.inside, _with_attributes(old, attributes)))
+            edits.append(with_start(text, child, attributes))
     if missing:
         edits.append(with_content(text, parent, [_tag(*element) for element in missing.items()]))
     return edits
@@ -259,9 +268,9 @@ def write_edited(
     source: str | Path | None,
     force: bool,
     at_temperature_degC: float | None,
-    more: Callable[[bytes, Element], list[Edit]] = lambda text, root: [],
+    more: MoreEdits = None,
 ) -> WrittenUrdf:
-    """Write what `write_urdf` does, with `more` edits of the text."""
+    """Write what `write_urdf` does; with `more` edits of the text, as a rigid robot."""
     source, drives = _source_and_drives(robot, path, source)
     text = urdf_text(source)  # read once: the file may change meanwhile
     tree = reread_urdf(source, text)
@@ -272,8 +281,9 @@ def write_edited(
     root = _root(source, text)
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
-    edits += _dynamics(text, root, robot.at_temperature(at_temperature_degC))
-    edits += more(text, root)
+    warm = robot.at_temperature(at_temperature_degC)
+    edits += _dynamics(text, root, warm, is_rigid=more is not None)
+    edits += [] if more is None else more(text, root)
     warmth = temperature_notes(robot, at_temperature_degC)
     notes += warmth
     _note_missing(robot, notes)
@@ -349,12 +359,11 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
 def _rest(lump: Array, parts: Sequence[Array]) -> Array:
     """Return a body without some of its parts, all zero if only rounding errors remain."""
     rest = lump - sum(parts, np.zeros(10))
-    kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
+    sizes = np.max(np.abs([lump, *parts]), axis=0)
     # Masses, first and second moments have different units: each kind has its own rounding error.
-    sizes = [max(float(np.max(np.abs(body[kind]))) for body in (lump, *parts)) for kind in kinds]
     remains = any(
-        np.max(np.abs(rest[kind])) > _ROUNDING * size
-        for kind, size in zip(kinds, sizes, strict=True)
+        np.max(np.abs(rest[kind])) > _ROUNDING * np.max(sizes[kind])
+        for kind in (slice(0, 1), slice(1, 4), slice(4, 10))
     )
     return rest if remains or not parts else np.zeros(10)
 
@@ -406,10 +415,9 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
     if not np.any(parameters):
         return [] if inertial is None else [without(text, inertial)]
     mass, center = parameters[0], parameters[1:4] / parameters[0]
-    # Steiner: I at the centre of mass = I at the frame - m (c.c 1 - c c^T)
-    second = center @ center * np.eye(3) - np.outer(center, center)
-    xx, xy, yy, xz, yz, zz = parameters[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
+    # I = tr(S) 1 - S, with the second moments S about the centre of mass too
+    second = second_moments(parameters)
+    inertia = np.trace(second) * np.eye(3) - second
     places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
     children = {
         # An old rpy would turn the new tensor, which is in the axes of the link.
@@ -422,45 +430,34 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
     return with_children(text, inertial, children)
 
 
-def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
-    """Return the edits that write damping and friction of stiff drives, reflected to the joint."""
-    # An elastic drive's motor is no coordinate of a URDF: its friction is only in the TOML.
+def _dynamics(text: bytes, root: Element, robot: Robot, *, is_rigid: bool) -> list[Edit]:
+    """Return the edits that write damping and friction of stiff drives, reflected to the joint.
+
+    Those of elastic drives are only in the TOML, because their motor is no coordinate of a URDF; if
+    the robot `is_rigid` they are written as well.
+    """
     joints, edits = root.named("joint"), []
-    for joint, drive in _stiff_drives(robot, are_coupled=False).items():
-        written = {
-            "damping": ("viscous_friction", drive.ratio**2),
-            "friction": ("coulomb_friction", drive.ratio),
-        }
-        seen = {
-            attribute: spaced([factor * drive.values[name]])
-            for attribute, (name, factor) in written.items()
-            if name in drive.values
-        }
-        if seen:
-            edits += with_children(text, joints[joint], {"dynamics": seen})
+    for actuator in actuators_of(robot, is_complete=False):
+        known, seen = robot.drives[actuator.joint].values, {}
+        if actuator.viscous or "viscous_friction" in known:
+            seen["damping"] = spaced([actuator.viscous])
+        if actuator.dry or "coulomb_friction" in known:
+            seen["friction"] = spaced([actuator.dry])
+        if seen and (is_rigid or not actuator.drive.is_elastic):
+            edits += with_children(text, joints[actuator.joint], {"dynamics": seen})
     return edits
-
-
-def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, Drive]:
-    """Return stiff drives, except ideal ones, that move other joints (`are_coupled`) or not."""
-    return {
-        joint: drive
-        for joint, is_plain in zip(robot.joint_names, has_plain_gear(robot), strict=True)
-        if not (drive := robot.drives[joint]).is_elastic
-        and drive != IDEAL_DRIVE
-        and is_plain != are_coupled
-    }
 
 
 def _note_missing(robot: Robot, notes: list[str]) -> None:
     """Add notes on parts of the robot that a URDF cannot hold."""
     if np.any(robot.payload_parameters):
         notes.append("the known payload is not in the file: give it with payloads=")
-    notes += [
-        f"joint '{joint}': its drive moves other joints, or this one by an angle_ratio, and "
-        "<dynamics> cannot hold its friction: the drive file does"
-        for joint in _stiff_drives(robot, are_coupled=True)
-    ]
+    for joint, is_plain in zip(robot.joint_names, has_plain_gear(robot), strict=True):
+        if not is_plain and not robot.drives[joint].is_elastic:
+            notes.append(
+                f"joint '{joint}': its drive moves other joints, or this one by an angle_ratio, "
+                "and <dynamics> cannot hold its friction: the drive file does"
+            )
 
 
 def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> None:
