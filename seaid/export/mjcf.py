@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from seaid._arrays import safely, spaced
 from seaid._files import write_whole
 from seaid._progress import Display
-from seaid.drives.drives import deflection
 from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives, temperature_notes
+from seaid.frequency.linear_joints import linearised, state_matrix
 from seaid.identification import Identification
-from seaid.regressor.base import check_constant_ratios, torque_slopes
+from seaid.regressor.base import check_constant_ratios
 from seaid.robot import Robot
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
@@ -41,40 +40,20 @@ def step_s(robot: Robot) -> tuple[float, str]:
 
 def _rates(robot: Robot) -> np.ndarray:
     """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
-    # Coordinates x = (q, theta_M), 2 n of them: M x'' + D x' + K x = 0, each matrix a sum of
-    # (value) * d d^T over the elements, with d the row by which an element sees x.
-    n, C = robot.n, robot.transmission
-    mass, spring, damping = (np.zeros((2 * n, 2 * n)) for _ in range(3))
-    mass[:n, :n] = torque_slopes(robot, *np.zeros((3, 1, n)))[2, 0]
-    for index, joint in enumerate(robot.joint_names):
-        drive = robot.drives[joint]
-        values = drive.values
-        at_joint, at_motor = np.zeros(2 * n), np.zeros(2 * n)
-        at_joint[:n], at_motor[n + index] = C[index], 1.0
-        if drive.is_elastic:
-            # The row d by which the spring sees x; its stiffness matrix is k d d^T.
-            d = deflection(drive, at_motor, at_joint)
-            spring += values.get("stiffness", 0.0) * np.outer(d, d)
-            damping += values.get("spring_damping", 0.0) * np.outer(d, d)
-        else:
-            # That row of K and D is zero, so the placeholder has two eigenvalues of zero.
-            mass[n + index, n + index] = 1.0  # a placeholder: the motor is no coordinate
-            at_motor = drive.ratio * at_joint
-        mass += values.get("motor_inertia", 0.0) * np.outer(at_motor, at_motor)
-        damping += values.get("viscous_friction", 0.0) * np.outer(at_motor, at_motor)
-        spring[index, index] += values.get("parallel_stiffness", 0.0)
-        damping[index, index] += values.get("joint_viscous_friction", 0.0)
+    joints = linearised(robot, np.zeros(robot.n), range(robot.n))
+    drives = (robot.drives[joint] for joint in robot.joint_names)
+    parallel = np.diag([drive.values.get("parallel_stiffness", 0.0) for drive in drives])
+    joints = replace(
+        joints,
+        gravity=joints.motion.T @ parallel @ joints.motion,
+        # Unknown values are refused with their names when the drives are written.
+        inertia=np.nan_to_num(joints.inertia),
+        stiffness=np.nan_to_num(joints.stiffness),
+    )
+    inertia, damping, stiffness = joints.matrices()
     # Links without inertia about a joint, or motors of inertia zero, would make M singular.
-    mass += TINY * np.eye(2 * n)
-    # x'' = -M^-1 (K x + D x'), as a first-order system in (x, x')
-    forces = np.hstack([spring, damping])
-    below = -safely(scipy.linalg.solve, mass, forces, what=_STEP, error=RobotError, assume_a="sym")
-    above = np.hstack([np.zeros_like(mass), np.eye(2 * n)])
-    system = np.vstack([above, below])
-    return np.asarray(safely(np.linalg.eigvals, system, what=_STEP, error=RobotError))
-
-
-_STEP = "the step of the simulation"
+    system = state_matrix(inertia + TINY * np.eye(len(inertia)), damping, stiffness)
+    return np.asarray(safely(np.linalg.eigvals, system, what="the time step", error=RobotError))
 
 
 def _round_down(step: float) -> float:
