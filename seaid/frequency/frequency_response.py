@@ -29,7 +29,6 @@ from seaid.frequency.linear_joints import (
     linearised,
     refitted,
     sticking_sign,
-    with_free_rotors,
 )
 from seaid.frequency.spectra import (
     Record,
@@ -371,7 +370,7 @@ def _findings(
     if np.sum(fit.joints.elastic) > 1 and fit.lack_of_fit >= FITS:
         yield predictions.wrong_minimum(fit.lack_of_fit)
     known = fit.joints.elastic & ~fit.parameters.free["inertia"]
-    free = with_free_rotors(spectra, fit) if np.any(known) else fit
+    free = refitted(spectra, fit, are_rotors_free=True) if np.any(known) else fit
     for place in np.flatnonzero(known).tolist():
         joint = result.joints[place]
         stated, drive = result.drives[joint].by_name, robot.drives[joint]

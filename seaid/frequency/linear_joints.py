@@ -260,9 +260,6 @@ def _frequency(mode: complex) -> tuple[float, float]:
 _STARTS = (1.0, 0.4, 2.5)
 """Factors on the stiffness at the start: the nominal one may be wrong."""
 
-_SCAN = 8
-"""Antiresonances, spread over the band, from which a search without a nominal stiffness starts."""
-
 _AVERAGED = 40
 """Lines of all logs over which a power is averaged, at least: fewer make intervals too narrow."""
 
@@ -277,7 +274,7 @@ FITS = 1.15
 was 0.96 to 1.06 in right minima, with an exception, and 1.2 to 5 in wrong ones."""
 
 _RANDOM_STARTS = 40
-"""Starts with random antiresonances of coupled joints, if no other start ends in a good fit."""
+"""Starts with random antiresonances, if no other start ends in a good fit."""
 
 _FRACTION_ROUNDS = 8
 """Linear fits with the weights of the one before, from which a search starts."""
@@ -331,18 +328,17 @@ def fitted(spectra: Spectra, nominal: LinearJoints, robot: Robot, joints: Sequen
     return problem.fit(problem.solved(x, _ROUNDS)[0])
 
 
-def refitted(spectra: Spectra, fit: Fit) -> Fit:
-    """Return the fit to other spectra of the same joints, from where one ended."""
-    problem = _Problem(spectra, fit.parameters)
-    return problem.fit(problem.solved(fit.x, rounds=_ROUNDS)[0])
+def refitted(spectra: Spectra, fit: Fit, *, are_rotors_free: bool = False) -> Fit:
+    """Return the fit to spectra of the same joints, from where one ended.
 
-
-def with_free_rotors(spectra: Spectra, fit: Fit) -> Fit:
-    """Return the fit with the rotor inertias of all elastic joints free, from where one ended."""
-    free = {**fit.parameters.free, "inertia": fit.joints.elastic}
+    The inertias of all elastic joints' rotors may be free, known or not.
+    """
+    free = dict(fit.parameters.free)
+    if are_rotors_free:
+        free["inertia"] = fit.joints.elastic
     problem = _Problem(spectra, replace(fit.parameters, free=free))
     x = problem.parameters.vector(fit.joints)
-    return problem.fit(problem.solved(x, _LEAST_ROUNDS)[0])
+    return problem.fit(problem.solved(x, _ROUNDS)[0])
 
 
 def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
@@ -379,10 +375,7 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
 
 
 def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], list[Array]]:
-    """Return where searches start, by linear fits and nominal values, and where if none fits.
-
-    A single joint without a nominal stiffness starts from a scan, coupled ones also at random.
-    """
+    """Return where searches start: by linear fits and nominal values, at random if none fits."""
     nominal, e, free = parameters.start, parameters.start.elastic, parameters.free
     base = _with_rigid_values(spectra, nominal, free["dry"])
     level = 0.1 * np.sqrt(np.mean(np.abs(spectra.torque.mean(1)) ** 2, axis=(0, 1)))
@@ -393,15 +386,11 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
         for rotor in rotors
         for joints in _by_fractions(spectra, e, rotor, free["dry"])
     ]
-    ends, coupled = np.log(spectra.hz[[0, -1]]), np.sum(e) > 1
-    chances = np.random.default_rng(0).uniform(ends[0], ends[1], (_RANDOM_STARTS, len(e)))
-    further = [_with_antiresonances(first[-1], np.exp(chance)) for chance in chances if coupled]
+    low, high = np.log(spectra.hz[[0, -1]])
+    chances = np.exp(np.random.default_rng(0).uniform(low, high, (_RANDOM_STARTS, len(e))))
+    further = [_with_antiresonances(first[-1], chance) for chance in chances]
     if np.all(np.isfinite(nominal.stiffness)):
         first += [replace(base, stiffness=factor * nominal.stiffness) for factor in _STARTS]
-    else:
-        scan = np.geomspace(spectra.hz[0] * 2, spectra.hz[-1], _SCAN)
-        same = [_with_antiresonances(base, hz) for hz in scan]
-        first, further = (first, same + further) if coupled else (first + same, further)
 
     def vector(joints: LinearJoints) -> Array:
         return parameters.vector(replace(_lightly_damped(joints), dry=level))
