@@ -9,9 +9,7 @@ again. Nothing is pickled or evaluated.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import math
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -42,10 +40,10 @@ from seaid.simulation import ReplayComparison
 FILE = "identification.npz"
 """The name of the saved run in the folder of a run."""
 
-_FORMAT = "seaid run 4"
+_FORMAT = "seaid run 5"
 """The format of this version, the only one that loads. It rises when a file of before would load
-wrongly or not at all: 1 had no checksum, 2 had findings in estimates, and 3 is from before robots
-with a floating base had a type of their own."""
+wrongly or not at all: 1 had no checksum, 2 had findings in estimates, 3 is from before robots with
+a floating base had a type of their own, and 4 had the parts of a run one by one."""
 
 _MOST_GROWTH = 20
 """Most bytes of content per byte of a file; NaN in the place of missing sensors makes up to six."""
@@ -127,14 +125,10 @@ def save_run(
         raise SeaidError(f"'{path}': a saved run must end in .npz")
     thinned = tuple(map(_thinned, identification.motions))
     tests = {name: _thinned_validation(test) for name, test in (validations or {}).items()}
+    fit = replace(identification, motions=thinned)
+    run = Run(fit, tests, provenance or {}, replays=replays or {})
     arrays: dict[str, Array] = {}
-    content = {
-        "format": _FORMAT,
-        "identification": _plain(replace(identification, motions=thinned), arrays),
-        "validations": _plain(tests, arrays),
-        "provenance": _plain(dict(provenance or {}), arrays),
-        "replays": _plain(dict(replays or {}), arrays),
-    }
+    content = {"format": _FORMAT, "run": _plain(run, arrays)}
     text: Any = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
     arrays["content"] = text
     checksum: Any = _checksum(arrays)
@@ -187,12 +181,11 @@ def load_run(path: str | Path) -> Run:
             )
         if not np.array_equal(arrays.pop("checksum"), _checksum(arrays)):
             raise ValueError("its content is not what was saved, by its checksum")
-        names = ("identification", "validations", "provenance", "replays")
-        parts = {name: _restored(content[name], arrays) for name in names}
-        run: Run = _as_annotated(Run(**parts, folder=path if path.is_dir() else None))
+        run: Run = _restored(content["run"], arrays)
         _check_origin(run.provenance)
         identification = _with_copies(run.identification, file.parent / "inputs")
-        return replace(run, identification=identification)
+        folder = path if path.is_dir() else None
+        return replace(run, identification=identification, folder=folder)
     except FileNotFoundError:
         raise _without_run(path) from None
     except SeaidError as problem:
@@ -217,37 +210,21 @@ def _without_run(path: Path) -> SeaidError:
 
 
 def _arrays(file: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file whose size and headers are right."""
-    arrays = {}
-    with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+    """Return the arrays of a file whose content is not out of proportion to it."""
+    with zipfile.ZipFile(file) as archive:
         members = archive.infolist()
-        most = MOST_JSON_BYTES + _MOST_GROWTH * file.stat().st_size
-        if sum(info.file_size for info in members) > most:
-            raise ValueError(f"it declares more than {most / 1e6:.0f} MB of content")
-        for member in members:
-            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise ValueError("it has a compression that NumPy does not write")
-            with archive.open(member) as content:
-                data = content.read(member.file_size)
-            arrays[member.filename.removesuffix(".npy")] = _array(data)
+    most = MOST_JSON_BYTES + _MOST_GROWTH * file.stat().st_size
+    if sum(member.file_size for member in members) > most:
+        raise ValueError(f"it declares more than {most / 1e6:.0f} MB of content")
+    # Readers of other compressions use unlimited memory.
+    if any(x.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for x in members):
+        raise ValueError("it has a compression that NumPy does not write")
+    # NumPy refuses objects, and a header that declares more numbers than follow it.
+    with np.load(file, allow_pickle=False) as stored:
+        arrays = dict(stored)
     if len(arrays["content"]) > MOST_JSON_BYTES:
         raise ValueError(f"its content has more than {MOST_JSON_BYTES // 2**20} MB")
     return arrays
-
-
-def _array(data: bytes) -> NDArray[Any]:
-    """Return the array of a file of NumPy whose header declares as many numbers as follow it."""
-    stream = io.BytesIO(data)
-    header = np.lib.format.read_array_header_1_0
-    if np.lib.format.read_magic(stream) != (1, 0):
-        header = np.lib.format.read_array_header_2_0
-    shape, by_columns, kind = header(stream)
-    if kind.kind not in "biuf" or min(shape, default=0) < 0:
-        raise ValueError(f"an array of {kind} with shape {shape}")
-    if math.prod(shape) * kind.itemsize != len(data) - stream.tell():
-        raise ValueError(f"an array declares the shape {shape} and has other numbers")
-    flat = np.frombuffer(data, kind, offset=stream.tell())
-    return flat.reshape(shape, order="F" if by_columns else "C").copy()
 
 
 def _as_annotated(value: Any) -> Any:
@@ -398,10 +375,9 @@ def _classes() -> dict[str, Any]:
     from seaid.legged import FloatingRobot, LeggedValidation
 
     found: dict[str, Any] = {}
-    waiting: list[Any] = [Identification, Validation, ReplayComparison]
-    # Subtypes of the types in the annotations. With the latter all is loaded that a robot on a
-    # floating base has registered.
-    waiting += [FloatingRobot, LeggedValidation]
+    # Next to a run the subtypes of the types in its annotations. With the latter all is loaded
+    # that a robot on a floating base has registered.
+    waiting: list[Any] = [Run, FloatingRobot, LeggedValidation]
     while waiting:
         hint = waiting.pop()
         waiting += get_args(hint)
@@ -424,7 +400,7 @@ def _plain(value: Any, arrays: dict[str, Array]) -> Any:
     if isinstance(value, ParameterName):
         return {"is": "ParameterName", "parts": list(value.__getnewargs__())}
     if isinstance(value, Path):
-        return {"is": "Path", "path": str(value)}
+        return {"is": "Path", "path": str(value.absolute())}
     if isinstance(value, Mapping):
         return {"is": "mapping", "items": [[key, plain(entry)] for key, entry in value.items()]}
     if isinstance(value, list | tuple):
@@ -448,8 +424,10 @@ def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
         return ParameterName(*value["parts"])
     if kind == "Path":
         return Path(value["path"])
-    content = restored(value["fields"])
-    return _as_annotated(_robot(kind, content) if kind in _ROBOTS else _classes()[kind](**content))
+    make = _classes()[kind]
+    if issubclass(make, Robot):
+        make = partial(_robot, make)
+    return _as_annotated(make(**restored(value["fields"])))
 
 
 def _robot_fields(robot: Robot) -> dict[str, Any]:
@@ -457,39 +435,26 @@ def _robot_fields(robot: Robot) -> dict[str, Any]:
     joints = tuple(map(vars, joints_of(robot.model)))
     model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints}
     tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
-    urdf = None if robot.urdf is None else robot.urdf.absolute()
-    return {**_fields_of(robot), "model": model, "drives": tables, "urdf": urdf}
+    return {**_fields_of(robot), "model": model, "drives": tables}
 
 
-_ROBOTS = ("Robot", "FloatingRobot")
-"""Types whose models and drives are saved as data."""
-
-
-def _robot(kind: str, content: Mapping[str, Any]) -> Robot:
+def _robot(kind: type[Robot], **content: Any) -> Robot:
     """Return the robot of `_robot_fields`."""
     joints = [_as_annotated(ModelJoint(**values)) for values in content["model"]["joints"]]
     # Pinocchio's joint 0 is the base, and joint place + 1 is here: its parent has a lower number.
     if any(not 0 <= joint.parent <= place for place, joint in enumerate(joints)):
         raise ValueError("a joint of the robot comes before its parent")
-    own_bodies = len(content["body_names"]) - (kind == "FloatingRobot")
+    own_bodies = len(content["body_names"]) - (content["floating_base"] is not None)
     if len(joints) != own_bodies:
         raise ValueError(f"a robot of {own_bodies} bodies that move has {len(joints)} joints")
-    model = model_of(content["name"], content["model"]["gravity"], joints)
-    tables = {joint: _table(table) for joint, table in content["drives"].items()}
     drives = {
         joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
-        for joint, drive in drives_from_mapping(tables).items()
+        for joint, drive in drives_from_mapping(content["drives"]).items()
     }
-    robot: Robot = _as_annotated(_classes()[kind](**{**content, "model": model, "drives": drives}))
+    model = model_of(content["name"], content["model"]["gravity"], joints)
+    robot: Robot = _as_annotated(kind(**{**content, "model": model, "drives": drives}))
     # `model_of` makes joints only: this sets the inertias of the model.
     return robot.with_values(robot.parameters, drives)
-
-
-def _table(value: Any) -> Any:
-    """Return a restored table with the lists and mappings that a reader of TOML gives."""
-    if isinstance(value, Mapping):
-        return {key: _table(entry) for key, entry in value.items()}
-    return list(map(_table, value)) if isinstance(value, tuple) else value
 
 
 _DIGEST = 12

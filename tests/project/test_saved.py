@@ -139,10 +139,10 @@ def test_a_folder_without_a_run(tmp_path: Path) -> None:
     [
         (b"", "damaged"),
         (b"PK\x03\x04 no archive", "damaged"),
-        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 4'"),
+        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 5'"),
         ({"format": "seaid run 2"}, "damaged"),
         (
-            {"format": "seaid run 2", "identification": {"is": "Popen", "fields": {}}},
+            {"format": "seaid run 5", "run": {"is": "Popen", "fields": {}}},
             "damaged",
         ),
     ],
@@ -194,8 +194,8 @@ def test_fields_of_a_run_are_as_annotated(
     place: tuple[str, ...], value: Any, words: str, tmp_path: Path
 ) -> None:
     path, arrays, content = saved(tmp_path)
-    item = content["identification"]
-    for name in place[:-1]:
+    item = content["run"]
+    for name in ("identification", *place[:-1]):
         item = dict(item["fields"]["items"])[name]
     if isinstance(value, np.ndarray):
         arrays["new"], value = value, {"is": "array", "name": "new"}
@@ -218,7 +218,7 @@ def test_a_small_file_does_not_take_much_memory(tmp_path: Path) -> None:
     )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("content.npy", header)
-    with pytest.raises(SeaidError, match=r"declares the shape \(1000000000000,\)"):
+    with pytest.raises(SeaidError, match="damaged: it requests more memory than is available"):
         load_run(path)
     deep = '{"format": ' + "[" * 10**5
     np.savez_compressed(path, content=np.frombuffer(deep.encode(), dtype=np.uint8))
