@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Real
 from operator import index
-from typing import Any, TypeVar
+from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,39 +29,30 @@ MOST_SAMPLES = 10_000_000
 """Largest number of samples of a motion that is written or simulated."""
 
 
-class FrozenMapping(Mapping[str, Value]):
-    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled.
+class FrozenMapping(dict[str, Value]):
+    """A read-only copy of a mapping, which can be hashed and pickled.
 
     `kind` is what its names are, for messages.
     """
 
     def __init__(self, items: Mapping[str, Value], kind: str = "entry") -> None:
-        self._items, self._kind = dict(items), kind
+        super().__init__(items)
+        self._kind = kind
 
-    def __getitem__(self, name: str) -> Value:
-        try:
-            return self._items[name]
-        except KeyError:
-            raise UnknownNameError(unknown_name(self._kind, name, self._items)) from None
+    def __missing__(self, name: str) -> NoReturn:
+        raise UnknownNameError(unknown_name(self._kind, name, self))
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._items
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
 
-    def get(self, name: str, default: Any = None) -> Any:
-        """Return the entry of a name, or the default."""
-        return self._items.get(name, default)
+    def __reduce__(self) -> tuple[type[Self], tuple[dict[str, Value], str]]:
+        return type(self), (dict(self), self._kind)
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._items)
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("a FrozenMapping is read-only, and dict(...) of it is a copy that is not")
 
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __hash__(self) -> int:
-        return hash(frozenset(self._items.items()))
-
-    def __repr__(self) -> str:
-        return repr(self._items)
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    update = setdefault = pop = popitem = clear = _refuse
 
 
 def frozen(
@@ -96,6 +87,15 @@ def finite(
         described = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
         raise error(f"{name} must be finite, found {described}")
     return array
+
+
+def freeze(
+    item: Any, shapes: Mapping[str, tuple[int | None, ...]], error: type[SeaidError] = SeaidError
+) -> None:
+    """Replace fields of a frozen dataclass by `frozen` arrays of these shapes; None stays None."""
+    for name, shape in shapes.items():
+        if (value := getattr(item, name)) is not None:
+            object.__setattr__(item, name, frozen(name, value, shape, error))
 
 
 def as_float(value: Any) -> float:

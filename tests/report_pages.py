@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, frozen
+from seaid.drives import ParameterName
 from seaid.estimation import Estimate, TermTest, Whiteness
 from seaid.estimation.estimate import ModelChecks
 from seaid.identification import Fit, Identification, Validation
@@ -26,7 +27,8 @@ def estimate(names: tuple[str, ...], units: tuple[str, ...], seed: int = 0) -> E
     ) / np.sqrt(5)
     covariance = mixed @ mixed.T
     scale = errors / np.sqrt(np.diag(covariance))
-    return Estimate(names, values, covariance * np.outer(scale, scale), units, 0.01, 20.0)
+    covariance *= np.outer(scale, scale)
+    return Estimate(ParameterName.all_of(names), values, covariance, units, 0.01, 20.0)
 
 
 def made_up(

@@ -24,6 +24,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from scripts.short_form import sized, words
 from seaid._arrays import Array
+from seaid.drives import ParameterName
 from seaid.estimation import estimator_named, fit
 from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
@@ -149,7 +150,7 @@ def random_rows(instants: int, joints: int, p: int) -> Regression:
     rng = np.random.default_rng(0)
     H = rng.normal(size=(instants * joints, p))
     return Regression(
-        names=tuple(f"p{column}" for column in range(p)),
+        names=tuple(ParameterName(f"p{column}") for column in range(p)),
         units=("",) * p,
         H=H,
         y=H @ rng.normal(size=p) + rng.normal(size=len(H)),

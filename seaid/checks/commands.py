@@ -23,7 +23,6 @@ from seaid.checks.experiment import Experiment, Transform, scaled
 from seaid.drives import Controller, Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, stated_delay_s
-from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, listed
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import settled_weights
@@ -459,7 +458,7 @@ def separation_findings(robot: Robot, motions: Sequence[Motion]) -> Iterator[Fin
     rows = stacked([load_regression(robot, motion, model, {}) for motion in motions])
     equation = engine.Equation(rows, settled_weights(qr_factor_of(rows)))
     H = equation.weight[:, None] * rows.H / np.sqrt(np.mean(equation.residual**2))
-    others = [k for k, name in enumerate(rows.names) if parameter_of(name) != DELAY_PARAMETER]
+    others = [k for k, name in enumerate(rows.names) if name.quantity != DELAY_PARAMETER]
     names = [rows.names[place] for place in others]
     for bus in buses_of(robot.drives, rows.names):
         columns = H[:, list(bus.places)]
@@ -482,9 +481,9 @@ def _free_delays(robot: Robot) -> dict[str, Drive]:
     }
 
 
-def _joints_of(bus: Bus, names: Sequence[str]) -> list[str]:
+def _joints_of(bus: Bus, names: Sequence[ParameterName]) -> list[str]:
     """Return the joints of the delays of a bus."""
-    return [joint_of(names[place]) for place in bus.places]
+    return [names[place].owner for place in bus.places]
 
 
 def _separation(

@@ -480,10 +480,9 @@ class Equation:
         H = np.hstack([self.rows.H, *(model.columns for model in models)])
         for model in models:
             H[:, list(model.replaced)] = 0.0
-        more = tuple(f"accepted column {place}" for place in range(width, H.shape[1]))
-        units = (*self.rows.units, *len(more) * ("",))
-        rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
-        return replace(self, rows=rows)
+        more = [f"accepted column {place}" for place in range(width, H.shape[1])]
+        rows = self.rows.with_columns(more, len(more) * [""], H[:, width:])
+        return replace(self, rows=replace(rows, H=H))
 
 
 def equation_of(fitted: FittedRows) -> Equation:

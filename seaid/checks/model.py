@@ -23,7 +23,7 @@ from seaid.checks.gears import GEAR_CHECKS, common_delay
 from seaid.checks.terms import with_term
 from seaid.checks.tolerances import MATTERS, SIGNIFICANT, STRONG
 from seaid.checks.values import drive_findings, noise_findings, offset_findings
-from seaid.drives import ParameterName, readable
+from seaid.drives import readable
 from seaid.drives.drives import term_fields
 from seaid.errors import Finding, SeaidError, by_severity, listed
 from seaid.estimation import FittedRows, estimator_named, fit
@@ -56,7 +56,7 @@ def _is_another_set_up(
     Bodies and springs make a set-up; friction changes with the temperature, and zeros with a start.
     """
     numbers, names = [x.trial.candidate.term for x in accepted], side.equation.rows.names
-    bodies = {x for x in names if not (side.is_motor or ParameterName.of(x).owner)}
+    bodies = {x for x in names if not (side.is_motor or x.owner)}
     is_fixed = np.isin(names, ["stiffness", *bodies])
     free = np.hstack([_of_log(side, x)[:, ~is_fixed] for x in dict.fromkeys(side.logs)][1:])
     own = np.hstack([x.trial.alternative.columns[:, is_fixed] for x in accepted])

@@ -18,7 +18,7 @@ from seaid.checks import engine
 from seaid.drives import DEAD_ZONES, IDEAL_DRIVE, PARAMETERS, PARAMETERS_OF, Drive, unit_of
 from seaid.drives.drives import deflection, term_fields
 from seaid.drives.regressor import DriveRegressor
-from seaid.drives.terms import COULOMB, DRY, joint_of, key_of, parameter_of
+from seaid.drives.terms import COULOMB, DRY, key_of
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import FittedRows
 from seaid.log import Motion
@@ -108,7 +108,7 @@ class DriveRows:
     def _parameters(self) -> dict[int, str]:
         """The parameters of the drive by their places among those of the rows."""
         names = enumerate(self.rows.names)
-        return {place: parameter_of(x) for place, x in names if joint_of(x) in ("", self.joint)}
+        return {place: x.quantity for place, x in names if x.owner in ("", self.joint)}
 
     def terms(
         self, field: str, term: str, grids: Mapping[str, Sequence[float]] = FrozenMapping({})

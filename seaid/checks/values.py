@@ -25,7 +25,7 @@ from seaid.drives import (
     total_ratio,
     unit_of,
 )
-from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic, joint_of, parameter_of
+from seaid.drives.terms import MOTOR_CONSTANTS, is_harmonic
 from seaid.errors import Finding, Severity, listed
 from seaid.estimation import Diagnostics, Estimate, FittedRows, SharedParameter, nearest
 from seaid.estimation.estimate import ModelChecks
@@ -411,19 +411,19 @@ def offset_findings(robot: Robot, load: FittedRows) -> Iterator[Finding]:
     estimate, qr_factor = load.estimate, load.qr_factor
     sizes = np.linalg.norm(qr_factor.factors[:, :, -1], axis=1) / np.sqrt(qr_factor.counts)
     for place, name in enumerate(estimate.names):
-        if parameter_of(name) != "torque_offset":
+        if name.quantity != "torque_offset":
             continue
         value, error = float(estimate.values[place]), float(estimate.standard_errors[place])
         # The rms torque on the load, divided by N r_L / r_M: that at the motor.
-        size = sizes[qr_factor.equations.index(robot.index(joint_of(name)))]
-        torque = float(size / total_ratio(robot.drives[joint_of(name)]))
+        size = sizes[qr_factor.equations.index(robot.index(name.owner))]
+        torque = float(size / total_ratio(robot.drives[name.owner]))
         lower, upper = estimate.interval(tol.NO_CHANCE)[place]
         if not lower <= 0 <= upper and abs(value) >= tol.FEW * torque:
             yield CODES["torque-offset"].finding(
-                f"the motor torque of {joint_of(name)} has a constant error of {value:.2g} N m "
+                f"the motor torque of {name.owner} has a constant error of {value:.2g} N m "
                 f"({value / torque:.0%} of the torque on its spring at the motor), which the "
                 "estimates allow for",
-                joint_of(name),
+                name.owner,
                 "doubtful" if abs(value) > tol.RARE * torque else "note",
                 {"offset_Nm": value, "standard error": error, "torque_rms_Nm": torque},
                 CODES["torque-offset"].advice,
@@ -477,7 +477,7 @@ def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
     """Return the parameters of a joint over the best known one, which have no unknown scale."""
     without_scale = ("command_delay", "gain_scale", *_CONSTANTS)
     errors = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
-    names = [x for x in map(ParameterName.of, load_side.names) if x.owner == joint]
+    names = [x for x in load_side.names if x.owner == joint]
     names = [name for name in names if name.quantity not in without_scale]
     names.sort(key=errors.__getitem__)
     return {

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
+from dataclasses import field as entry
 from functools import cache, cached_property
 from itertools import chain, product
 from typing import Any, ClassVar, Self, get_args
@@ -365,13 +366,13 @@ class _Parameters(Display):
     controller: Controller | None = None
     command_delay_s: float | None = None
     known: tuple[str, ...] = ()
-    nominal: Mapping[str, float] = _NOTHING
-    transmission: Mapping[str, float] = _NOTHING
+    nominal: Mapping[str, float] = entry(default=_NOTHING, hash=False)
+    transmission: Mapping[str, float] = entry(default=_NOTHING, hash=False)
     angle_ratio: AngleRatio | None = None
     reference_temperature_degC: float = 25.0
     reference_position_rad: float = 0.0
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
-    std: Mapping[str, float] = _NOTHING
+    std: Mapping[str, float] = entry(default=_NOTHING, hash=False)
     shared: str = ""
     is_elastic: ClassVar[bool] = False
 

@@ -24,7 +24,7 @@ from seaid.drives.equations import (
     symbol_of,
     t,
 )
-from seaid.drives.terms import parameter_named
+from seaid.drives.terms import ParameterName, parameter_named
 from seaid.errors import RobotError
 from seaid.symbolic import separate
 
@@ -49,7 +49,7 @@ class DriveRegressor:
     drive's, for messages.
     """
 
-    names: tuple[str, ...]
+    names: tuple[ParameterName, ...]
     units: tuple[str, ...]
     zeta: sp.Expr
     row: tuple[sp.Expr, ...]
@@ -105,7 +105,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> D
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
     zeta, parameters, row, nonlinear = _derived(equation, drive.parameter_names)
     return DriveRegressor(
-        names=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in parameters),
+        names=tuple(ParameterName(PARAMETER_NAMES.get(x, str(x))) for x in parameters),
         units=tuple(
             _unit(symbol, column, drive) for symbol, column in zip(parameters, row, strict=True)
         ),

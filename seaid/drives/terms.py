@@ -285,6 +285,11 @@ class ParameterName(str):
         return name if isinstance(name, ParameterName) else cls(name)
 
     @classmethod
+    def all_of(cls, names: Iterable[str]) -> tuple[ParameterName, ...]:
+        """Return names as data."""
+        return tuple(name if isinstance(name, cls) else cls(name) for name in names)
+
+    @classmethod
     def read(cls, text: str) -> ParameterName:
         """Return the name that a user writes, "stiffness" of all joints or "stiffness of knee"."""
         quantity, _, owner = text.partition(" of ")
@@ -299,20 +304,9 @@ class ParameterName(str):
         return ParameterName(self.quantity, self.owner, condition)
 
 
-def places_of(names: Sequence[str], condition: str) -> list[int]:
+def places_of(names: Sequence[ParameterName], condition: str) -> list[int]:
     """Return the places of the columns that a condition has, in the order of its own names."""
-    parameters = enumerate(map(ParameterName.of, names))
-    return [place for place, name in parameters if name.condition in (None, condition)]
-
-
-def parameter_of(name: str) -> str:
-    """Return the parameter that a name of a column begins with: of any joint, or of no joint."""
-    return ParameterName.of(name).quantity
-
-
-def joint_of(name: str) -> str:
-    """Return the joint whose parameter a column is, "" for a base parameter."""
-    return ParameterName.of(name).owner
+    return [k for k, name in enumerate(names) if name.condition in (None, condition)]
 
 
 def readable(name: str) -> str:

@@ -13,10 +13,10 @@ import numpy as np
 from scipy import linalg
 from scipy.special import chdtrc, fdtrc, stdtrit
 
-from seaid._arrays import Array, FrozenMapping, frozen
+from seaid._arrays import Array, FrozenMapping, freeze
 from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import ParameterName
-from seaid.drives.terms import joint_of, places_of
+from seaid.drives.terms import places_of
 from seaid.errors import (
     IdentificationError,
     SeaidError,
@@ -73,7 +73,7 @@ class Estimate(Result):
 
     Attributes
     ----------
-    names, units : tuple of p str
+    names, units : tuples of p ParameterName and of p str
         Name and unit of each of the p parameters.
     values : ndarray (p,)
         Estimated values.
@@ -100,7 +100,7 @@ class Estimate(Result):
 
     table_name = "estimate_table"
 
-    names: tuple[str, ...]
+    names: tuple[ParameterName, ...]
     values: Array
     covariance: Array
     units: tuple[str, ...]
@@ -120,11 +120,9 @@ class Estimate(Result):
 
     def __post_init__(self) -> None:
         p = len(self.names)
-        object.__setattr__(self, "values", frozen("values", self.values, (p,)))
-        object.__setattr__(self, "covariance", frozen("covariance", self.covariance, (p, p)))
-        for name in ("white_standard_errors", "degrees_of_freedom"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen(name, getattr(self, name), (p,)))
+        object.__setattr__(self, "names", ParameterName.all_of(self.names))
+        numbers = "values", "white_standard_errors", "degrees_of_freedom"
+        freeze(self, {**dict.fromkeys(numbers, (p,)), "covariance": (p, p)})
 
     @property
     def standard_errors(self) -> Array:
@@ -181,7 +179,7 @@ class Estimate(Result):
         freedom = self.degrees_of_freedom
         return replace(
             self,
-            names=tuple(names),
+            names=ParameterName.all_of(names),
             values=self.values[picked],
             covariance=self.covariance[np.ix_(picked, picked)],
             units=tuple(self.units[index] for index in picked),
@@ -198,16 +196,16 @@ class Estimate(Result):
         """Return what each owner, such as a joint, has of the estimate, under names without it."""
         places: dict[str, list[int]] = {}
         for place, name in enumerate(self.names):
-            if owner := joint_of(name):
+            if owner := name.owner:
                 places.setdefault(owner, []).append(place)
         return {
-            owner: self.part(kept, [ParameterName.of(self.names[place]).at("") for place in kept])
+            owner: self.part(kept, [self.names[place].at("") for place in kept])
             for owner, kept in places.items()
         }
 
     def at(self, owner: str) -> Estimate:
         """Return the estimate under the names that an owner gives to its parameters."""
-        return replace(self, names=tuple(ParameterName.of(name).at(owner) for name in self.names))
+        return replace(self, names=tuple(name.at(owner) for name in self.names))
 
     @staticmethod
     def joined(estimates: Iterable[Estimate]) -> Estimate:
@@ -255,12 +253,12 @@ class Estimate(Result):
     def of_condition(self, condition: str) -> Estimate:
         """Return what a condition has of the estimate, under the names of its own columns."""
         places = places_of(self.names, condition)
-        return self.part(places, [ParameterName.of(self.names[x]).within(None) for x in places])
+        return self.part(places, [self.names[x].within(None) for x in places])
 
     @property
     def by_name(self) -> dict[str, float]:
         """The values by the names of their parameters."""
-        return dict(zip(self.names, self.values.tolist(), strict=True))
+        return dict(zip(map(str, self.names), self.values.tolist(), strict=True))
 
     def value(self, name: str) -> float:
         """Return the value of one parameter. Raises SeaidError for an unknown name."""
@@ -373,7 +371,7 @@ def independent_errors(stds: Mapping[str, float]) -> Estimate:
     """Return independent errors {name: standard deviation} as an estimate of zeros."""
     errors = np.array([*stds.values()], dtype=float)
     return Estimate(
-        names=tuple(stds),
+        names=ParameterName.all_of(stds),
         values=np.zeros(len(stds)),
         covariance=np.diag(errors**2),
         units=("",) * len(stds),

@@ -22,7 +22,7 @@ from seaid._arrays import Array, safely
 from seaid.drives import Drive, ParameterName
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95, SHARED, STATED_DELAY_S, check_groups
-from seaid.drives.terms import joint_of, places_of
+from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError, RobotError, unknown_name
 from seaid.estimation.estimate import Estimate, SharedParameter, TermTest
 
@@ -92,10 +92,9 @@ class Parameter:
             )
 
     @classmethod
-    def of_column(cls, name: str, unit: str = "") -> Parameter:
+    def of_column(cls, name: ParameterName, unit: str = "") -> Parameter:
         """Return the parameter of a column: of a joint or a condition if the name has one."""
-        parts = ParameterName.of(name)
-        return cls(parts.quantity, parts.owner, parts.condition, unit)
+        return cls(name.quantity, name.owner, name.condition, unit)
 
     @property
     def name(self) -> ParameterName:
@@ -128,14 +127,14 @@ def is_stated(std_s: float, stated_s: float) -> bool:
 
 
 def shared_columns(
-    drives: Mapping[str, Drive], names: Sequence[str], joint: str = ""
+    drives: Mapping[str, Drive], names: Sequence[ParameterName], joint: str = ""
 ) -> dict[ParameterName, list[int]]:
     """Return {shared parameter, with its group as owner: the places of its columns, two or more}.
 
     `joint` owns names without one. A condition has parameters of its own if they are specific.
     """
     places: dict[ParameterName, list[int]] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
+    for place, name in enumerate(names):
         drive = drives.get(name.owner or joint)
         if drive is not None and drive.shared and name.quantity in SHARED:
             places.setdefault(name.at(drive.shared), []).append(place)
@@ -151,14 +150,16 @@ class Bus:
     std_s: float
 
 
-def buses_of(drives: Mapping[str, Drive], names: Sequence[str], joint: str = "") -> list[Bus]:
+def buses_of(
+    drives: Mapping[str, Drive], names: Sequence[ParameterName], joint: str = ""
+) -> list[Bus]:
     """Return the groups of columns; drives with one nominal delay are on one bus.
 
     `joint` owns names without one. A condition has delays of its own if they are specific to it.
     """
     places: dict[tuple[float, str | None], list[int]] = {}
     stds: dict[tuple[float, str | None], float] = {}
-    for place, name in enumerate(map(ParameterName.of, names)):
+    for place, name in enumerate(names):
         if name.quantity != DELAY_PARAMETER:
             continue
         drive = drives[name.owner or joint]
@@ -276,31 +277,31 @@ def shared_parameters(
         # The test of Wald of whether the parameters are equal.
         F = float(change @ safely(np.linalg.pinv, variance, what=name) @ change) / len(A)
         test = TermTest.of_statistic((name,), F, len(A), p, max(independent, p + 1.0))
-        joints = tuple(joint_of(estimate.names[place]) for place in places)
+        joints = tuple(estimate.names[place].owner for place in places)
         shared.append(SharedParameter(name, joints, tuple(estimate.values[places].tolist()), test))
     return tuple(shared)
 
 
-IsSpecific = Callable[[str], bool]
+IsSpecific = Callable[[ParameterName], bool]
 """Whether every condition has its own parameter of a name."""
 
 
 def names_of_all(
-    names: Sequence[str], conditions: Sequence[str], is_specific: IsSpecific
-) -> tuple[str, ...]:
+    names: Sequence[ParameterName], conditions: Sequence[str], is_specific: IsSpecific
+) -> tuple[ParameterName, ...]:
     """Return the names of all columns of conditions that have columns `names` each."""
     return tuple(
         chain.from_iterable(
-            [ParameterName.of(name).within(condition) for condition in conditions]
-            if is_specific(name)
-            else [name]
+            [name.within(condition) for condition in conditions] if is_specific(name) else [name]
             for name in names
         )
     )
 
 
 def joined_rows(
-    rows: Mapping[str, Regression], is_specific: IsSpecific, propagated: Sequence[str] = ()
+    rows: Mapping[str, Regression],
+    is_specific: IsSpecific,
+    propagated: Sequence[ParameterName] = (),
 ) -> Regression:
     """Return the rows {condition: regression} as one regression, in the order of the conditions.
 
@@ -325,7 +326,7 @@ def joined_rows(
         replace(
             part,
             names=columns,
-            units=tuple(unit_of[ParameterName.of(name).within(None)] for name in columns),
+            units=tuple(unit_of[name.within(None)] for name in columns),
             H=_placed(part.H, columns, condition),
             propagated=_placed(part.propagated, further, condition),
         )
@@ -337,7 +338,7 @@ def joined_rows(
     return replace(stacked(parts), run=run)
 
 
-def _placed(columns: Array, names: Sequence[str], condition: str) -> Array:
+def _placed(columns: Array, names: Sequence[ParameterName], condition: str) -> Array:
     """Return the columns (R, c) of a condition among the columns `names` of all."""
     wide = np.zeros((len(columns), len(names)))
     wide[:, places_of(names, condition)] = columns

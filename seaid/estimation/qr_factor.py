@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely
+from seaid._arrays import Array, BoolArray, IndexArray, freeze, safely
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError, SeaidError
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class QRFactor:
     chunks and logs add with `+`.
     """
 
-    names: tuple[str, ...]
+    names: tuple[ParameterName, ...]
     units: tuple[str, ...]
     equations: tuple[int, ...]
     counts: tuple[int, ...]
@@ -51,11 +52,8 @@ class QRFactor:
 
     def __post_init__(self) -> None:
         equations, p = len(self.equations), len(self.names)
-        factors = frozen("factors", self.factors, (equations, None, p + 1))
-        object.__setattr__(self, "factors", factors)
-        object.__setattr__(
-            self, "propagated", frozen("propagated", self.propagated, (equations, p, None))
-        )
+        shapes = {"factors": (equations, None, p + 1), "propagated": (equations, p, None)}
+        freeze(self, shapes)
 
     @property
     def count(self) -> int:
@@ -219,7 +217,7 @@ def _columns(rows: Regression, block: IndexArray) -> Array:
 
 def _not_finite(rows: Regression) -> str:
     """Name the columns that are not finite."""
-    bad = [
+    bad: list[str] = [
         name
         for name, column in zip(rows.names, rows.H.T, strict=True)
         if not np.all(np.isfinite(column))

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from seaid._arrays import Array, BoolArray, safely
-from seaid.drives import Drive, is_dry, total_ratio
+from seaid.drives import Drive, ParameterName, is_dry, total_ratio
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import scaled_svd
 from seaid.frequency.spectra import NEAR, STICKS, Record, Spectra, motor_rates
@@ -230,8 +230,8 @@ class Fit:
         names |= {"viscous_friction": "N m s/rad", "load_inertia": inertia}
         names |= {"gravity_stiffness": f"{torque}/{angle}"}
         covariance, units = J @ self.covariance @ J.T, tuple(names.values())
-        values = numbers(self.x)
-        return Estimate(tuple(names), values, covariance, units, self.residual, math.nan)
+        texts, values = ParameterName.all_of(names), numbers(self.x)
+        return Estimate(texts, values, covariance, units, self.residual, math.nan)
 
 
 def _numbers(joints: LinearJoints, place: int, drive: Drive) -> Array:

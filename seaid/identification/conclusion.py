@@ -23,7 +23,6 @@ from seaid.checks.model import model_findings, without_echoes, without_setup_ech
 from seaid.checks.setup import joint_checks
 from seaid.checks.values import scale_of_bodies, shared_findings, unknown_scales
 from seaid.checks.verdict import RobotFit, fit_findings, robot_fit
-from seaid.drives import ParameterName
 from seaid.drives.terms import places_of
 from seaid.errors import Finding
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
@@ -140,7 +139,7 @@ def motor_factors(fits: TwoStepFits, condition: str) -> dict[str, QRFactor]:
         rows = fit.rows.at(fits.shares[joint][condition].rows)
         places = places_of(rows.names, condition)
         rows = rows.of_columns(places)
-        names = tuple(ParameterName.of(name).within(None) for name in rows.names)
+        names = tuple(name.within(None) for name in rows.names)
         factors[joint] = qr_factor_of(replace(rows, names=names))
     return factors
 

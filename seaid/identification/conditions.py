@@ -127,7 +127,7 @@ def identify_conditions(
 def _differences_of(fit: FittedRows) -> dict[str, TermTest]:
     """Return {specific parameter: test of whether the conditions differ in it}."""
     groups: dict[ParameterName, list[int]] = {}
-    for place, name in enumerate(map(ParameterName.of, fit.estimate.names)):
+    for place, name in enumerate(fit.estimate.names):
         if name.condition is not None:
             groups.setdefault(name.within(None), []).append(place)
     tested = shared_parameters(fit.estimate, groups, independent_rows(fit.qr_factor, fit.estimate))

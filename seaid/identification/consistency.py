@@ -22,7 +22,6 @@ from seaid._arrays import Array, finite, safely
 from seaid._progress import Result, counted
 from seaid.checks.values import contradictions
 from seaid.drives import ParameterName, readable
-from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, IdentificationError, RobotError
 from seaid.estimation import Estimate, nearest, sdp
 from seaid.identification.drive_estimates import with_values
@@ -197,9 +196,9 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, point: sdp.FeasibleP
     drives = dict(robot.drives)
     for joint, drive in drives.items():
         drive_values = {
-            parameter_of(name): _rounded(parameter_of(name), value)
+            name.quantity: _rounded(name.quantity, value)
             for name, value in names.items()
-            if joint_of(name) == joint
+            if name.owner == joint
         }
         drives[joint] = with_values(drive, drive_values)
     return robot.with_values(_bodies(robot, point), drives)
@@ -329,11 +328,11 @@ def body_program(
     # An absorbed parameter adds `absorption` times itself to base parameters, as an inertia does:
     # the largest inertia over this factor is its natural size.
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
-    names: list[str] = [ParameterName(name, joint) for joint, name, _ in model.absorbed]
+    names = [ParameterName(name, joint) for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in drive_rows]
     sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[drive_rows])
     values = np.append(np.zeros(absorbed), known.values[drive_rows])
-    signed = np.array([parameter_of(name) in NON_NEGATIVE for name in names], dtype=bool)
+    signed = np.array([name.quantity in NON_NEGATIVE for name in names], dtype=bool)
     limited = np.flatnonzero(signed)
     limits = np.zeros((len(limited), columns.shape[1]))
     limits[range(len(limited)), m + limited] = 1 / sizes[limited]

@@ -25,7 +25,7 @@ from seaid._files import toml_table
 from seaid.drives import Drive, ParameterName, unit_of
 from seaid.drives.controller import DELAY_PARAMETER
 from seaid.drives.drives import NORMAL_95
-from seaid.drives.terms import parameter_named, parameter_of
+from seaid.drives.terms import parameter_named
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, FittedRows, fit
 from seaid.estimation.estimate import independent_rows
@@ -297,9 +297,7 @@ def check_scale(qr_factor: QRFactor) -> None:
     All torques are then known only up to scale, and least squares gives zero. A payload in all logs
     does not help, since it could be part of its body.
     """
-    places = [
-        place for place, name in enumerate(qr_factor.names) if parameter_of(name) in CONSTANTS
-    ]
+    places = [place for place, name in enumerate(qr_factor.names) if name.quantity in CONSTANTS]
     if not places or not qr_factor.count:  # without rows `solve` raises
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
@@ -313,7 +311,7 @@ def check_scale(qr_factor: QRFactor) -> None:
     open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
     for place in places:
         if abs(torques[place]) <= least or open_part[place] > _PART:
-            column, remedy = ParameterName.of(qr_factor.names[place]), _SPRING
+            column, remedy = qr_factor.names[place], _SPRING
             name = column.quantity
             joint = qr_factor.joint_names[qr_factor.equations[0]]
             if column.owner:
@@ -351,7 +349,7 @@ def with_free_scale(robot: Robot, joints: Collection[str]) -> Robot:
 
 def with_unit_constant(rows: Regression) -> Regression:
     """Return the rows of (10) of a motor whose unknown constant is 1."""
-    constants = [k for k, name in enumerate(rows.names) if parameter_of(name) in CONSTANTS]
+    constants = [k for k, name in enumerate(rows.names) if name.quantity in CONSTANTS]
     others = rows.of_columns(k for k in range(len(rows.names)) if k not in constants)
     return replace(others, y=rows.y - rows.H[:, constants].sum(axis=1))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
-from seaid.drives import SeriesElasticDrive, unit_of
+from seaid.drives import ParameterName, SeriesElasticDrive, unit_of
 from seaid.drives.terms import is_harmonic, of_spring, spring_slopes
 from seaid.errors import IdentificationError, LogError, checked
 from seaid.estimation import fit
@@ -105,7 +105,8 @@ def _gear(
         # c = wind-up over F with F = k d: a relative error of k is one of c, and so of k_G.
         share = spring.standard_error("stiffness") / spring.value("stiffness")
         covariance[0, 0] += (share * stiffness) ** 2
-    names, units = ("gear_stiffness", *estimate.names[1:]), ("N m/rad", *estimate.units[1:])
+    names = ParameterName("gear_stiffness"), *estimate.names[1:]
+    units = ("N m/rad", *estimate.units[1:])
     return replace(scaled, names=names, covariance=covariance, units=units), None
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, frozen
+from seaid._arrays import Array, freeze
 from seaid._progress import Result, counted, track
 from seaid.checks.predictions import not_measured, unseen_motion
 from seaid.checks.setup import log_findings
@@ -438,9 +438,7 @@ class CutoffSensitivity(Result):
 
     def __post_init__(self) -> None:
         shape = (len(self.cutoffs_hz), len(self.names))
-        object.__setattr__(self, "cutoffs_hz", frozen("cutoffs_hz", self.cutoffs_hz, (None,)))
-        for name in ("values", "standard_errors"):
-            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+        freeze(self, {"cutoffs_hz": (None,), "values": shape, "standard_errors": shape})
 
     @property
     def moves(self) -> Array:

@@ -480,7 +480,7 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     drives = dict(robot.drives)
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
-        values = {
+        values: dict[str, float] = {
             # A level of zero would make the columns of the other parameters of its term zero.
             name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
             for name in regressor.names

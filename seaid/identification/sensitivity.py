@@ -347,9 +347,9 @@ class Constant:
         return self.name == two_step.ENCODER_OFFSET
 
     @property
-    def key(self) -> str:
+    def key(self) -> ParameterName:
         """Its name among the errors of what is known, which belong to no drive."""
-        return str(ParameterName(self.name, self.joint))
+        return ParameterName(f"{self.name} of {self.joint}")
 
     def changed(self, motion: Motion) -> Motion:
         """Return a motion with the larger inputs, or with the encoder offset."""

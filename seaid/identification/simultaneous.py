@@ -30,7 +30,6 @@ from seaid.checks.tolerances import SURE
 from seaid.checks.values import noise_findings
 from seaid.drives import ParameterName, readable
 from seaid.drives.drives import groups_of
-from seaid.drives.terms import parameter_of
 from seaid.errors import ExcitationError, IdentificationError, listed
 from seaid.estimation import Estimate, Estimator, FittedRows, least_squares
 from seaid.estimation.qr_factor import qr_factor_of
@@ -403,7 +402,7 @@ def _estimated(
     optional = [
         name
         for name in whole.names
-        if name not in model.expressions and parameter_of(name) not in _SPRING
+        if name not in model.expressions and name.quantity not in _SPRING
     ]
     return RobotEstimate(
         drives=drives,

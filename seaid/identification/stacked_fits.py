@@ -24,7 +24,6 @@ from scipy import linalg
 from seaid._arrays import Array
 from seaid.drives import ParameterName, unit_of
 from seaid.drives.controller import DELAY_PARAMETER
-from seaid.drives.terms import parameter_of
 from seaid.errors import Finding
 from seaid.estimation import Estimate, FittedRows, SharedParameter
 from seaid.estimation.estimate import ModelChecks, independent_errors, independent_rows
@@ -60,12 +59,12 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
     A parameter that several conditions have for themselves is there once for each.
     """
     names = spring_regressor(robot, joint).names
-    return estimate.of_names(x for name in names for x in estimate.names if parameter_of(x) == name)
+    return estimate.of_names(x for name in names for x in estimate.names if x.quantity == name)
 
 
 def offset_places(spring: Estimate) -> list[int]:
     """Return the places of the offset of a spring, one for each condition that has its own."""
-    return [place for place, name in enumerate(spring.names) if parameter_of(name) == _OFFSET]
+    return [place for place, name in enumerate(spring.names) if name.quantity == _OFFSET]
 
 
 _OFFSET = "spring_offset"
@@ -221,7 +220,7 @@ class FitsInTurn:
     def spring_names(self) -> list[ParameterName]:
         """The parameters of the springs, in the order in which (8) propagates them."""
         return [
-            ParameterName.of(name).at(joint)
+            name.at(joint)
             for joint in self.springs
             for name in spring_of(self.robot, self.motors[joint].estimate, joint).names
         ]
@@ -244,7 +243,7 @@ class FitsInTurn:
         side = whole.part(range(p, len(whole.names)), load.estimate.names)
         by_joint = {}
         for joint, fit in self.motors.items():
-            parameters = [x for x in drives.names if ParameterName.of(x).owner == joint]
+            parameters = [x for x in drives.names if x.owner == joint]
             if (offset := ParameterName(TORQUE_OFFSET, joint)) in side.names:
                 parameters.append(offset)
             drive = _of_joint(whole.of_names(parameters), joint)
@@ -268,7 +267,7 @@ class FitsInTurn:
             if (name := ParameterName(TORQUE_OFFSET, joint)) not in whole.names:
                 continue
             place, lever = whole.names.index(name), offset_lever(self.robot, joint)
-            parameters = enumerate(map(ParameterName.of, whole.names))
+            parameters = enumerate(whole.names)
             offsets = [k for k, x in parameters if (x.quantity, x.owner) == (_OFFSET, joint)]
             slopes[offsets, place] = -lever
             values[offsets] -= lever * values[place]
@@ -289,7 +288,7 @@ def merged_estimates(
 def _with_constant(whole: Estimate, name: ParameterName) -> Estimate:
     """Return the values of a drive for its motor constant in place of those for a constant of 1."""
     place, values, slopes = whole.names.index(name), whole.values.copy(), np.eye(len(whole.names))
-    for k, other in enumerate(map(ParameterName.of, whole.names)):
+    for k, other in enumerate(whole.names):
         # A delay [s] does not scale with torque.
         if other.owner == name.owner and k != place and other.quantity != DELAY_PARAMETER:
             # (x, K) -> (K x, K): d(K x) = K dx + x dK.
@@ -300,7 +299,7 @@ def _with_constant(whole: Estimate, name: ParameterName) -> Estimate:
 
 def _of_joint(whole: Estimate, joint: str) -> Estimate:
     """Return what a joint has of an estimate, under names without it."""
-    names = {k: x for k, x in enumerate(map(ParameterName.of, whole.names)) if x.owner == joint}
+    names = {k: x for k, x in enumerate(whole.names) if x.owner == joint}
     return whole.part([*names], [name.at("") for name in names.values()])
 
 

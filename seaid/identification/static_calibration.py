@@ -20,7 +20,7 @@ from scipy.special import stdtr
 from seaid._arrays import Array, frozen, safely
 from seaid._progress import Result, counted
 from seaid.checks.values import calibration_findings
-from seaid.drives import Drive, total_ratio
+from seaid.drives import Drive, ParameterName, total_ratio
 from seaid.errors import Finding, IdentificationError, LogError, checked, listed
 from seaid.estimation import Estimate
 from seaid.log import Log
@@ -253,7 +253,7 @@ def _estimate(statics: Statics, law: Law) -> Estimate:
     # s^2 (Z^T J)^-1 Z^T Z (Z^T J)^-T of instrumental variables.
     covariance = variance * inverse @ (Z.T @ Z) @ inverse.T * _correlation_factor(residual)
     return Estimate(
-        names=tuple(names),
+        names=ParameterName.all_of(names),
         values=theta,
         covariance=covariance,
         units=tuple(names.values()),

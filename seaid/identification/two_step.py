@@ -18,7 +18,7 @@ from scipy import linalg
 from seaid._arrays import Array
 from seaid.drives import ParameterName
 from seaid.drives.drives import groups_of
-from seaid.drives.terms import joint_of, parameter_of, places_of
+from seaid.drives.terms import places_of
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimator, FittedRows, SharedParameter, fit
 from seaid.estimation.estimate import ModelChecks
@@ -93,10 +93,10 @@ class SpecificParameters:
         """Whether a parameter of a joint's drive is specific."""
         return name in self.names or ParameterName(name, joint) in self.names
 
-    def of_load(self, name: str) -> bool:
+    def of_load(self, name: ParameterName) -> bool:
         """Whether the parameter of a column of the load side, or one that it propagates, is."""
-        if joint := joint_of(name):
-            return self.of_drive(joint, parameter_of(name))
+        if joint := name.owner:
+            return self.of_drive(joint, name.quantity)
         return BODIES in self.names
 
 
@@ -206,7 +206,7 @@ def estimate_two_step(
     return TwoStepFits(conditions, fits, of_conditions.shares)
 
 
-def propagated_names(robot: Robot, springs: Sequence[str]) -> list[str]:
+def propagated_names(robot: Robot, springs: Sequence[str]) -> list[ParameterName]:
     """Return the names of the parameters of springs, whose errors the load side propagates."""
     return [
         ParameterName(x, joint) for joint in springs for x in spring_regressor(robot, joint).names
@@ -229,11 +229,11 @@ def rows_of_conditions(
     conditions: Mapping[str, Condition],
     specific: SpecificParameters,
     equations: Mapping[str, Mapping[str, Regress]],
-    propagated: Sequence[str],
+    propagated: Sequence[ParameterName],
     stored: bool,
     executor: Executor | None,
     progress: bool = False,
-    error_names: Sequence[str] = (),
+    error_names: Sequence[ParameterName] = (),
 ) -> Iterator[ConditionRows]:
     """Yield the rows of the `equations` {condition: {equation: function for its rows}}.
 
@@ -256,8 +256,8 @@ def rows_of_conditions(
 
     joined: dict[str, Rows] = {}
     for key, rows_of_all in by_equation.items():
-        is_load, drive = key == LOAD, partial(specific.of_drive, joint_of(key) or key)
-        of_equation: Callable[[str], bool] = specific.of_load if is_load else drive
+        is_load, drive = key == LOAD, partial(specific.of_drive, ParameterName.of(key).owner or key)
+        of_equation: Callable[[ParameterName], bool] = specific.of_load if is_load else drive
         propagated_of_all = [*propagated, *error_names] if is_load else error_names
         is_specific = partial(_is_specific, of_equation, error_names)
         joined[key] = joined_rows(rows_of_all, is_specific, propagated_of_all)
@@ -265,7 +265,11 @@ def rows_of_conditions(
     yield ConditionRows(joined, shares)
 
 
-def _is_specific(of_equation: Callable[[str], bool], error_names: Sequence[str], name: str) -> bool:
+def _is_specific(
+    of_equation: Callable[[ParameterName], bool],
+    error_names: Sequence[ParameterName],
+    name: ParameterName,
+) -> bool:
     """Whether each condition has a column for itself: encoders are zeroed at each start."""
     return name.startswith(ENCODER_OFFSET) if name in error_names else of_equation(name)
 
@@ -329,7 +333,7 @@ def _checks(actuators: Mapping[str, FittedRows], condition: str) -> dict[str, Mo
     for joint, side in actuators.items():
         names = side.estimate.names
         of_condition = [names[place] for place in places_of(names, condition)]
-        optional = [name for name in of_condition if parameter_of(name) not in _NEEDED]
+        optional = [name for name in of_condition if name.quantity not in _NEEDED]
         checks[joint] = side.checks(optional)
     return checks
 
@@ -483,7 +487,7 @@ def fit_inputs(
     """
     fitted = fit(rows, estimator, propagated, change, drive_estimates.check_scale, cutoff_hz)
     names = enumerate(fitted.qr_factor.names)
-    noisy = [place for place, name in names if parameter_of(name) == _OF_CURRENT]
+    noisy = [place for place, name in names if name.quantity == _OF_CURRENT]
     if not noisy or estimator.weigh is None:
         return fitted
     weights = equal_weights(fitted.qr_factor) if fitted.equal else fitted.weights

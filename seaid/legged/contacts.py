@@ -36,6 +36,7 @@ from seaid.checks import CODES
 from seaid.checks.codes import Observation
 from seaid.checks.engine import Alternative, equation_of
 from seaid.checks.tolerances import FEW, MATTERS, SURE
+from seaid.drives import ParameterName
 from seaid.errors import ExcitationError, Finding, listed
 from seaid.estimation import Estimate, FittedRows
 from seaid.estimation.fitting import with_further_columns
@@ -712,7 +713,7 @@ def _compliance_rows(about_mean: Array, time: Array) -> Regression:
     span = scaled_svd(columns).span()
     y, H = (pairs - span @ (span.T @ pairs)).T
     return Regression(
-        names=("compliance",),
+        names=(ParameterName("compliance"),),
         units=("m/N",),
         H=H[:, None],
         y=y,

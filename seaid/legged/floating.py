@@ -43,6 +43,7 @@ class FloatingRobot(Robot):
 
     floating_base: FloatingBase = field(kw_only=True)
     guided: tuple[str, ...] = ()
+    base_is_held = False
 
     def _in_short(self) -> str:
         kind = "floating" if self.floating_base.normal is None else "planar"
@@ -52,11 +53,6 @@ class FloatingRobot(Robot):
     def free_axes(self) -> BoolArray:
         """Whether nothing holds the base along x, y, z and about x, y, z of its frame (6,)."""
         return self.floating_base.free_axes & ~np.isin(BASE_ROWS, self.guided)
-
-    @property
-    def base_is_held(self) -> bool:
-        """Whether something holds the base: never."""
-        return False
 
     def joint_of(self, body: int) -> str:
         """Return the joint that moves a body, the first one for the base, which none moves."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -186,12 +187,12 @@ class Motion(Display):
     def _in_short(self) -> str:
         return f"{sampled_text(self.time, self.joint_names)}, cutoff {self.cutoff_hz:.3g} Hz"
 
-    @property
+    @cached_property
     def joint_states(self) -> tuple[Array, Array, Array]:
         """Joint position, velocity and acceleration, each (T, n), as arguments of a regressor."""
         return self.joint_position, self.joint_velocity, self.joint_acceleration
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """Sampling rate of the grid."""
         return _rate_hz(self.time)
@@ -201,8 +202,7 @@ class Motion(Display):
         """Largest speeds (2, n) of motors [rad/s] and joints [rad/s or m/s]: those of the log."""
         if self.fastest is not None:
             return self.fastest
-        speeds = (self.motor_velocity, self.joint_velocity)
-        return np.array([np.max(np.abs(speed), axis=0) for speed in speeds])
+        return np.array(np.max(np.abs([self.motor_velocity, self.joint_velocity]), axis=1))
 
     @property
     def signals(self) -> dict[str, Array]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, singledispatch
+from functools import cached_property, partial, singledispatch
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,7 +85,7 @@ def drive_parameters(
                 by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
             blocks.append(_in_rows(factor * regressor.evaluate(by_name)[1], share[known]))
             units = zip(regressor.names, regressor.units, strict=True)
-            drives += [(joint, name, unit) for name, unit in units]
+            drives += [(joint, str(name), unit) for name, unit in units]
     length = len(next(iter(signals_of(0).values())))
     return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
 
@@ -147,11 +147,11 @@ class LoadModel:
     absorbed: tuple[tuple[str, str, str], ...]
     absorption: Array
 
-    @property
-    def names(self) -> tuple[str, ...]:
+    @cached_property
+    def names(self) -> tuple[ParameterName, ...]:
         """Names of all columns: expressions, then '<parameter> of <joint>'."""
         drives = (ParameterName(name, joint) for joint, name, _ in self.drives)
-        return (*self.expressions, *drives)
+        return (*map(ParameterName, self.expressions), *drives)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -462,7 +462,7 @@ def load_rows(
     which, kept = np.nonzero(usable)
     column_names, units = called or (model.names, model.units)
     return Regression(
-        names=column_names,
+        names=ParameterName.all_of(column_names),
         units=units,
         H=H[kept, which],
         y=y[kept, which],

@@ -13,8 +13,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import COMMANDS, is_dry, motor_equation, spring_equation, total_ratio
+from seaid._arrays import Array, BoolArray, IndexArray, freeze
+from seaid.drives import (
+    COMMANDS,
+    ParameterName,
+    is_dry,
+    motor_equation,
+    spring_equation,
+    total_ratio,
+)
 from seaid.drives.equations import joint_equation
 from seaid.drives.regressor import drive_regressor
 from seaid.errors import LogError
@@ -167,7 +174,7 @@ class Regression:
 
     Attributes
     ----------
-    names, units : tuples of p str
+    names, units : tuples of p ParameterName and of p str
         Of the parameters theta.
     H, y : arrays (R, p) and (R,)
         Observation matrix (W of the paper) and torques [N m, or N].
@@ -182,7 +189,7 @@ class Regression:
     joint_names : tuple of n str
     """
 
-    names: tuple[str, ...]
+    names: tuple[ParameterName, ...]
     units: tuple[str, ...]
     H: Array
     y: Array
@@ -195,11 +202,10 @@ class Regression:
     arrays: ClassVar = ("H", "y", "joint", "time", "run", "propagated")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "H", frozen("H", self.H, (None, len(self.names))))
-        rows = len(self.H)
-        for name in ("y", "joint", "time", "run"):
-            object.__setattr__(self, name, frozen(name, getattr(self, name), (rows,)))
-        object.__setattr__(self, "propagated", frozen("propagated", self.propagated, (rows, None)))
+        object.__setattr__(self, "names", ParameterName.all_of(self.names))
+        rows = (len(self.y),)
+        shapes = {"H": (*rows, len(self.names)), "propagated": (*rows, None)}
+        freeze(self, shapes | dict.fromkeys(("y", "joint", "time", "run"), rows))
 
     def at(self, rows: BoolArray | slice) -> Regression:
         """Return the regression with some of its rows."""
@@ -208,7 +214,7 @@ class Regression:
     def of_columns(self, places: Iterable[int]) -> Regression:
         """Return the regression with some of its columns."""
         kept = list(places)
-        names, units = (tuple(texts[x] for x in kept) for texts in (self.names, self.units))
+        names, units = tuple(self.names[x] for x in kept), tuple(self.units[x] for x in kept)
         return replace(self, names=names, units=units, H=self.H[:, kept])
 
     def with_columns(
@@ -216,7 +222,8 @@ class Regression:
     ) -> Regression:
         """Return the regression with further parameters, whose columns (R, k) follow its own."""
         H = np.column_stack([self.H, columns])
-        return replace(self, names=(*self.names, *names), units=(*self.units, *units), H=H)
+        every = (*self.names, *ParameterName.all_of(names))
+        return replace(self, names=every, units=(*self.units, *units), H=H)
 
 
 def actuator_columns(
@@ -278,7 +285,7 @@ def _drive_rows(
     return replace(_rows_at(robot, motion, joint, columns, kept), excluded=excluded)
 
 
-_Columns = tuple[tuple[str, ...], tuple[str, ...], Array, Array]
+_Columns = tuple[tuple[ParameterName, ...], tuple[str, ...], Array, Array]
 """Names and units of parameters, their columns (T, p), and y (T,)."""
 
 
@@ -301,7 +308,7 @@ def _rows_at(
     )
 
 
-GEAR = ("gear_compliance", "gear_hysteresis", "gear_offset")
+GEAR = ParameterName.all_of(("gear_compliance", "gear_hysteresis", "gear_offset"))
 """The parameters of `gear_regression`: c, h and the constant."""
 
 

@@ -24,9 +24,8 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping, connected_groups, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Drive
+from seaid.drives import Drive, ParameterName
 from seaid.drives.drives import stated_delay_s
-from seaid.drives.terms import joint_of
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
@@ -130,7 +129,7 @@ class Identifiability(Result):
     @property
     def body_count(self) -> int:
         """Number of combinations whose first parameter is a body's: the base parameters."""
-        return sum(not joint_of(name) for name in self.base.names)
+        return sum(not ParameterName.of(name).owner for name in self.base.names)
 
 
 @checked(RobotError)

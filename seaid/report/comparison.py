@@ -268,7 +268,7 @@ def _estimate_of(parameters: Mapping[str, Mapping[str, Any]]) -> Estimate:
     )
     intervals = [[_or_nan(end) for end in x["interval_95"]] for x in every]
     return Estimate(
-        names=tuple(parameters),
+        names=ParameterName.all_of(parameters),
         values=values,
         covariance=np.diag(errors**2),
         units=tuple(str(x["unit"]) for x in every),

@@ -281,7 +281,7 @@ def nominal_values(result: Identification, robot: Robot) -> Nominal:
 
 def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[str]]:
     """Return {(side, joint): parameters without a nominal value, which a file could have}."""
-    places = [
+    places: list[tuple[str, str, str]] = [
         ("actuator", joint, name)
         for joint, estimate in result.drive_side.items()
         for name in estimate.names

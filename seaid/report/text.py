@@ -14,7 +14,6 @@ import numpy as np
 
 from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName
-from seaid.drives.terms import joint_of, parameter_of
 from seaid.errors import Finding, listed
 from seaid.report import formats, tables
 from seaid.report.formats import (
@@ -629,7 +628,7 @@ def conditions_table(together: Conditions) -> Text:
     every = [ParameterName(x, joint) for joint, drive in first.drives.items() for x in drive.names]
     shared = [
         (name, _condition_value(first, name))
-        for name in (*every, *first.load.names)
+        for name in (*every, *first.load_side.names)
         if name not in together.differences
     ]
     title = f"{len(named)} conditions: {{}} parameters (value +- standard error)"
@@ -643,11 +642,12 @@ def conditions_table(together: Conditions) -> Text:
     return joined([_listed(title.format("condition-specific"), columns, rows), "", common])
 
 
-def _condition_value(identification: Identification, name: str) -> Measured:
-    estimate, key = identification.load_side, name
-    if name not in estimate.names and (joint := joint_of(name)):
-        estimate, key = identification.drives[joint], parameter_of(name)
-    return Measured(estimate.value(key), estimate.standard_error(key))
+def _condition_value(identification: Identification, text: str) -> Measured:
+    name = ParameterName.of(text)
+    estimate = identification.load_side
+    if name not in estimate.names and name.owner:
+        estimate = identification.drives[name.owner].at(name.owner)
+    return Measured(estimate.value(name), estimate.standard_error(name))
 
 
 def statics_table(found: StaticCalibration) -> Text:

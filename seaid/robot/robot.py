@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -101,20 +101,17 @@ class Robot(Display):
     locked: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
     joints_of_file: tuple[str, ...] = ()
     at_rest: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}, "joint"))
+    base_is_held: ClassVar[bool] = True
+    """Whether something holds the base, so that forces on it determine nothing."""
 
     def _in_short(self) -> str:
         springs = counted(len(self.elastic_joints), "spring")
         return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
-
-    @property
-    def base_is_held(self) -> bool:
-        """Whether something holds the base, so that forces on it determine nothing."""
-        return True
 
     @property
     def standing_joints(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from seaid.checks.engine import (
     linear_candidate,
     time_blocks,
 )
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import fit
 from seaid.estimation.estimate import term_test
@@ -96,7 +97,9 @@ def test_rows_are_weighted_by_the_root_of_the_covariance_of_their_residual() -> 
 
 def first(data: Regression, count: int) -> Regression:
     """Return the rows with their first columns only."""
-    return replace(data, names=NAMES[:count], units=("1",) * count, H=data.H[:, :count])
+    return replace(
+        data, names=ParameterName.all_of(NAMES[:count]), units=("1",) * count, H=data.H[:, :count]
+    )
 
 
 def compare(equation: Equation, larger: Sequence[Alternative], asked: int) -> list[ModelComparison]:
@@ -196,7 +199,7 @@ def test_blocks_are_equal_parts_in_time_over_the_runs(segments: int) -> None:
 def test_too_few_rows_are_refused(count: int, width: int) -> None:
     """Each block needs two rows, and what is left more rows than parameters."""
     data = rows((1.0, 0.0, 0.0, 0.0), count=count)
-    names = tuple("abcdefghijklmn"[:width])
+    names = ParameterName.all_of("abcdefghijklmn"[:width])
     data = replace(data, H=np.ones((count, width)), names=names, units=("1",) * width)
     with pytest.raises(IdentificationError, match=f"{count} rows are too few to exclude one of 8"):
         time_blocks(data)

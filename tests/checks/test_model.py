@@ -257,7 +257,7 @@ def test_what_a_term_changes_is_reported_before_it_is_in_the_model() -> None:
     finding, *fits = check_planted(PLANTED["cubic spring"])
     start, end = (fit.drives["hip_pitch"] for fit in fits)
     names = [name for name in start.names if name in end.names]
-    changes = {name: abs(end.value(name) - start.value(name)) for name in names}
+    changes = {str(name): abs(end.value(name) - start.value(name)) for name in names}
     scores = {name: x / start.standard_error(name) for name, x in changes.items()}
     assert max(scores, key=scores.__getitem__) == "stiffness"
     of_term = finding.evidence["change of stiffness [standard errors]"]

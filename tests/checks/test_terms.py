@@ -29,7 +29,7 @@ def test_a_smooth_law_replaces_the_columns_that_it_changes(
     old, new = (motor_regressor(x, "arm") for x in (robot, smooth))
     rng = np.random.default_rng(1)
     signals = {name: rng.normal(size=20) for name in sorted(old.signals | new.signals)}
-    values = {name: rng.uniform(0.5, 1.5) for name in new.names}
+    values = {str(name): rng.uniform(0.5, 1.5) for name in new.names}
     common = [name for name in old.names if name in new.names]
     before, after = (x.columns(signals, values, common) for x in (old, new))
     differ = {x for x, *pair in zip(common, before.T, after.T, strict=True) if not close(*pair)}

@@ -23,7 +23,7 @@ from seaid.drives import (
     spring_equation,
 )
 from seaid.drives.regressor import drive_regressor, non_linear
-from seaid.drives.terms import FrictionTerm, SpringTerm, parameter_of
+from seaid.drives.terms import FrictionTerm, SpringTerm
 from seaid.errors import RobotError
 
 ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
@@ -303,7 +303,7 @@ def test_columns_carry_their_parameter_and_joint() -> None:
     other = pickle.loads(pickle.dumps(one))
     assert (other, other.quantity, other.owner) == (one, "stiffness", "left of knee")
     assert json.dumps([one]) == '["stiffness of left of knee"]'
-    assert parameter_of(one) == parameter_of("stiffness") == "stiffness"
+    assert one.quantity == ParameterName.of("stiffness").quantity == "stiffness"
     assert readable(ParameterName("viscous_friction", "a_b")) == "viscous friction of a_b"
     assert readable("m_1 + m_2 of both") == "m_1 + m_2 of both"
 

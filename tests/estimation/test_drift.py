@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from seaid._arrays import Array
 from seaid.checks.values import noise_findings
+from seaid.drives import ParameterName
 from seaid.estimation import Drift, Estimate, fit
 from seaid.estimation.drift import agreement, block_factors, drifts_of, with_drifts
 from seaid.estimation.fitting import ESTIMATORS, stored_rows
@@ -43,7 +44,7 @@ def data(seed: int, drift: tuple[float, ...] = (0.0,), logs: int = 1) -> Regress
         H = np.column_stack([*waves, np.ones(200)])
         y = H @ TRUTH + NOISE * rng.normal(size=200) + size * slow(rng, 200)
         rows = regression(H, y, time=time, joint=np.full(200, joint), run=np.full(200, log))
-        parts.append(replace(rows, names=("gravity", "inertia", "offset")))
+        parts.append(replace(rows, names=ParameterName.all_of(("gravity", "inertia", "offset"))))
     return replace(stacked(parts), joint_names=("hip", "knee"))
 
 

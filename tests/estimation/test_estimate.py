@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from scipy.stats import t as student_t
 
 from seaid._arrays import Array
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError, SeaidError
 from seaid.estimation import Estimate
 from seaid.estimation.estimate import independent_rows, poorly_determined, term_test, whiteness
@@ -21,7 +22,7 @@ from tests.plants import regression
 
 COVARIANCE = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 2.0], [0.0, 2.0, 1.0]])
 FOUND = Estimate(
-    names=("a", "b", "c"),
+    names=ParameterName.all_of("abc"),
     values=np.array([10.0, -3.0, 0.0]),
     covariance=COVARIANCE,
     units=("kg", "m", "s"),
@@ -44,7 +45,7 @@ def test_standard_errors_parts_and_names_are_those_of_the_covariance() -> None:
 
 
 def of_shapes(values: Array, covariance: Array) -> Estimate:
-    return Estimate(("a",), values, covariance, ("kg",), 0.0, 1.0)
+    return Estimate(ParameterName.all_of("a"), values, covariance, ("kg",), 0.0, 1.0)
 
 
 REFUSED: list[tuple[Callable[[], object], str]] = [
@@ -79,7 +80,9 @@ def test_intervals_are_those_of_students_t_and_errors_are_not_wider(level: float
 
 def test_further_values_have_the_errors_of_those_that_they_contain() -> None:
     """d = 2 a - c + e: its covariance with all is that of the linear function, plus that of e."""
-    further = Estimate(("d",), np.array([20.0]), np.array([[0.25]]), ("kg",), 0.2, 1.0)
+    further = Estimate(
+        ParameterName.all_of("d"), np.array([20.0]), np.array([[0.25]]), ("kg",), 0.2, 1.0
+    )
     whole = FOUND.with_further(further, ["a", "c"], np.array([[2.0, -1.0]]))
     J = np.vstack([np.eye(3), [2.0, 0.0, -1.0]])
     own = np.diag([0.0, 0.0, 0.0, 0.25])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from seaid.drives import ParameterName
 from seaid.estimation import Estimate
 from seaid.estimation.parameters import Constraints
 
@@ -12,7 +13,7 @@ def with_one_value(variances: tuple[float, ...], freedom: tuple[float, ...]) -> 
     p = len(variances)
     covariance = np.diag(variances)
     free = Estimate(
-        names=tuple(f"stiffness of {x}" for x in "abc"[:p]),
+        names=tuple(ParameterName("stiffness", x) for x in "abc"[:p]),
         values=np.arange(1.0, p + 1),
         covariance=covariance,
         units=("N m/rad",) * p,

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 
 from seaid._arrays import Array
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation.qr_factor import (
     QRFactor,
@@ -103,7 +104,7 @@ def test_weights_residual_norms_and_fewer_columns_are_those_of_the_rows() -> Non
     residual = rows.y - rows.H @ theta
     expected = [np.linalg.norm(residual[rows.joint == joint]) for joint in (0, 2, 3)]
     assert qr_factor_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
-    fewer = replace(rows, names=("b", "d"), units=("m", "N"), H=rows.H[:, [1, 3]])
+    fewer = replace(rows, names=ParameterName.all_of("bd"), units=("m", "N"), H=rows.H[:, [1, 3]])
     assert_same(qr_factor_of(rows).without(["a", "c"]), qr_factor_of(fewer))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import StiffDrive
+from seaid.drives import ParameterName, StiffDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification import FeasibleParameters, identify
@@ -175,7 +175,7 @@ def test_negative_friction_becomes_zero_and_is_named() -> None:
 def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
     names = ("viscous_friction", "coulomb_friction", "stiffness", "spring_offset")
     values, errors = np.array([-1e-5, 0.004, 80000.0, -3.0]), np.array([1e-5, 1e-4, 500.0, 1.0])
-    drive = Estimate(names, values, np.diag(errors**2), ("",) * 4, 1.0, 1.0)
+    drive = Estimate(ParameterName.all_of(names), values, np.diag(errors**2), ("",) * 4, 1.0, 1.0)
     result = found(leg(), estimated(leg(), 0.01), drives={"hip_pitch": drive})
     at = dict(zip(result.names, result.values, strict=True))
     assert 0 < at["viscous_friction of hip_pitch"] < 1e-9
@@ -219,7 +219,7 @@ def test_known_bodies_that_the_data_contradict_are_named() -> None:
 
 def of_last_drive(estimate: Estimate) -> dict[str, Any]:
     """Return an estimate of a drive that the load side has too."""
-    name, joint = estimate.names[-1].split(" of ")
+    name, joint = ParameterName(estimate.names[-1].quantity), estimate.names[-1].owner
     return {"drives": {joint: Estimate((name,), np.ones(1), np.eye(1), ("",), 1.0, 1.0)}}
 
 

@@ -14,6 +14,7 @@ from scripts.benchmarks import command_delays
 from scripts.benchmarks.commanded_arms import ARMS
 from seaid._arrays import Array
 from seaid.checks.values import drive_findings
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.estimation import Estimate
 from seaid.identification.simulated_joints import commanded_point
@@ -751,7 +752,9 @@ def test_a_negative_armature_has_a_remedy(inertia: float, severity: str, remedy:
     """The inertia of the link in the robot file exceeds that of link and rotor."""
     names = ("viscous_friction", "motor_inertia", "command_delay")
     values = np.array([0.1, TRUTH["motor_inertia"] - inertia, 0.0])
-    side = Estimate(names, values, np.diag([1e-2, 2e-3, 1e-3]) ** 2, ("",) * 3, 1.0, 1.0)
+    side = Estimate(
+        ParameterName.all_of(names), values, np.diag([1e-2, 2e-3, 1e-3]) ** 2, ("",) * 3, 1.0, 1.0
+    )
     (finding,) = [x for x in drive_findings("j", side) if x.code == "negative-parameter"]
     assert finding.severity == severity
     assert finding.remedy.startswith(remedy)

@@ -71,7 +71,7 @@ def test_a_ramp_up_and_down_separates_friction_from_a_cubic_spring() -> None:
     found = [calibrate_statics(ramp(seed), law="cubic") for seed in range(60)]
     assert found[0].estimate.names == ("stiffness", "cubic_stiffness", "zero", "friction")
     assert found[0].estimate.units == ("N m/rad", "N m/rad^3", "rad", "N m")
-    truth = dict(zip(found[0].estimate.names, (150.0, 2000.0, 0.02, 0.3), strict=True))
+    truth = dict(zip(map(str, found[0].estimate.names), (150.0, 2000.0, 0.02, 0.3), strict=True))
     draws = np.array([scores(one.estimate, truth) for one in found])
     assert np.all(np.abs(np.mean(draws, axis=0)) < 0.5)
     assert np.all((np.std(draws, axis=0) > 0.75) & (np.std(draws, axis=0) < 1.3))

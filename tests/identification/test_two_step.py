@@ -302,7 +302,8 @@ CONSTANTS, OF_CONSTANTS = np.array([2.0, 3.0]), np.array([[4e-4, 3e-4], [3e-4, 9
 
 def fit_of(names: tuple[str, ...], values: Array, covariance: Array) -> Any:
     """Return a fit with an estimate, which the propagated springs do not move."""
-    estimate = Estimate(names, values, covariance, ("",) * len(names), 0.1, 1.0)
+    every = ParameterName.all_of(names)
+    estimate = Estimate(every, values, covariance, ("",) * len(names), 0.1, 1.0)
     return SimpleNamespace(estimate=estimate, sensitivity=np.zeros((len(names), 4)))
 
 

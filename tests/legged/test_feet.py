@@ -18,6 +18,7 @@ from scripts.identify_biped import standing_plan, write_biped
 from scripts.legged_plant import GO2_FEET, foot_positions, plant, simulate
 from seaid._arrays import Array
 from seaid.checks.codes import observed
+from seaid.drives import ParameterName
 from seaid.errors import Finding, IdentificationError, LogError, SeaidError
 from seaid.identification.result import extension_of
 from seaid.legged import whole_body, with_leg_order
@@ -349,7 +350,7 @@ def test_mass_and_center_of_a_walking_robot_have_their_errors() -> None:
     covariance = np.diag(rng.uniform(1e-6, 1e-4, len(grouping.columns)))
     estimate = replace(
         found_standing().load,
-        names=grouping.expressions,
+        names=ParameterName.all_of(grouping.expressions),
         values=grouping.project(robot.parameters),
         units=("1",) * len(grouping.columns),
         covariance=covariance,

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, identify
@@ -37,7 +38,7 @@ def test_a_log_in_common_makes_estimates_correlated() -> None:
 
 
 def made(values: list[float], errors: list[float], freedom: float) -> Estimate:
-    names = tuple(f"m_{k}" for k in range(len(values)))
+    names = tuple(ParameterName(f"m_{k}") for k in range(len(values)))
     return Estimate(
         names,
         np.array(values),
