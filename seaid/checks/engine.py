@@ -26,6 +26,7 @@ from scipy.special import stdtrit
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, safely
 from seaid.checks.tolerances import CONFIDENCE, LEAST_EXPLAINED, NEGLIGIBLE
+from seaid.drives import ParameterName
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.qr_factor import ROUNDING, explained_squares, scaled_svd, triangle, whitened
@@ -480,9 +481,10 @@ class Equation:
         H = np.hstack([self.rows.H, *(model.columns for model in models)])
         for model in models:
             H[:, list(model.replaced)] = 0.0
-        more = [f"accepted column {place}" for place in range(width, H.shape[1])]
-        rows = self.rows.with_columns(more, len(more) * [""], H[:, width:])
-        return replace(self, rows=replace(rows, H=H))
+        more = ParameterName.all_of(f"accepted column {x}" for x in range(width, H.shape[1]))
+        units = (*self.rows.units, *len(more) * ("",))
+        rows = replace(self.rows, names=(*self.rows.names, *more), units=units, H=H)
+        return replace(self, rows=rows)
 
 
 def equation_of(fitted: FittedRows) -> Equation:
