@@ -73,7 +73,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("boom.urdf", "floating", "is planar: load it with base='planar'"),
         ("boom.urdf", "fixed", "joint 'guide' is planar; .*or that of the base with base='planar'"),
-        ("hopper.urdf", "planar", "name the plane by axes of the base, such as base='planar_xz'"),
+        ("hopper.urdf", "planar", "name the plane by axes of the base, as base='planar_xz'"),
         (
             "oblique.urdf",
             "planar",
