@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache, singledispatch
 from threading import local
 from typing import TYPE_CHECKING, Any
@@ -433,6 +434,16 @@ def four_digits(size: float) -> str:
     """Return the size of a coefficient as text, 0.0756."""
     # A tie at the fifth digit is rounded up, whatever rounding errors have made of it.
     return f"{size * (1 + 1e-9):.4g}"
+
+
+_LONGEST = 10_000
+"""Numerators and denominators of rationals that are shown."""
+
+
+def rational_text(size: Fraction) -> str:
+    """Return the size of a coefficient as text, 121/1600; a long rational as a decimal."""
+    is_short = max(size.numerator, size.denominator) <= _LONGEST
+    return str(size) if is_short else four_digits(float(size))
 
 
 def base_of_columns(

@@ -88,8 +88,7 @@ def base_by_derivatives(
 def _plausible(robot: Robot) -> Array:
     """Return the standard parameters of the robot, with masses where it has none."""
     bodies = robot.parameters.reshape(-1, 10).copy()
-    empty = bodies[:, 0] <= 0
-    bodies[empty] = [1.0, 0.1, 0.05, 0.08, 0.05, 0.0, 0.06, 0.0, 0.0, 0.04]
+    bodies[bodies[:, 0] <= 0] = [1.0, 0.1, 0.05, 0.08, 0.05, 0.0, 0.06, 0.0, 0.0, 0.04]
     return bodies.ravel()
 
 
@@ -126,8 +125,7 @@ def _instant(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
     factorials = np.cumprod([1.0, *range(1, _ORDERS)])
     # The k-th derivative of a polynomial at 0 is k! times its coefficient of t^k.
     scale = factorials / _STEP_S ** np.arange(_ORDERS)
-    now: Array = np.zeros(1)
-    position = np.array([moved(now, order)[0] for order in range(_ORDERS)])
+    position = np.array([moved(np.zeros(1), order)[0] for order in range(_ORDERS)])
     return position, scale[:, None] * (weights @ torques)
 
 

@@ -293,18 +293,14 @@ def _load_rows(
         torques = {("load", i): exact_number(C[i, j]) for i in movers}
         # (8): sum over drives of C_ij (tau_i - joint terms of i) = torque of the rigid bodies.
         parts = tuple((i, -x, terms[i].joint) for (_, i), x in torques.items())
-        unknown = np.flatnonzero(depends[j] & ~np.array(seen.joint))
-        missing = _unknown_joints(robot, unknown.tolist())
+        unknown = np.array(robot.joint_names)[depends[j] & ~np.array(seen.joint)].tolist()
+        text = f"the position of {', '.join(unknown)} is not known"
+        missing: tuple[str, ...] = (text,) if unknown else ()
         for i, _, expression in parts:
             missing = missing or _missing(expression, i, sensors[joint], seen)
         yield Equation("load", j, parts, torques, missing)
         if "joint_torque" in sensors[joint]:
             yield Equation("sensor", j, (), torques)
-
-
-def _unknown_joints(robot: Robot, joints: Collection[int]) -> tuple[str, ...]:
-    names = ", ".join(robot.joint_names[k] for k in joints)
-    return (f"the position of {names} is not known",) if joints else ()
 
 
 def _missing(

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache, singledispatch
+from functools import cache, partial, singledispatch
 from itertools import chain, compress
 from typing import Literal, get_args
 
@@ -34,6 +34,7 @@ from seaid.regressor.base import (
     grouped_by,
     left_to_right,
     negligible,
+    rational_text,
     with_base_columns,
     with_independent,
 )
@@ -208,7 +209,7 @@ def identifiability(
         gap=base.gap,
         agree=is_certain,
         derivatives=base_by_derivatives(robot, sensed, system.names, seed),
-        commands=tuple(filter(None, _delay_sums(robot, conditions))),
+        commands=tuple(_delay_sums(robot, conditions)),
     )
 
 
@@ -221,7 +222,8 @@ def of_stances(robot: Robot, stances: Sequence[Sequence[str]], seed: int) -> Ide
 def _delay_sums(robot: Robot, conditions: Sequence[Robot]) -> Iterator[str]:
     for joint in robot.joint_names:
         drives = [condition.drives[joint] for condition in (robot, *conditions)]
-        if all(drive.controller is not None for drive in drives):
+        has_delay = any(map(stated_delay_s, drives))
+        if has_delay and all(drive.controller is not None for drive in drives):
             yield delay_sums(joint, drives)
 
 
@@ -231,8 +233,6 @@ def delay_sums(joint: str, drives: Sequence[Drive]) -> str:
     To first order T adds (K_d + F_v) T to the armature and K_p T to the viscous friction.
     """
     within = max(map(stated_delay_s, drives))
-    if not within:
-        return ""
     pairs = []
     for drive in drives:
         laws = drive.law
@@ -378,15 +378,13 @@ def _decision(
     """Return the decision at so many random instants."""
     truth, bodies = random_truth(system, rng), system.robot.parameters.size
 
-    def rows_at_free_instants(instants: int) -> list[SumRows]:
-        return rows_of_sums(system, truth, rng, instants)
-
     def rows_on_true_motions(instants: int) -> list[SumRows]:
         sums = (rows_of_sums(system, truth, rng, instants, payload) for payload in payloads)
         return list(chain(*sums))
 
     of_bodies = _Columns(*with_base_columns(system.robot, len(system.names)), is_confirmed=True)
-    free = _confirmed(rows_at_free_instants, count, of_bodies, bodies, rng)
+    at_free_instants = partial(rows_of_sums, system, truth, rng)
+    free = _confirmed(at_free_instants, count, of_bodies, bodies, rng)
     base, rank = free.base(system.names), len(free.places)
     if not (free.places and _can_be_homogeneous(system)):
         return base, (), rank, free.is_confirmed
@@ -467,8 +465,8 @@ def _is_confirmed(
 
 
 _LARGEST, _SAME, _DIGITS = 10_000, 1e-11, 12
-"""Numerators and denominators of rationals that are shown, their largest relative distance from a
-double, and the digits of a coefficient that are no rounding."""
+"""Largest denominator of a rational in place of a double, its largest relative distance from that,
+and the digits of a coefficient that are no rounding."""
 
 
 def _shown(size: float) -> str:
@@ -479,8 +477,8 @@ def _shown(size: float) -> str:
 def _short_rational(size: float) -> str:
     """Return the size of a coefficient as text: a rational, 121/1600, if that is short."""
     near = Fraction(size).limit_denominator(_LARGEST)
-    is_same = abs(near - Fraction(size)) <= _SAME * size and near.numerator <= _LARGEST
-    return str(near) if is_same else four_digits(size)
+    is_same = abs(near - Fraction(size)) <= _SAME * size
+    return rational_text(near) if is_same else four_digits(size)
 
 
 def _can_be_homogeneous(system: System) -> bool:

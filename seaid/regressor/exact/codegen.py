@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from flint import fmpq
 from numpy.typing import ArrayLike
 
 from seaid._arrays import finite
@@ -21,14 +20,14 @@ if TYPE_CHECKING:
     from seaid.regressor.exact.equations import RigidBodyForm
 
 
-def text_of(value: Value, number: Callable[[fmpq], str]) -> str:
+def text_of(value: Value) -> str:
     """Return a value as an expression that is valid in Python and in C."""
     text = ""
     for factors, x in value.items():
         sign = ("-" if x < 0 else "") if not text else (" - " if x < 0 else " + ")
-        size = [] if abs(x) == 1 and factors else [number(abs(x))]
+        size = [] if abs(x) == 1 and factors else [repr(number(abs(x)))]
         text += sign + "*".join([*size, *factors])
-    return text or number(fmpq(0))
+    return text or "0.0"
 
 
 _Entries = Mapping[tuple[int, int], Value]
@@ -149,7 +148,7 @@ def _as_comment(text: str) -> str:
 
 def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
     n = len(form.joint_names)
-    lines = [f"    {line}" for line in _statements(form.program, entries, "np.", "", _python)]
+    lines = [f"    {line}" for line in _statements(form.program, entries, "np.", "")]
     return [
         f"def {title}(q, v, a):",
         f'    """Return Y (T, {n}, {width}) of positions, velocities, accelerations (T, {n})."""',
@@ -160,10 +159,7 @@ def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: i
         *_inputs(form.program, entries, n, "    {0}{1} = {0}[:, {1}]"),
         *lines,
         f"    Y = np.zeros((len(q), {n}, {width}))",
-        *(
-            f"    Y[:, {i}, {j}] = {text_of(value, _python)}"
-            for (i, j), value in sorted(entries.items())
-        ),
+        *(f"    Y[:, {i}, {j}] = {text_of(value)}" for (i, j), value in sorted(entries.items())),
         "    return Y",
     ]
 
@@ -213,7 +209,7 @@ def _c_inverse_dynamics(prefix: str, form: RigidBodyForm, values: Sequence[float
     n = len(form.joint_names)
     rows: dict[int, list[str]] = {i: [] for i in range(n)}
     for (i, j), value in sorted(form.base_entries.items()):
-        rows[i].append(f"\n        + ({values[j]!r})*({text_of(value, _c)})")
+        rows[i].append(f"\n        + ({values[j]!r})*({text_of(value)})")
     return [
         *_c_head(f"{prefix}_inverse_dynamics", f"tau[{n}]", form, form.base_entries),
         *(f"    tau[{i}] = 0.0{''.join(terms)};" for i, terms in rows.items()),
@@ -228,7 +224,7 @@ def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) 
         *_c_head(title, f"Y[{size}]", form, entries),
         f"    memset(Y, 0, {size} * sizeof *Y);",
         *(
-            f"    Y[{i * width + j}] = {text_of(value, _c)};"
+            f"    Y[{i * width + j}] = {text_of(value)};"
             for (i, j), value in sorted(entries.items())
         ),
         "}",
@@ -238,7 +234,7 @@ def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) 
 def _c_head(title: str, output: str, form: RigidBodyForm, entries: _Entries) -> list[str]:
     """Return the lines of a function of q, v and a before its output is written."""
     n = len(form.joint_names)
-    lines = _statements(form.program, entries, "", "const double ", _c)
+    lines = _statements(form.program, entries, "", "const double ")
     inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
     return [
         f"void {title}({inputs}, double {output})",
@@ -255,13 +251,7 @@ def _inputs(program: Program, entries: _Entries, n: int, pattern: str) -> list[s
     return [pattern.format(x, i) for x in "qva" for i in range(n) if f"{x}{i}" in used]
 
 
-def _statements(
-    program: Program,
-    entries: _Entries,
-    module: str,
-    declare: str,
-    number_text: Callable[[fmpq], str],
-) -> list[str]:
+def _statements(program: Program, entries: _Entries, module: str, declare: str) -> list[str]:
     """Return the assignments that the entries need, in order."""
     used = needed(program, entries.values())
     lines = [
@@ -270,15 +260,7 @@ def _statements(
         if text in used
     ]
     return lines + [
-        f"{declare}{text} = {text_of(value, number_text)}"
+        f"{declare}{text} = {text_of(value)}"
         for text, value in program.steps.items()
         if text in used
     ]
-
-
-def _python(x: fmpq) -> str:
-    return str(x) if x.q == 1 else repr(number(x))
-
-
-def _c(x: fmpq) -> str:
-    return repr(number(x))

@@ -98,11 +98,7 @@ def base_parameters(robot: Robot, *, floating_base: bool = False) -> ExactBasePa
         first = len(names) - len(robot.parameters)
         known = {first + column for column in np.flatnonzero(robot.is_known).tolist()}
         echelon = from_rows(echelon, len(names), without=known)
-    return _checked(robot, packed(echelon, names))
-
-
-def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
-    """Return the parameters, with a warning if the geometry is special up to a rounding error."""
+    base = packed(echelon, names)
     largest = float(np.max(np.abs(base.grouping), initial=0.0))
     if largest > _SUSPICIOUS:
         row = int(np.argmax(np.max(np.abs(base.grouping), axis=1)))
@@ -111,7 +107,7 @@ def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
             f"differ by {1 / largest:.0e}, as a rounded angle makes them; compare with "
             "seaid.base_parameters, or write the angle with all digits",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
     return base
 

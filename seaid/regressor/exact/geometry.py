@@ -38,7 +38,7 @@ _ANGLE_NOISE = 1e-14
 
 _HALF_TANGENT_ERROR = 1e-16
 
-_IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
 _HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 _NO_SHIFT = fmpq_mat(3, 1)
 
@@ -99,7 +99,7 @@ def exact_tree(robot: Robot) -> ExactTree:
     for index in range(1, model.njoints):
         parent = int(model.parents[index]) - 1
         placement = model.jointPlacements[index]
-        above = _IDENTITY if parent < 0 else joints[parent].alignment
+        above = IDENTITY if parent < 0 else joints[parent].alignment
         axis = joint_axis(model.joints[index])
         body = robot.model_order[index - 1]
         rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
@@ -141,7 +141,7 @@ def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_
         return rotation, alignment
     if any(x.q != 1 for x in placed.entries()):
         return exact_rotation(as_floats(rotation)), alignment
-    turn = _IDENTITY if cosine > 0 else _HALF_TURN
+    turn = IDENTITY if cosine > 0 else _HALF_TURN
     return turn, placed.transpose() * above * turn
 
 
@@ -221,7 +221,7 @@ def _alignment(axis: Array) -> fmpq_mat:
     # Half a turn about w, the bisector of z and the axis: R = 2 w w^T / (w^T w) - 1.
     up = 1 if axis[2] >= 0 else -1
     w = _unit_vector(axis) + fmpq_mat(3, 1, [0, 0, up])
-    turned = 2 / (w.transpose() * w)[0, 0] * (w * w.transpose()) - _IDENTITY
+    turned = 2 / (w.transpose() * w)[0, 0] * (w * w.transpose()) - IDENTITY
     return turned if up > 0 else turned * _HALF_TURN
 
 
@@ -409,11 +409,6 @@ def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     return fmpq_mat(rows + [[0, 0, 0, *turned.tolist()[i]] for i in range(3)])
 
 
-def _placement(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
-    rows = rotation.tolist()
-    return fmpq_mat([*([*rows[i], translation[i, 0]] for i in range(3)), [0, 0, 0, 1]])
-
-
 def inertia_transform(
     rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT, parameters: Iterable[int] = range(10)
 ) -> fmpq_mat:
@@ -423,7 +418,8 @@ def inertia_transform(
     """
     # Integers over one denominator d: T (2 J) of the unit parameters side by side, and then on top
     # of each other for the second factor.
-    T, d = _placement(rotation, translation).numer_denom()
+    upper = [[*row, x] for row, x in zip(rotation.tolist(), translation.entries(), strict=True)]
+    T, d = fmpq_mat([*upper, [0, 0, 0, 1]]).numer_denom()
     half = (T * _TWICE_PSEUDO).tolist()
     stacked = fmpz_mat([row[4 * i : 4 * i + 4] for i in parameters for row in half])
     entries = (stacked * T.transpose()).tolist()

@@ -11,13 +11,11 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 from seaid._arrays import frozen
-from seaid.regressor.base import BaseParameters, combination_text
+from seaid.regressor.base import BaseParameters, combination_text, rational_text
 from seaid.regressor.exact.geometry import number
 
 SparseRow = dict[int, fmpq]
 """{column: value}, without zeros."""
-
-_LONGEST_FRACTION = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,9 @@ def packed(echelon: Sequence[SparseRow], names: Sequence[str]) -> ExactBaseParam
     return ExactBaseParameters(
         columns=columns,
         names=tuple(names[column] for column in columns),
-        expressions=tuple(combination_text(x.values(), [names[j] for j in x], _text) for x in rows),
+        expressions=tuple(
+            combination_text(x.values(), [names[j] for j in x], rational_text) for x in rows
+        ),
         grouping=frozen("grouping", grouping, (None, None)),
         gap=float("inf"),
         rank=len(rows),
@@ -104,9 +104,3 @@ def from_rows(
             matrix[i, j] = 0 if j in without else x
     echelon, rank = matrix.rref()
     return [{j: x for j, x in enumerate(row) if x != 0} for row in echelon.tolist()[:rank]]
-
-
-def _text(size: Fraction) -> str:
-    """Return the size of a coefficient as text, 121/1600; a long fraction as a decimal."""
-    is_short = max(size.numerator, size.denominator) <= _LONGEST_FRACTION
-    return str(size) if is_short else f"{float(size):.4g}"

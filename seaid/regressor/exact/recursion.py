@@ -25,6 +25,7 @@ import numpy as np
 from flint import fmpq, fmpq_mat, nmod, nmod_mat
 
 from seaid.regressor.exact.geometry import (
+    IDENTITY,
     PAIRS,
     SLIDING,
     TURNING,
@@ -38,11 +39,9 @@ from seaid.regressor.exact.geometry import (
     twist_transform,
     with_axis,
 )
+from seaid.regressor.exact.grouping import SparseRow
 
 Vector = list[fmpq]
-
-Null = dict[int, fmpq]
-"""A combination of standard parameters without any effect: {column: value}."""
 
 _ZERO = fmpq(0)
 
@@ -61,14 +60,14 @@ class Spans:
         return (len(self.velocity), len(self.square), len(self.gravity)) == (6, 21, 3)
 
 
-def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
+def null_space(tree: ExactTree, *, floating: bool = False) -> list[SparseRow]:
     """Return a basis of the undetectable changes of the 10n parameters, parents first.
 
     With a `floating` base its own ten parameters come first, so that there are 10 (n + 1).
     """
     base = _full_spans() if floating else Spans([], [], _basis([tree.gravity.entries()]))
     spans = {-1: base}
-    nulls: list[Null] = []
+    nulls: list[SparseRow] = []
     groups = {group[0]: group for group in _groups(tree)}
     grouped = set(chain(*groups.values()))
     for place, joint in enumerate(tree.joints):
@@ -85,7 +84,7 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
 
 def _compensated_changes(
     tree: ExactTree, poses: dict[int, _Pose], changes: list[fmpq_mat], floating: bool
-) -> list[Null]:
+) -> list[SparseRow]:
     """Return changes (10 k, 1) of k bodies with those of their carrier that compensate them.
 
     `poses` are those of the bodies in the carrier's frame at zero position.
@@ -93,7 +92,7 @@ def _compensated_changes(
     if not changes:
         return []
     carrier, shift = tree.joints[min(poses)].parent, 10 if floating else 0
-    rows = [list(row) for row in zip(*(change.entries() for change in changes), strict=True)]
+    rows = fmpq_mat([change.entries() for change in changes]).transpose().tolist()
     # {first column of a body: what it has in each of the changes (10, changes)}
     parts, total = dict[int, fmpq_mat](), fmpq_mat(10, len(changes))
     for i, (place, pose) in enumerate(poses.items()):
@@ -106,10 +105,12 @@ def _compensated_changes(
         parts[10 * tree.bodies[carrier] + shift] = -(in_body * total)
     elif floating:
         parts[0] = -total
-    return [
-        {first + i: part[i, k] for first, part in parts.items() for i in range(10) if part[i, k]}
-        for k in range(len(changes))
-    ]
+    return [_row_of(parts, k) for k in range(len(changes))]
+
+
+def _row_of(parts: dict[int, fmpq_mat], k: int) -> SparseRow:
+    """Return column k of parts {first place: (10, changes)} as one row."""
+    return {first + i: part[i, k] for first, part in parts.items() for i in range(10) if part[i, k]}
 
 
 def _hidden_changes(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
@@ -278,7 +279,7 @@ class _Pose:
 
 def _group_nulls(
     tree: ExactTree, group: list[int], spans: dict[int, Spans], floating: bool
-) -> list[Null]:
+) -> list[SparseRow]:
     """Return the undetectable changes of a group that are none of one joint alone.
 
     The spans of its bodies are added to `spans`.
@@ -336,11 +337,10 @@ def _poses(
 ) -> dict[int, _Pose]:
     """Return the bodies of a group in its carrier's frame, at a random point or at zero."""
     turns, lengths = _positions(tree, group, random)
-    identity = fmpq_mat([[int(i == j) for j in range(3)] for i in range(3)])
-    poses = {carrier: _Pose(identity, fmpq_mat(3, 1), {})}
+    poses = {carrier: _Pose(IDENTITY, fmpq_mat(3, 1), {})}
     for place in group:
         joint, before = tree.joints[place], poses[tree.joints[place].parent]
-        rotation = joint.rotation * turns.get(place, identity)
+        rotation = joint.rotation * turns.get(place, IDENTITY)
         along = fmpq_mat([[0], [0], [lengths.get(place, 0)]])
         translation = joint.translation + joint.rotation * along
         X = twist_transform(rotation, translation)
