@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import chain, product
 from typing import Any
 
@@ -57,6 +58,11 @@ class ExactJoint:
     rotation: fmpq_mat
     translation: fmpq_mat
     alignment: fmpq_mat
+
+    @cached_property
+    def to_body(self) -> fmpq_mat:
+        """The map (10, 10) of inertial parameters in the aligned frame to those in the body's."""
+        return inertia_transform(self.alignment)
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,12 +97,10 @@ def _compensated_changes(
     parts, total = dict[int, fmpq_mat](), fmpq_mat(10, len(changes))
     for i, (place, pose) in enumerate(poses.items()):
         part = fmpq_mat(rows[10 * i : 10 * i + 10])
-        in_body = inertia_transform(tree.joints[place].alignment)
-        parts[10 * tree.bodies[place] + shift] = in_body * part
+        parts[10 * tree.bodies[place] + shift] = tree.joints[place].to_body * part
         total += inertia_transform(pose.rotation, pose.translation) * part
     if carrier >= 0:
-        in_body = inertia_transform(tree.joints[carrier].alignment)
-        parts[10 * tree.bodies[carrier] + shift] = -(in_body * total)
+        parts[10 * tree.bodies[carrier] + shift] = -(tree.joints[carrier].to_body * total)
     elif floating:
         parts[0] = -total
     return [_row_of(parts, k) for k in range(len(changes))]
