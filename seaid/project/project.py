@@ -19,8 +19,6 @@ from seaid.log import Log, Repairs, read_log
 from seaid.log.tables import Interval, Reader, types_of
 from seaid.robot import BaseKind, Contact, Payload, Robot
 
-FILE_NAME = PROJECT_FILE
-
 Use = Literal["identify", "validate"]
 Output = Literal["parameters", "report", "urdf", "mjcf"]
 
@@ -57,16 +55,13 @@ class ProjectLog:
     @property
     def name(self) -> str:
         """The name of its first file, with the part that is used, as "run.csv@0:20"."""
-        return self.files[0].name + self._part
+        part = "" if self.between_s is None else "@{:.12g}:{:.12g}".format(*self.between_s)
+        return self.files[0].name + part
 
     @property
     def path(self) -> Path:
         """Its first file and the part that is used, as the command line has it."""
         return self.files[0].with_name(self.name)
-
-    @property
-    def _part(self) -> str:
-        return "" if self.between_s is None else "@{:.12g}:{:.12g}".format(*self.between_s)
 
     def read(self, robot: Robot, description: Path | None = None, repair: bool = False) -> Log:
         """Read the log; a `description` that is given takes precedence."""
@@ -193,7 +188,7 @@ class Project(Display):
 
 
 @checked(SeaidError)
-def load_project(path: str | Path = FILE_NAME) -> Project:
+def load_project(path: str | Path = PROJECT_FILE) -> Project:
     """Read a project file.
 
     Parameters
@@ -218,15 +213,15 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
     >>> found = seaid.identify(robot, logs)
     """
     path = Path(path)
-    file = path / FILE_NAME if path.is_dir() else path
+    file = path / PROJECT_FILE if path.is_dir() else path
     where, reader = f"'{file}'", Reader(SeaidError, file.parent)
     content = read_toml(file, "the project", SeaidError)
     if content.get("known_bodies") == "all":
         content["known_bodies"] = ["all"]
     values = reader.table(_OF_PROJECT, content, where, needed=["urdf"])
     run = reader.table(_OF_RUN, values.pop("run", {}), f"{where} [run]")
-    logs = tuple(_log(*entry) for entry in _tables(reader, values, "log", _OF_LOG, where))
-    payloads = _tables(reader, values, "payload", _OF_PAYLOAD, where, needed=["link", "mass_kg"])
+    logs = tuple(_log(reader, *table) for table in _tables(reader, values, "log", where))
+    payloads = _payloads(reader, _tables(reader, values, "payload", where), logs)
     values["urdf"] = _robot_file(values["urdf"], file.parent)
     values["experiment"] = {name: str(x) for name, x in values.get("experiment", {}).items()}
     return Project(
@@ -234,13 +229,23 @@ def load_project(path: str | Path = FILE_NAME) -> Project:
         contacts=_contacts(reader, values.pop("contacts", []), where),
         options=values.pop("identify", Options()),
         **values,
-        payloads=FrozenMapping(_payloads(payloads, logs)),
+        payloads=FrozenMapping(payloads),
         logs=logs,
         **{"folder": file.parent / "runs", **run},
     )
 
 
-_VECTOR = tuple[float, float, float]
+@dataclass(frozen=True)
+class _PayloadTable:
+    """A table [[payload]]: its inertia at the centre of mass is xx, yy, zz, xy, xz, yz."""
+
+    link: str
+    mass_kg: float
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    condition: str = ""
+
+
 _HINTS = types_of(Project)
 _ROBOT = (
     *("drives", "joints", "locked", "gravity", "known_bodies", "independent_mimics", "base"),
@@ -254,30 +259,15 @@ _OF_PROJECT = {
 _OF_RUN = {key: _HINTS[key] for key in ("folder", "write", "fail_on")}
 _OF_LOG = {"file": Path, **types_of(ProjectLog)}
 _OF_CONTACT = {"links": tuple[str, ...], **types_of(Contact)}
-_OF_PAYLOAD = {
-    **{"link": str, "mass_kg": float, "com_m": _VECTOR, "condition": str},
-    "inertia_kg_m2": tuple[float, float, float, float, float, float],
-}
 """{key: type} of the tables of a project file; those of [identify] are the fields of `Options`."""
 
 
-def _tables(
-    reader: Reader,
-    values: dict[str, Any],
-    key: str,
-    types: Mapping[str, Any],
-    where: str,
-    needed: Sequence[str] = (),
-) -> list[tuple[str, dict[str, Any]]]:
-    """Remove the tables of a list, and return the place and the values of each."""
+def _tables(reader: Reader, values: dict[str, Any], key: str, where: str) -> list[tuple[Any, str]]:
+    """Remove the tables of a list, and return each with its place."""
     tables = values.pop(key, [])
     if not isinstance(tables, list):
         raise reader.refusal(tables, f"tables [[{key}]], one each", key, where)
-    places = (f"{where} [[{key}]] {number}" for number in range(1, len(tables) + 1))
-    return [
-        (place, reader.table(types, table, place, needed))
-        for place, table in zip(places, tables, strict=True)
-    ]
+    return [(table, f"{where} [[{key}]] {number}") for number, table in enumerate(tables, 1)]
 
 
 def _robot_file(text: str, folder: Path) -> Path | str:
@@ -286,7 +276,8 @@ def _robot_file(text: str, folder: Path) -> Path | str:
     return path if path.exists() or Path(text).suffix or "/" in text else text
 
 
-def _log(where: str, values: dict[str, Any]) -> ProjectLog:
+def _log(reader: Reader, table: Any, where: str) -> ProjectLog:
+    values = reader.table(_OF_LOG, table, where)
     file, several = values.pop("file", None), values.pop("files", ())
     if (file is None) == (not several):
         raise SeaidError(f"{where}: give either 'file' or 'files' of one motion")
@@ -315,21 +306,20 @@ def _contacts(reader: Reader, value: Any, where: str) -> tuple[Contact, ...]:
 
 
 def _payloads(
-    tables: Sequence[tuple[str, Mapping[str, Any]]], logs: Sequence[ProjectLog]
+    reader: Reader, tables: Sequence[tuple[Any, str]], logs: Sequence[ProjectLog]
 ) -> dict[str, tuple[Payload, ...]]:
     """Return {condition: payloads}; "" for those in all logs."""
     payloads: dict[str, tuple[Payload, ...]] = {}
     conditions = {log.condition for log in logs} - {""}
-    for where, values in tables:
-        condition = values.get("condition", "")
+    for content, where in tables:
+        table = reader.instance(_PayloadTable, content, where)
+        condition = table.condition
         if condition and condition not in conditions:
             name = unknown_name("condition of a log", condition, sorted(conditions))
             raise SeaidError(f"{where}: {name}")
-        # The inertia at the centre of mass, in the order of a file.
-        xx, yy, zz, xy, xz, yz = values.get("inertia_kg_m2", (0.0,) * 6)
+        xx, yy, zz, xy, xz, yz = table.inertia_kg_m2
         inertia = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-        com = values.get("com_m", (0.0, 0.0, 0.0))
-        payload = Payload(values["link"], values["mass_kg"], com, inertia)
+        payload = Payload(table.link, table.mass_kg, table.com_m, inertia)
         payloads[condition] = (*payloads.get(condition, ()), payload)
     return payloads
 
