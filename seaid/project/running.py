@@ -147,7 +147,6 @@ def run_project(
     provenance = provenance_of(project.files, _options(project), command)
     places = _folder_names(fits) if together else dict.fromkeys(fits, "")
     with owned_folder(project.folder) as folder:
-        names: list[Path] = []
         runs: dict[str, Run] = {}
         for name, fit in fits.items():
             refusals: list[str] = []
@@ -158,10 +157,8 @@ def run_project(
             # Without a folder: it has its name only after the rename.
             runs[name] = Run(fit, validations, origin, None, replays)
             notes += refusals
-            result_folder(folder / places[name])
-            written, refused = _write(project, runs[name], folder / places[name])
-            names += [Path(places[name], each) for each in written]
-            notes += refused
+            notes += _write(project, runs[name], result_folder(folder / places[name]))
+        files = [path.relative_to(folder) for path in sorted(folder.rglob("*")) if path.is_file()]
         _copy_inputs(project, folder)
         # A rename is atomic: nobody sees a folder of a run that is half written.
         target = _renamed(folder, project.folder)
@@ -170,8 +167,8 @@ def run_project(
     except SeaidError as problem:  # the results are there
         notes.append(str(problem))
     runs = {name: replace(run, folder=target / places[name]) for name, run in runs.items()}
-    files = tuple(target / name for name in names)
-    return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
+    results = tuple(target / file for file in files)
+    return ProjectRun(target, FrozenMapping(runs), together, results, tuple(notes))
 
 
 @checked(SeaidError)
@@ -492,24 +489,17 @@ def _unseen_results(
 
 def _options(project: Project) -> dict[str, Any]:
     """Return the options that differ from their defaults, with payloads and gravity."""
-    options = project.options
     default = vars(Options())
-    texts = {name: _text(x) for name, x in vars(options).items() if x != default[name]}
+    changed = {name: x for name, x in vars(project.options).items() if x != default[name]}
     for condition, payloads in project.payloads.items():
         at = f" ({condition})" if condition else ""
         for payload in payloads:
-            texts[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
-    return texts | {"gravity": " ".join(f"{x:g}" for x in project.gravity) + " m/s^2"}
+            changed[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
+    return changed | {"gravity": " ".join(f"{x:g}" for x in project.gravity) + " m/s^2"}
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {number:g}" for name, number in value.items())
-    return ", ".join(value) if isinstance(value, tuple) else str(value)
-
-
-def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[str]]:
-    """Write the results of one condition; return their names, and what could not be written."""
+def _write(project: Project, run: Run, folder: Path) -> list[str]:
+    """Write the results of one condition, and return what could not be written."""
     from seaid.export import write_model, write_parameters
     from seaid.report import write_report
 
@@ -518,27 +508,23 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
     save_run(fit, folder / FILE, provenance=run.provenance, **tests)
     write_json(folder / "provenance.json", run.provenance)
     write_whole(folder / "summary.txt", summary_of(run) + "\n")
-    names, notes = [FILE, "provenance.json", "summary.txt"], []
     if "parameters" in project.write:
         # parameters.json has one validation, the first of the project file.
         first = next(iter(run.validations.values()), None)
         write_parameters(fit, folder / "parameters.json", first)
-        names.append("parameters.json")
     if "report" in project.write:
         facts = {**project.experiment, **facts_of(run.provenance)}
         moved, results = list(run.replays.values()), list(run.validations.values())
         page, unread = folder / "report.html", run.provenance["notes"]
         write_report(fit, page, results, facts=facts, replays=moved, notes=unread)
-        names.append("report.html")
-    stem = _folder_name(robot.name)
+    stem, notes = _folder_name(robot.name), []
     for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
         if kind in project.write:
             try:
-                drives = write_model(robot, folder / name).drives
-                names += [path.name for path in (folder / name, drives) if path is not None]
+                write_model(robot, folder / name)
             except SeaidError as problem:
                 notes.append(f"{name} was not written: {problem}")
-    return names, notes
+    return notes
 
 
 def summary_of(run: Run, details: bool = True) -> str:

@@ -497,6 +497,8 @@ def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
         digest = "" if entry["sha256"] is None else f", SHA-256 {entry['sha256'][:_DIGEST]}…"
         facts[f"Input {place}"] = f"{entry['path']}{size}{digest}"
     for name, value in provenance.get("options", {}).items():
+        if isinstance(value, Mapping):
+            value = [f"{key} {number}" for key, number in value.items()]
         text = ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
         facts[name.replace("_", " ").capitalize()] = text
     return facts
