@@ -40,7 +40,7 @@ MISTAKES = {
     "check arm.urdf run.csv --terms --of elbo -o {}/a.toml": "--of: no joint is named 'elbo'; did",
     "simulate arm.urdf run_plan.json --joint-offset elbo=1 -o {}/a.csv": "--joint-offset: no joint",
     "inspect arm.urdf --payload hand:1": "--payload: no link is named 'hand'",
-    "check arm.urdf run.csv --known-body uper": "no body that a joint moves is named 'uper'; did you",
+    "check arm.urdf run.csv --known-body uper": "no body that a joint moves is named 'uper'",
     "identify arm.urdf --condition a=run.csv --condition b=other.csv --specific viscus": (
         "--specific: no parameter is named 'viscus'; did you mean 'viscous_friction'?"
     ),
