@@ -398,8 +398,8 @@ def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
 
 _SHARE = 0.9
 """Share of each limit that a run-in uses, unless the motion itself starts or ends with more."""
-# factor between durations, the least one of a shortening, and durations tried in each direction
-_GROWTH, _FINEST, _TRIALS = 1.6, 1.2, 6
+# factor between durations, and how many are tried below and above the stopping time
+_GROWTH, _TRIALS = 1.25, 12
 _PHASES = 200
 
 Segment = tuple[Basis, Array]
@@ -497,37 +497,22 @@ def _shortest_segment(
     """Return a short segment from rest to a state (3, n), or with `out` from the state to rest.
 
     A segment that is too short breaks the acceleration limit; one that is too long has too few
-    coefficients to turn. So longer and shorter durations than the stopping time are tried in turn.
+    coefficients to turn. So durations about the stopping time are tried, short ones first.
     """
     refusal: ExcitationError | None = None
     for share in (_SHARE, 1.0):
         tightened = _tightened(bounds, state, share)
-        for power in sorted(range(-_TRIALS, _TRIALS + 1), key=abs):
+        for power in range(-_TRIALS, _TRIALS + 1):
             duration = run_in_duration(bounds) * _GROWTH**power
             try:
-                segment = _segment(names, tightened, state, duration, out=out)
+                return _segment(names, tightened, state, duration, out=out)
             except ExcitationError as refused:
                 refusal = refused
-            else:
-                return _shortened(names, tightened, state, segment, out=out)
     side = "run-out from its end" if out else "run-in to its start"
     raise ExcitationError(
         f"there is no {side} within limits ({refusal}); plan the motion with rest at its ends, "
         "within a narrower range, or with basis='fourier', which can start anywhere in its period"
     )
-
-
-def _shortened(
-    names: tuple[str, ...], bounds: JointLimits, state: Array, piece: Segment, *, out: bool
-) -> Segment:
-    """Return the segment, shortened by steps that are halved when one fails."""
-    step = _GROWTH
-    while step > _FINEST:
-        try:
-            piece = _segment(names, bounds, state, piece[0].duration / step, out=out)
-        except ExcitationError:
-            step = float(np.sqrt(step))
-    return piece
 
 
 def _segment(
