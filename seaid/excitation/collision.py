@@ -30,23 +30,18 @@ _MOST_SIZE_M = 1e6
 """Largest coordinate of a mesh; larger ones overflow the arithmetic of distances."""
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """A mesh file of a link, and the scale (three factors) that the URDF gives it."""
-
-    link: str
-    path: Path
-    scale: tuple[float, float, float]
+Mesh = tuple[str, str, tuple[float, float, float]]
+"""A link, the path of its mesh, and the scale (three factors) that the URDF gives it."""
 
 
 def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
     """Return the convex hulls of meshes as shapes of coal, or raise RobotError for a flat one."""
     if not meshes:
         return []
-    seconds = _SECONDS + sum(mesh.path.stat().st_size for mesh in meshes) / _BYTES_PER_SECOND
-    wanted = [[mesh.link, str(mesh.path), mesh.scale] for mesh in meshes]
+    size = sum(Path(path).stat().st_size for _, path, _ in meshes)
+    seconds = _SECONDS + size / _BYTES_PER_SECOND
     try:
-        options, corners = run_in_child(hull_corners, {"meshes": wanted}, seconds=seconds)
+        options, corners = run_in_child(hull_corners, {"meshes": meshes}, seconds=seconds)
     except ChildError as problem:
         raise RobotError(
             f"collision geometry of '{urdf}' cannot be read: {problem}; repair the mesh, or use a "
@@ -56,7 +51,7 @@ def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
     return [coal.Convex.convexHull(_points(points), True, option) for points, option in pairs]
 
 
-def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
+def hull_corners(meshes: Sequence[Mesh]) -> Answer:
     """Return the option of Qhull and the corners (C, 3) of each mesh's hull; runs in the child."""
     loader = coal.MeshLoader()
     options, corners = [], {}
@@ -196,7 +191,7 @@ def _without_meshes(tree: UrdfTree, folders: Sequence[Path]) -> tuple[str, dict[
     files = _mesh_files(urdf, [str(mesh.get("filename")) for _, mesh in named.values()], folders)
     meshes = {}
     for (name, (link, mesh)), path in zip(named.items(), files, strict=True):
-        meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
+        meshes[name] = link, str(path), _scale(urdf, link, mesh.get("scale") or "1 1 1")
         # Pinocchio would read the file in this process: a placeholder, whose name finds the hull
         mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
     return str(etree.tostring(root, encoding="unicode")), meshes

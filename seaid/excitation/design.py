@@ -23,15 +23,14 @@ from seaid.excitation.criteria import (
     pivoted_base,
     scaled_condition_and_d_value,
     singular_values,
-    triangular_factor,
 )
 from seaid.excitation.limits import (
+    DriveLimits,
     JointLimits,
     Limits,
     Margins,
     drive_limits,
     joint_limits,
-    margins,
     positive_values,
 )
 from seaid.excitation.multisine import Multisine
@@ -354,7 +353,7 @@ def design_excitation(
     if basis == "multisine":
         drives = drive_limits(robot, limits, bounds.velocity)
         motion = multisine_motion(robot, duration, multisine or Multisine(), bounds, drives, seed)
-        return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds)
+        return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds, drives)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
     check_whole_number("starts", starts)
@@ -423,7 +422,9 @@ def _excitation(
     H = observation_matrix(replace(problem, target=plain), time, states)
     R, R_start = factor_of(problem, x), factor_of(problem, best_start)
     # covariance (H^T H)^-1 = R^-1 R^-T: the standard errors are the norms of the rows of R^-1
-    inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
+    inverse, value = np.full_like(R, np.inf), np.inf
+    if has_full_rank(R):
+        inverse, value = _safely(np.linalg.inv, R), problem.measure.log_value(R)
     return Excitation(
         trajectory=trajectory,
         condition_number=float(_safely(np.linalg.cond, H)),
@@ -431,7 +432,7 @@ def _excitation(
         margins=all_margins(problem, x, trajectory, bounds),
         limits=bounds,
         criterion=problem.criterion,
-        value=float(np.exp(problem.measure.log_value(R))),
+        value=float(np.exp(value)),
         names=problem.target.names,
         units=problem.target.units,
         standard_errors=np.linalg.norm(inverse, axis=1) * problem.target.column_scale,
@@ -452,32 +453,20 @@ def _multisine_excitation(
     torque_joints: str | Sequence[str] | None,
     torque_std: float | Sequence[float] | dict[str, float],
     bounds: JointLimits,
+    drives: DriveLimits | None,
 ) -> Excitation:
     """Return a multisine with the condition number of the load side, which it need not identify."""
     base = pivoted_base(robot, torque_joints)
     target = load_target(robot, torque_joints, base)
     std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))[[*target.rows]]
-    time = np.linspace(0.0, motion.duration, _REPORT_SAMPLES)
-    H = stacked_regressor(replace(target, row_weights=1 / std), time, motion.sample(time))
-    R = triangular_factor(H, np.empty((0, H.shape[1])))
-    values = singular_values(R)
-    kappa = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
-    errors = np.linalg.norm(_safely(np.linalg.pinv, R), axis=1) if np.isfinite(kappa) else np.inf
-    return Excitation(
-        trajectory=motion,
-        condition_number=kappa,
-        base=base,
-        margins=margins(motion, bounds),
-        limits=bounds,
-        criterion="condition_number",
-        value=kappa,
-        names=target.names,
-        units=target.units,
-        standard_errors=np.broadcast_to(errors, len(target.names)),
-        singular_values=values,
-        start_singular_values=values,
-        measures=_measures(robot, motion, torque_joints, base, bounds.velocity),
-    )
+    target = replace(target, row_weights=1 / std)
+    # a problem without variables, whose only motion is the multisine
+    free = np.zeros((motion.basis.size, 0))
+    space = MotionSpace(motion.basis, motion.coefficients, bounds.half_range, free)
+    instants = _samples(target, motion.basis.size, None)
+    problem = make_problem(target, "condition_number", space, instants, bounds, drives, None)
+    nothing = np.zeros(0)
+    return _excitation(robot, problem, Outcome(0.0, nothing), nothing, base, bounds)
 
 
 def _standing_space(model: StandingRobot, basis: Basis) -> MotionSpace:

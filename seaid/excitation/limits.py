@@ -168,10 +168,11 @@ def hull_rows(
 
 def grouped(rows: Array, axis: int) -> Array:
     """Return the C rows along `axis` in groups (g, c), the last one repeated."""
-    missing = -rows.shape[axis] % _GROUP
+    groups = -(-rows.shape[axis] // _GROUP)
+    missing = groups * _GROUP - rows.shape[axis]
     padding = [(0, missing if dimension == axis else 0) for dimension in range(rows.ndim)]
     # repeating a row changes no largest use, and all groups have one size
-    shape = (*rows.shape[:axis], -1, _GROUP, *rows.shape[axis + 1 :])
+    shape = (*rows.shape[:axis], groups, _GROUP, *rows.shape[axis + 1 :])
     return np.pad(rows, padding, mode="edge").reshape(shape)
 
 

@@ -122,8 +122,7 @@ def rollout(
         for index, states in held.items():
             # `index` is that of the robot, columns of a state are those of the model; the drive of
             # a held joint has ratio 1, so that its motor moves as the joint does
-            state[[JOINT_POSITION, JOINT_SPEED], order.index(index)] = states[:, tick]
-            state[[POSITION, SPEED], order.index(index)] = states[:, tick]
+            state[: JOINT_SPEED + 1, order.index(index)] = np.tile(states[:, tick], 2)
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
         (positions,) = robot.joint_states(state[JOINT_POSITION, back])
         torques[tick] = gains * motor_input(at, positions)
