@@ -406,19 +406,15 @@ def _with_rigid_values(spectra: Spectra, nominal: LinearJoints, dry: BoolArray) 
     n = len(dry)
     low = max(len(spectra.hz) // 3, min(len(spectra.hz), 3 * n))
     rigid = _by_fractions(spectra.up_to(low), np.full(n, False), np.zeros(n), dry)[0]
-    mass, gravity, e = nominal.mass, nominal.gravity, nominal.elastic
-    inertia = nominal.inertia.copy()
-    unknown = e & ~np.isfinite(inertia)
-    inertia[unknown] = _RIGID * np.abs(np.diag(rigid.mass))[unknown]
-    has_masses = bool(np.all(np.diag(mass) > 0))  # not NaN, nor links without a mass
-    if not has_masses:
-        mass = rigid.mass - np.diag(inertia * e)
-        least = _RIGID * np.maximum(np.abs(np.diag(rigid.mass)), inertia * e)
-        mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
-    if not has_masses or not np.all(np.isfinite(gravity)):
-        gravity = rigid.gravity
+    whole = np.abs(np.diag(rigid.mass))
+    inertia = np.where(np.isnan(nominal.inertia), _RIGID * whole, nominal.inertia)
     friction = np.maximum(rigid.friction, 0.0)
-    return replace(nominal, mass=mass, gravity=gravity, inertia=inertia, friction=friction)
+    joints = replace(nominal, inertia=inertia, friction=friction)
+    if np.all(np.diag(nominal.mass) > 0):  # not NaN, nor links without a mass
+        return joints
+    mass, least = rigid.mass - np.diag(inertia), _RIGID * np.maximum(whole, inertia)
+    mass = mass + np.diag(np.maximum(least - np.diag(mass), 0.0))
+    return replace(joints, mass=mass, gravity=rigid.gravity)
 
 
 def _with_antiresonances(joints: LinearJoints, hz: Array) -> LinearJoints:
@@ -571,10 +567,7 @@ class _Problem:
         error = np.einsum("lij,elj->eli", weights, error)
         Q = self.ends(H, weights)
         flat = error.reshape(len(error), -1)
-        stacked = np.hstack([flat.real, flat.imag])
-        residual = stacked - (stacked @ Q) @ Q.T
-        real, imaginary = np.split(residual, 2, axis=1)
-        return (real + 1j * imaginary).reshape(error.shape)
+        return np.asarray((flat - (flat @ Q.conj()).real @ Q.T).reshape(error.shape))
 
     def whitened(self, x: Array, noise: Array) -> tuple[Array, Array]:
         """Return the responses, and the weights (L, n, n) by which errors of angles are errors."""
@@ -585,7 +578,10 @@ class _Problem:
         return H, A / np.sqrt(power)[:, :, None]
 
     def ends(self, H: Array, weights: Array) -> Array:
-        """Return an orthonormal basis (2Ln, c) of what the ends of one log may do."""
+        """Return a basis (Ln, c) of what the ends of one log may do, times real factors.
+
+        It is complex; its real and imaginary parts together are orthonormal.
+        """
         n = H.shape[1]
         ends = weights @ H
         scale = np.abs(self.s[-1])
@@ -594,7 +590,8 @@ class _Problem:
         parts += [ends[:, :, n:] * factor for power, factor in powers if power in (0, 1)]
         columns = np.concatenate(parts, axis=2)
         columns = columns.reshape(-1, columns.shape[2])
-        return np.asarray(np.linalg.qr(np.vstack([columns.real, columns.imag]))[0])
+        real, imaginary = np.split(np.linalg.qr(np.vstack([columns.real, columns.imag]))[0], 2)
+        return np.asarray(real + 1j * imaginary)
 
     def noise(self, x: Array) -> Array:
         """Return the noise (2, L, n) of torques and angles, a fit times the power of near lines."""
@@ -623,8 +620,7 @@ class _Problem:
     def spare(self) -> int:
         """Degrees of freedom: real equations less parameters and ends."""
         E, _, L, n = self.spectra.torque.shape
-        size = n + int(np.sum(self.parameters.start.elastic))
-        ends = len(self.powers) * n + 2 * (size - n)
+        ends = len(self.powers) * n + 2 * int(np.sum(self.parameters.start.elastic))
         free = sum(map(np.count_nonzero, self.parameters.free.values()))
         return int(2 * E * L * n - ends * E - free)
 
@@ -695,7 +691,7 @@ class _Problem:
         # (MacKinnon and White 1985), averaged over near lines; real and imaginary parts have half
         Q = self.ends(*self.whitened(x, noise))
         by_fit = np.sum(np.linalg.qr(J)[0] ** 2, axis=1).reshape(2, *errors.shape).mean(axis=0)
-        by_ends = np.sum(Q**2, axis=1).reshape(2, *errors.shape[1:]).mean(axis=0)
+        by_ends = 0.5 * np.sum(np.abs(Q) ** 2, axis=1).reshape(errors.shape[1:])
         remaining = np.maximum(1 - by_fit - by_ends, _LEAST_LEFT)
         power = self.averaged(np.mean(np.abs(errors) ** 2 / remaining, axis=0))
         spread = np.broadcast_to(power, (2, *errors.shape)).ravel()
