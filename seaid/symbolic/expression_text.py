@@ -116,10 +116,10 @@ def _part(
     match node:
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
             # From the text: the parsed double of 0.1 is not 1/10.
-            return _number(Fraction(text[node.col_offset : node.end_col_offset]))
+            value = Fraction(text[node.col_offset : node.end_col_offset])
+            return _built(lambda: sp.Rational(value.numerator, value.denominator), degree=0)
         case ast.Name():
-            expression = symbol(node.id)
-            return _Part(expression, number=float(expression) if expression.is_number else None)
+            return _built(lambda: symbol(node.id), degree=1)
         case ast.UnaryOp(op=ast.UAdd()):
             return inner(node.operand)
         case ast.UnaryOp(op=ast.USub()):
@@ -133,29 +133,18 @@ def _part(
     raise SymbolicError("is not an expression")
 
 
-def _number(value: Fraction) -> _Part:
-    number = sp.Rational(value.numerator, value.denominator)
-    return _bounded(_Part(number, degree=0, number=_double(float, value)))
-
-
 def _sum(first: _Part, second: _Part) -> _Part:
-    value = None
-    if first.number is not None and second.number is not None:
-        value = first.number + second.number
     # a/b + c/d = (a d + c b) / (b d), counted in terms.
     below = first.below * second.below
     above = first.above * second.below + second.above * first.below
     degree = max(first.degree, second.degree)
-    return _checked_part(lambda: first.expression + second.expression, above, below, degree, value)
+    return _built(lambda: first.expression + second.expression, degree, above, below)
 
 
 def _product(first: _Part, second: _Part) -> _Part:
-    value = None
-    if first.number is not None and second.number is not None:
-        value = first.number * second.number
     above, below = first.above * second.above, first.below * second.below
     degree = first.degree + second.degree
-    return _checked_part(lambda: first.expression * second.expression, above, below, degree, value)
+    return _built(lambda: first.expression * second.expression, degree, above, below)
 
 
 def _power(base: _Part, power: _Part) -> _Part:
@@ -172,16 +161,13 @@ def _power(base: _Part, power: _Part) -> _Part:
     size = math.ceil(abs(exponent))
     if _bits(base.expression) * size > _MOST_BITS:
         raise SymbolicError("has a number of too many digits")
-    value = None
-    if base.number is not None:
-        if base.expression == 0 and exponent < 0:
-            raise SymbolicError("is not an expression: it divides by zero")
-        value = _double(lambda: complex(base.number) ** float(exponent))  # type: ignore[arg-type]
+    if base.expression == 0 and exponent < 0:
+        raise SymbolicError("is not an expression: it divides by zero")
     # A sum of n terms to the power s has binomial(n + s - 1, s) terms.
     above, below = (math.comb(terms + size - 1, size) for terms in (base.above, base.below))
     if exponent < 0:
         above, below = below, above
-    return _checked_part(lambda: base.expression**exponent, above, below, base.degree * size, value)
+    return _built(lambda: base.expression**exponent, base.degree * size, above, below)
 
 
 _MINUS_ONE = _Part(sp.Integer(-1), degree=0, number=-1.0)
@@ -196,42 +182,32 @@ _OPERATIONS: Mapping[type[ast.operator], Callable[[_Part, _Part], _Part]] = {
 
 
 def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
-    if argument.number is None:
-        doubles = isinstance(function, type) and issubclass(function, _OF_SUMS)
-        above = 2 ** (argument.above - 1) if doubles else 1
-        return _checked_part(lambda: function(argument.expression), above, 1, 1, None)
-    if abs(argument.number) > _MOST_ARGUMENT:
+    if argument.number is not None and abs(argument.number) > _MOST_ARGUMENT:
         raise SymbolicError(
             f"has a function of a number beyond {_MOST_ARGUMENT:g}: write its value"
         )
-    expression = function(argument.expression)
-    value = _double(lambda: complex(expression.evalf()))
-    return _bounded(_Part(expression, degree=0, number=value))
+    is_number = argument.number is not None
+    doubles = isinstance(function, type) and issubclass(function, _OF_SUMS) and not is_number
+    above = 2 ** (argument.above - 1) if doubles else 1
+    return _built(lambda: function(argument.expression), 0 if is_number else 1, above)
 
 
-def _checked_part(
-    build: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
-) -> _Part:
-    """Build a part after checking that it is not too large."""
+def _built(build: Callable[[], sp.Expr], degree: int, above: int = 1, below: int = 1) -> _Part:
+    """Build a part after checking that it is not too large, and check a number."""
     if max(above, below) > _MOST_TERMS:
         raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
     if degree > _MOST_DEGREE:
         raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
     expression = build()
-    if value is None and expression.is_number:  # as of x - x
-        value = _double(lambda: complex(expression.evalf()))
-    return _bounded(_Part(expression, above, below, degree, value))
-
-
-def _bounded(part: _Part) -> _Part:
-    """Return the part; refuse a number that is not finite or has too many digits."""
-    if part.number is not None:
-        lost = part.number == 0 and part.expression != 0
-        if not math.isfinite(part.number) or lost:
-            raise SymbolicError("has a number outside the range of doubles")
-        if _bits(part.expression) > _MOST_BITS:
-            raise SymbolicError("has a number of too many digits")
-    return part
+    if not expression.is_number:
+        return _Part(expression, above, below, degree)
+    number = _double(expression)
+    lost = number == 0 and expression != 0
+    if not math.isfinite(number) or lost:
+        raise SymbolicError("has a number outside the range of doubles")
+    if _bits(expression) > _MOST_BITS:
+        raise SymbolicError("has a number of too many digits")
+    return _Part(expression, above, below, degree, number)
 
 
 def _bits(expression: sp.Expr) -> int:
@@ -240,10 +216,10 @@ def _bits(expression: sp.Expr) -> int:
     return int(expression.p).bit_length() + int(expression.q).bit_length()
 
 
-def _double(value: Callable[..., float | complex], *arguments: object) -> float:
-    """Return a real, finite value, or raise SymbolicError."""
+def _double(expression: sp.Expr) -> float:
+    """Return the value of a number, or raise SymbolicError if it is not real."""
     try:
-        number = complex(value(*arguments))
+        number = complex(expression.evalf())
     except (ArithmeticError, TypeError, ValueError):
         raise SymbolicError("is not an expression: a number in it has no finite value") from None
     if abs(number.imag) > 1e-9 * abs(number):

@@ -79,7 +79,7 @@ def test_an_expression_is_what_it_says_with_exact_numbers(text: str, expected: s
         ("+".join(f"x/(x+{i}*y)" for i in range(8)), "more than 100 terms"),
         ("sin(" + "+".join("x" * 9) + ")", "more than 100 terms"),
         ("(((1.0000001)**20)**20)**20", "a number of too many digits"),
-        ("1e400", "has no finite value"),
+        ("1e400", "a number outside the range of doubles"),
         ("1e200*1e200", "a number outside the range of doubles"),
         ("1" * 41, "more than 40 digits"),
         ("exp(exp(10))", "a function of a number beyond 700"),
