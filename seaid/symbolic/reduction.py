@@ -57,7 +57,7 @@ def eliminate(
     if all(value.is_constant() for row in different for value in row.values()):
         echelon = _rational(ring, different, width)
     else:
-        echelon = _back_substituted(ring, _triangular(ring, different, width))
+        echelon = _eliminated(ring, different, width)
     pivots = tuple(min(row) for row in echelon)
     # The pivots of (13) are 1.
     scaled = [
@@ -116,34 +116,24 @@ def _rational(ring: Ring, rows: list[PolynomialRow], width: int) -> list[Polynom
     ]
 
 
-def _triangular(ring: Ring, rows: list[PolynomialRow], width: int) -> list[PolynomialRow]:
-    done = []
+def _eliminated(ring: Ring, rows: list[PolynomialRow], width: int) -> list[PolynomialRow]:
+    """Return the echelon form of rows, by Gauss-Jordan elimination without fractions."""
+    done: list[PolynomialRow] = []
     for column in range(width):
         holders = [row for row in rows if column in row]
-        if not holders:
-            continue
-        # The shortest row, since polynomials grow with each combination; ties by text.
-        pivot = min(holders, key=lambda row: (sum(map(len, row.values())), str(row)))
-        done.append(pivot)
-        rest = [row for row in rows if column not in row]
-        combined = (_combined(ring, row, pivot, column) for row in holders if row is not pivot)
-        rows = _distinct_rows([*rest, *combined])
+        if holders:
+            # The shortest row, since polynomials grow with each combination; ties by text.
+            pivot = min(holders, key=lambda row: (sum(map(len, row.values())), str(row)))
+            rest = (row for row in rows if row is not pivot)
+            rows = _distinct_rows(_combined(ring, row, pivot, column) for row in rest)
+            done = [*(_combined(ring, row, pivot, column) for row in done), pivot]
     return done
-
-
-def _back_substituted(ring: Ring, rows: list[PolynomialRow]) -> list[PolynomialRow]:
-    # From the last pivot upward: no other row has its column then, as in (13).
-    rows = list(rows)
-    for place in reversed(range(len(rows))):
-        column = min(rows[place])
-        for above in range(place):
-            if column in rows[above]:
-                rows[above] = _combined(ring, rows[above], rows[place], column)
-    return rows
 
 
 def _combined(ring: Ring, row: PolynomialRow, pivot: PolynomialRow, column: int) -> PolynomialRow:
     """Eliminate one column of a row by the pivot row, without fractions."""
+    if column not in row:
+        return row
     # pivot[c]/g row - row[c]/g pivot with the gcd g: without fractions, and with the least growth.
     common = row[column].gcd(pivot[column])
     by, off, zero = pivot[column] / common, row[column] / common, ring.constant(0)
@@ -319,7 +309,7 @@ def _warn_of_cancelled(
     """Warn of base columns that are independent of those before them by rounded numbers only."""
     known = _random_knowns(ring)
     with mp.workdps(_DIGITS):
-        table = [[_at(row[j], known) if j in row else mpf(0) for j in pivots] for row in rows]
+        table = [[_at(ring, row[j], known) if j in row else mpf(0) for j in pivots] for row in rows]
     H = np.array([[x / max(map(abs, row)) for x in row] for row in table if any(row)], dtype=float)
     # |R_ii| of unit columns: the part of a pivot column outside the span of those before it.
     remaining = np.abs(np.diag(np.linalg.qr(H / np.linalg.norm(H, axis=0), mode="r")))
@@ -338,23 +328,16 @@ _DIGITS = 1000
 """Digits of a coefficient such as cos(500 x) in powers of cos x, whose terms cancel."""
 
 
-def _random_knowns(ring: Ring) -> dict[int, mpf]:
-    """Return {place: value} of the known generators, with random values of the known symbols."""
+def _random_knowns(ring: Ring) -> dict[sp.Symbol, sp.Rational]:
+    """Return random values of the known symbols."""
     symbols = {s for i in ring.known for s in ring.generators[i].free_symbols}
     draw = random.Random(3)
-    values = {s: sp.Rational(draw.randint(500, 1500), 1009) for s in sorted(symbols, key=str)}
-    return {
-        i: mp.re(mp.mpmathify(ring.generators[i].subs(values).evalf(_DIGITS))) for i in ring.known
-    }
+    return {s: sp.Rational(draw.randint(500, 1500), 1009) for s in sorted(symbols, key=str)}
 
 
-def _at(polynomial: fmpq_mpoly, values: Mapping[int, mpf]) -> mpf:
-    return mp.fsum(
-        mpf(int(value.p))
-        / int(value.q)
-        * mp.fprod(values[i] ** int(e) for i, e in enumerate(m) if e)
-        for m, value in polynomial.terms()
-    )
+def _at(ring: Ring, polynomial: fmpq_mpoly, values: Mapping[sp.Symbol, sp.Rational]) -> mpf:
+    number = to_sympy(ring, polynomial).subs(values)
+    return mp.re(mp.mpmathify(number.evalf(_DIGITS)))
 
 
 def _ratios(
