@@ -12,7 +12,7 @@ import random
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import chain, combinations_with_replacement, islice
+from itertools import chain, combinations_with_replacement, islice, repeat
 from math import prod
 from typing import Any
 
@@ -35,6 +35,7 @@ from seaid.symbolic.polynomial import (
     Relation,
     Ring,
     connected,
+    exponents_at,
     from_polynomial,
     occurring,
     ratio,
@@ -318,10 +319,7 @@ class _Loops:
         return {i: self.random() for i in self.ring.motion} | signs | point
 
     def _value(self, quotient: Ratio, known: Values) -> int:
-        above, below = (
-            sum(self.residue(x) * self.power(m, known) for m, x in p.to_dict().items())
-            for p in quotient
-        )
+        above, below = (_number(_at(self.modular(p), known)) for p in quotient)
         return above * pow(below, -1, self.prime) % self.prime
 
     def _row(self, rows: list[tuple[Exponents, dict[int, int]]], point: Values) -> list[int]:
@@ -342,6 +340,11 @@ class _Loops:
 
 def _at(polynomial: fmpz_mod_mpoly, values: Mapping[Any, Any]) -> fmpz_mod_mpoly:
     return polynomial.subs(values)
+
+
+def _number(constant: fmpz_mod_mpoly) -> int:
+    """Return the value of a polynomial without variables."""
+    return 0 if constant.is_zero() else int(constant.leading_coefficient())
 
 
 def _solutions(loops: _Loops, polynomials: Sequence[fmpz_mod_mpoly]) -> list[Values]:
@@ -414,8 +417,7 @@ def _with_linear(
     result = []
     for rest in _solutions(loops, others):
         rest = {i: loops.random() for i in occurring(value)} | rest
-        number = _at(value, rest)
-        result.append(rest | {place: 0 if number.is_zero() else int(number.leading_coefficient())})
+        result.append(rest | {place: _number(_at(value, rest))})
     return result
 
 
@@ -481,14 +483,9 @@ def _interpolated(loops: _Loops, places: Sequence[int], key: tuple[int, int]) ->
 
 def _monomials(ring: Ring, places: Sequence[int], degree: int) -> list[Exponents]:
     limits = {relation.generator: relation.degree for relation in ring.relations}
-    result = []
-    for several in chain(*(combinations_with_replacement(places, n) for n in range(degree + 1))):
-        exponents = [0] * len(ring.generators)
-        for place in several:
-            exponents[place] += 1
-        if all(exponents[i] < limit for i, limit in limits.items()):
-            result.append(tuple(exponents))
-    return result
+    products = chain(*(combinations_with_replacement(places, n) for n in range(degree + 1)))
+    monomials = (exponents_at(ring, several, repeat(1, len(several))) for several in products)
+    return [m for m in monomials if all(m[i] < limit for i, limit in limits.items())]
 
 
 def _quotient(
@@ -522,7 +519,8 @@ def _dependence(loops: _Loops, rows: list[list[int]], width: int) -> list[fmpq] 
     free = next(j for j in range(width) if j not in lines)
     residues = {free: 1} | {pivot: -line[free] % loops.prime for pivot, line in lines.items()}
     numbers = [_rational(residues.get(j, 0), loops.prime) for j in range(width)]
-    return None if None in numbers else [x for x in numbers if x is not None]
+    short = [x for x in numbers if x is not None]
+    return short if len(short) == width else None
 
 
 def _rational(residue: int, prime: int) -> fmpq | None:

@@ -22,6 +22,7 @@ from seaid.symbolic.polynomial import (
     Exponents,
     Ratio,
     Ring,
+    exponents_at,
     occurring,
     product,
     quotient,
@@ -58,9 +59,9 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
     spread: dict[Exponents, Exponents] = {}
     return {
         tuple(map(int, unknown)): {
-            _spread(ring, ring.motion, motion): ring.context.from_dict(
+            exponents_at(ring, ring.motion, motion): ring.context.from_dict(
                 {
-                    spread.setdefault(key, _spread(ring, ring.known, key)): value
+                    spread.setdefault(key, exponents_at(ring, ring.known, key)): value
                     for key, value in known.items()
                 }
             )
@@ -73,14 +74,6 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 def grouped_by_motion(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, fmpq_mpoly]:
     """Return {exponents of the motion: coefficient in the knowns} of the part without unknowns."""
     return grouped(ring, polynomial).get((0,) * len(ring.unknown), {})
-
-
-def _spread(ring: Ring, places: tuple[int, ...], exponents: Exponents) -> Exponents:
-    """Return exponents of some generators as exponents of all generators."""
-    result = [0] * len(ring.generators)
-    for place, exponent in zip(places, exponents, strict=True):
-        result[place] = int(exponent)
-    return tuple(result)
 
 
 def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from math import prod
 from typing import Any
 
@@ -44,7 +43,7 @@ from seaid.symbolic.polynomial import (
     Ratio,
     Relation,
     Ring,
-    by_doubling,
+    exponents_at,
     from_polynomial,
     multiply,
     occurring,
@@ -382,7 +381,11 @@ def _times(ring: Ring, step: Pair, times: int) -> Pair:
             f"found the sine or cosine of {times} times an angle; "
             f"up to {_MOST_TURNS} times are allowed; give the multiple as a signal of its own"
         )
-    return by_doubling(partial(_turned, ring), step, times, (ring.constant(1), ring.constant(0)))
+    if times == 0:
+        return ring.constant(1), ring.constant(0)
+    half = _times(ring, step, times // 2)
+    even = _turned(ring, half, half)
+    return _turned(ring, even, step) if times % 2 else even
 
 
 MOST_DEGREES = 40
@@ -425,8 +428,8 @@ def _relation(
     least = 1 if degrees else _degree(ring.generators[place])
     for degree in range(least, MOST_DEGREES // size + 1):
         powers = itertools.product(*map(range, (*degrees, degree)))
-        terms = [_exponents(ring, (*below, place), exponents) for exponents in powers]
-        terms.append(_exponents(ring, (place,), (degree,)))
+        terms = [exponents_at(ring, (*below, place), exponents) for exponents in powers]
+        terms.append(exponents_at(ring, (place,), (degree,)))
         factors = _integer_relation(ring, terms)
         if factors is not None:
             # Divided by the factor of the highest power: that is the leading term.
@@ -441,13 +444,6 @@ def _degree(number: sp.Expr) -> int:
         return 1
     turn = number.args[0] / (2 * sp.pi)
     return int(sp.totient(turn.q)) // 2 if turn.is_Rational else 1
-
-
-def _exponents(ring: Ring, places: Sequence[int], powers: Sequence[int]) -> Exponents:
-    result = [0] * len(ring.generators)
-    for place, exponent in zip(places, powers, strict=True):
-        result[place] = exponent
-    return tuple(result)
 
 
 def _integer_relation(ring: Ring, terms: Sequence[Exponents]) -> list[int] | None:

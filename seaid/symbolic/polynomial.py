@@ -7,9 +7,8 @@ sqrt(a)^2 to a, sign^2 to 1), so that a polynomial is zero exactly if it has no 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import sympy as sp
@@ -19,7 +18,6 @@ from seaid.errors import SymbolicError
 
 Exponents = tuple[int, ...]
 
-Part = TypeVar("Part")
 Member = TypeVar("Member")
 
 MAX_TERMS = 500_000
@@ -76,6 +74,14 @@ class Ring:
     def generator(self, expression: sp.Expr) -> fmpq_mpoly:
         """Return the generator of `expression`."""
         return self.context.gen(self.index[expression])
+
+
+def exponents_at(ring: Ring, places: Iterable[int], powers: Iterable[int]) -> Exponents:
+    """Return the exponents of a product of generators at `places`, each to its power."""
+    result = [0] * len(ring.generators)
+    for place, exponent in zip(places, powers, strict=True):
+        result[place] += int(exponent)
+    return tuple(result)
 
 
 def rational(value: sp.Rational) -> fmpq:
@@ -250,8 +256,11 @@ def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
         base, exponent = ratio(ring, base.denominator, base.numerator), -exponent
     if len(base.numerator) == 1 and base.denominator.is_one():
         return Ratio(reduced(ring, base.numerator**exponent), base.denominator)
-    unity = from_polynomial(ring, ring.constant(1))
-    return by_doubling(partial(product, ring), base, exponent, unity)
+    if exponent == 0:
+        return from_polynomial(ring, ring.constant(1))
+    half = power(ring, base, exponent // 2)
+    even = product(ring, half, half)
+    return product(ring, even, base) if exponent % 2 else even
 
 
 def connected(sets: Iterable[Iterable[Member]]) -> list[set[Member]]:
@@ -261,18 +270,6 @@ def connected(sets: Iterable[Iterable[Member]]) -> list[set[Member]]:
         union = members.union(*(x for x in unions if x & members))
         unions = [*(x for x in unions if not x & members), union]
     return unions
-
-
-def by_doubling(combine: Callable[[Part, Part], Part], part: Part, times: int, none: Part) -> Part:
-    """Return `part` combined with itself `times` times by repeated doubling; `none` for zero."""
-    result = none
-    while times:
-        if times % 2:
-            result = combine(result, part)
-        times //= 2
-        if times:
-            part = combine(part, part)
-    return result
 
 
 def to_sympy(ring: Ring, polynomial: fmpq_mpoly) -> sp.Expr:
