@@ -8,7 +8,7 @@ linearised robot that explains the same spectra by maximum likelihood (chapter 9
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -174,8 +174,12 @@ def frequency_response(
     def read(records: Sequence[Record]) -> Spectra:
         return spectra_of(records, picked, band, harmonics, periodic=period_s is not None)
 
-    first = fitted(read(records), nominal, robot, picked)
-    spectra, fit = _with_sticking_motors(read, records, picked, first)
+    spectra = read(records)
+    fit = fitted(spectra, nominal, robot, picked)
+    can_stick = spectra.is_periodic and np.any(fit.joints.dry > 0)
+    for _ in range(_STICK_ROUNDS if can_stick else 0):
+        spectra = read([sticking_sign(record, picked, fit) for record in records])
+        fit = refitted(spectra, fit)
     identified = None
     if identification is not None:
         identified = linearised(identification.robot, posture, picked)
@@ -224,17 +228,6 @@ def _response(
     )
 
 
-def _with_sticking_motors(
-    read: Callable[[Sequence[Record]], Spectra], records: list[Record], picked: list[int], fit: Fit
-) -> tuple[Spectra, Fit]:
-    """Return spectra with the friction of motors that stand still by a fit, and their fit."""
-    spectra = read(records)
-    for _ in range(_STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0):
-        spectra = read([sticking_sign(record, picked, fit) for record in records])
-        fit = refitted(spectra, fit)
-    return spectra, fit
-
-
 def _disagreements(
     result: FrequencyResponse, identification: Identification | None
 ) -> Iterator[Finding]:
@@ -260,14 +253,13 @@ def _rate_of(logs: Sequence[Log], period_s: float | None) -> float:
     if not (math.isfinite(period_s) and period_s > 0):
         text = f"period_s must be more than zero seconds, found {period_s}"
         raise IdentificationError(text, "period_s")
-    for log, rate in zip(logs, rates, strict=True):
-        duration = len(log.time) / rate
-        if duration < period_s * (1 - 1e-6):
-            raise IdentificationError(
-                f"a log of {duration:.4g} s is shorter than the period of {period_s:.4g} s: give a "
-                "longer log, or the period that it has",
-                "period_s",
-            )
+    shortest = min(len(log.time) / rate for log, rate in zip(logs, rates, strict=True))
+    if shortest < period_s * (1 - 1e-6):
+        raise IdentificationError(
+            f"a log of {shortest:.4g} s is shorter than the period of {period_s:.4g} s: give a "
+            "longer log, or the period that it has",
+            "period_s",
+        )
     return rates[0]
 
 

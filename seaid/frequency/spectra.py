@@ -188,10 +188,10 @@ def moving_joints(records: Sequence[Record], top_hz: float) -> list[int]:
 
 
 def _transform(values: Array, step_s: float) -> tuple[Array, Array]:
-    """Return the amplitudes (P, L, n) of each period, and the frequencies (L,) [Hz]."""
-    count = values.shape[1]
+    """Return the amplitudes (..., L, n) of each period, and the frequencies (L,) [Hz]."""
+    count = values.shape[-2]
     # The factor 2 / T makes a line the amplitude of its sine.
-    lines: Array = 2 * np.fft.rfft(values, axis=1) / count
+    lines: Array = 2 * np.fft.rfft(values, axis=-2) / count
     return lines, np.asarray(np.fft.rfftfreq(count, step_s), dtype=np.float64)
 
 
@@ -206,13 +206,12 @@ def spectra_of(
     """Return the spectra of joints in a band; `harmonics` are the excited ones, else looked for."""
     periods = min(len(record.torque) for record in records)
     count = min(record.torque.shape[1] for record in records)
-    signals = []
-    for name in ("torque", "motor", "sign"):
-        # The last periods, since the first ones of a longer record may have its transient.
-        parts = [getattr(record, name)[-periods:, :count][..., picked] for record in records]
-        signals.append(np.stack([_transform(part, records[0].step_s)[0] for part in parts]))
-    fields = np.stack(signals)
-    hz: Array = np.asarray(np.fft.rfftfreq(count, records[0].step_s), dtype=np.float64)
+    # The last periods, since the first ones of a longer record may have its transient.
+    parts = [
+        [getattr(record, name)[-periods:, :count][..., picked] for record in records]
+        for name in ("torque", "motor", "sign")
+    ]
+    fields, hz = _transform(np.array(parts), records[0].step_s)
     low, high = band_hz
     within = (hz > 0) & (hz >= low) & (hz <= high)
     if harmonics is not None:
