@@ -55,10 +55,6 @@ class _Call:
     has_result: bool = False
 
 
-class MovedError(SeaidError):
-    """A former command: wrong usage, for which one line names what to write now."""
-
-
 _CALL: ContextVar[_Call] = ContextVar("_CALL")
 _CALL.set(_Call())
 
@@ -95,10 +91,9 @@ def reported() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            code = 2 if isinstance(problem, MovedError) else 1
-            _print_error_json(error_text(problem), code)
+            _print_error_json(error_text(problem), 1)
             typer.echo(f"error: {error_text(problem)}", err=True)
-            raise typer.Exit(code) from None
+            raise typer.Exit(1) from None
         except _USAGE_ERROR as problem:
             _print_error_json(problem.format_message(), problem.exit_code)
             raise
