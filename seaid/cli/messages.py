@@ -236,14 +236,12 @@ def safe_streams() -> Iterator[None]:
     A closed pipe (`| head -1`) prints no error. Characters that the encoding of the output lacks,
     and undecodable bytes of paths, are written as escapes.
     """
-    lost: list[TextIO] = []
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed by the caller
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-            _watch(stream, lost)
     out, err = sys.stdout, sys.stderr
     try:
         try:
@@ -251,30 +249,14 @@ def safe_streams() -> Iterator[None]:
         finally:
             out.flush()
     except OSError as problem:
-        if not lost:
+        if problem.filename is not None:  # of a file, which has a message of its own
             raise
-        if problem.errno != errno.EPIPE and err not in lost:
-            print(f"error: cannot write the output: {reason_of(problem)}", file=err)
-        for stream in lost:
+        if problem.errno != errno.EPIPE:
+            with suppress(OSError):
+                print(f"error: cannot write the output: {reason_of(problem)}", file=err)
+        for stream in (out, err):
             _silence(stream)
         sys.exit(1)
-
-
-def _watch(stream: TextIO, lost: list[TextIO]) -> None:
-    """Add a stream to `lost` when writing to it fails."""
-
-    def noting(method: Callable[..., Any]) -> Callable[..., Any]:
-        def noted(*arguments: Any) -> Any:
-            try:
-                return method(*arguments)
-            except OSError:
-                lost.append(stream)
-                raise
-
-        return noted
-
-    for name in ("write", "flush"):
-        setattr(stream, name, noting(getattr(stream, name)))
 
 
 def _silence(stream: TextIO) -> None:
