@@ -7,8 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 import seaid
 from seaid.cli.kinds import JointNames, Kind, LogFile, check_suffix
 from seaid.cli.messages import is_terminal, written
@@ -59,13 +57,7 @@ def check(
     seaid check leg.urdf run.csv --drives leg.toml --delays -o corrected.csv
     seaid check leg.urdf run.csv --drives leg.toml --terms -o leg_with_terms.toml
     """
-    if delays and terms:
-        raise typer.BadParameter("give one of them", param_hint="--delays, --terms")
-    _check_output(output, delays, terms)
-    if not delays:
-        refuse("it needs --delays", "largest_s")
-    if not terms:
-        refuse("it needs --terms", "of")
+    _check_usage(output, delays, terms)
     result.check(output, read=(*options.files, *logs))
     robot = options.robot()
     check_joints("--of", of, robot)
@@ -83,13 +75,18 @@ def check(
     result.show(text, content, output, robot=robot.name)
 
 
-def _check_output(output: Path | None, delays: bool, terms: bool) -> None:
-    """Raise BadParameter for an output that the command does not write."""
-    if output is None:
-        return
+def _check_usage(output: Path | None, delays: bool, terms: bool) -> None:
+    """Raise BadParameter for options that do not go together, and another suffix of the output."""
+    if delays and terms:
+        refuse("give one of them", "delays", "terms")
+    if not delays:
+        refuse("it needs --delays", "largest_s")
+    if not terms:
+        refuse("it needs --terms", "of")
     if not (delays or terms):
-        raise typer.BadParameter("it needs --delays or --terms", param_hint="--output")
-    check_suffix(output, seaid.log.WRITTEN if delays else (".toml",), "--output")
+        refuse("it needs --delays or --terms", "output")
+    elif output is not None:
+        check_suffix(output, seaid.log.WRITTEN if delays else (".toml",), "--output")
 
 
 def _delays(
@@ -101,7 +98,7 @@ def _delays(
 ) -> Section:
     """Return the delays in a log, and write the log without those that are significant."""
     if len(logs) > 1:
-        raise typer.BadParameter("give one log: its delays are its own", param_hint="--delays")
+        refuse("give one log: its delays are its own", "delays")
     log, package = logs[0], seaid.identification
     delays = package.estimate_delays(robot, log, largest_s=largest_s, cutoff_hz=cutoff_hz)
     written(output, ".csv", lambda file: seaid.write_log(package.correct_delays(log, delays), file))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +74,6 @@ def _content(comparison: seaid.report.Comparison) -> dict[str, Any]:
     return {
         "differences": [{key: getattr(row, key) for key in keys} for row in comparison.differences],
         **{key: getattr(comparison, key) for key in ("names", "only", "groups", "dependence")},
-        "measures": [asdict(measure) for measure in comparison.measures or ()],
+        "measures": comparison.measures or (),
         "d_efficiency": comparison.efficiency,
     }

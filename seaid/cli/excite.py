@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
-
-import typer
 
 import seaid
 from seaid.cli import kinds
 from seaid.cli.messages import is_stdout, is_terminal, written
-from seaid.cli.options import ResultOptions, RobotOptions, by_joint, logs_of
+from seaid.cli.options import ResultOptions, RobotOptions, by_joint, logs_of, refuse
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +212,7 @@ def excite(
         of_base = output.with_name(f"{output.stem}_base.csv")
     asked, rate_hz = seaid.Limits(**vars(limits)), motion.rate_hz
     if not rate_hz > 0:
-        raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
+        refuse(f"{rate_hz:g} is not more than zero", "rate_hz")
     read = (*options.files, search.description, *(search.previous_logs or ()))
     result.check(output, set_points, of_base, joint_trajectory, read=read)
     robot = options.robot()
@@ -248,7 +246,7 @@ def _content(plan: seaid.Excitation, motion: seaid.Trajectory) -> dict[str, Any]
         "duration_s": motion.duration,
         "main_interval_s": motion.main_interval,
         "condition_number": plan.condition_number,
-        "measures": asdict(plan.measures),
+        "measures": plan.measures,
         "criterion": plan.criterion,
         "value": plan.value,
         "parameters": [

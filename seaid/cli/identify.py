@@ -144,11 +144,8 @@ def _refined(
 def _check_usage(options: IdentifyOptions, in_pieces: bool, refine: bool) -> None:
     """Raise BadParameter for options that do not go together."""
     if in_pieces and (options.repair or options.description or options.find_contacts):
-        raise typer.BadParameter(
-            "logs that are read in pieces are not changed: no --repair, no --description, no "
-            "--find-contacts",
-            param_hint="--in-pieces",
-        )
+        changes = "no --repair, no --description, no --find-contacts"
+        refuse(f"logs that are read in pieces are not changed: {changes}", "in_pieces")
     if refine:
         refuse("it is no option of --refine", "feasible", "in_pieces", "condition")
     else:
@@ -162,14 +159,14 @@ def _refuse_in_conditions(logs: Sequence[Path], output: Path) -> None:
     if logs:
         raise typer.BadParameter("the logs are those of --condition", param_hint="LOG")
     if output.suffix == ".npz":
-        raise typer.BadParameter("conditions are written as JSON", param_hint="--output")
+        refuse("conditions are written as JSON", "output")
 
 
 def _identify_conditions(
     options: IdentifyOptions,
     condition: Sequence[tuple[str, str]],
     specific: Sequence[str] | None,
-    payloads: Sequence[tuple[str, str]],
+    payloads: Sequence[tuple[str, seaid.Payload]],
     output: Path | None,
     result: ResultOptions,
 ) -> tuple[Any, ...]:
@@ -209,24 +206,21 @@ def _identify_conditions(
 
 
 def _robot_in(
-    options: IdentifyOptions, condition: str, payloads: Sequence[tuple[str, str]]
+    options: IdentifyOptions, condition: str, payloads: Sequence[tuple[str, seaid.Payload]]
 ) -> seaid.Robot:
     """Return the robot of the line with the payloads of a condition."""
-    loads = [kinds.payload_of(text) for name, text in payloads if name == condition]
+    loads = [payload for name, payload in payloads if name == condition]
     return replace(options, payload=[*(options.payload or ()), *loads]).robot()
 
 
 def _check_conditions(
-    logs: Mapping[str, Sequence[Path]], payloads: Sequence[tuple[str, str]]
+    logs: Mapping[str, Sequence[Path]], payloads: Sequence[tuple[str, seaid.Payload]]
 ) -> None:
     """Raise BadParameter for fewer than two conditions, and payloads of others."""
+    names = ", ".join(logs)
     if len(logs) < 2:
-        raise typer.BadParameter(
-            f"it takes two conditions at least, found {', '.join(logs)}: add one, as "
-            "--condition warm=run.csv",
-            param_hint="--condition",
-        )
+        another = "add one, as --condition warm=run.csv"
+        refuse(f"it takes two conditions at least, found {names}: {another}", "condition")
     for name, _ in payloads:
         if name not in logs:
-            message = f"'{name}' is no condition: they are {', '.join(logs)}"
-            raise typer.BadParameter(message, param_hint="--condition-payload")
+            refuse(f"'{name}' is no condition: they are {names}", "condition_payload")

@@ -10,8 +10,9 @@ import os
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -19,6 +20,7 @@ import seaid
 from seaid.errors import SeaidError, shortened, unknown_name
 
 Completer = Callable[[Any, str], list[str]]
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
@@ -60,88 +62,92 @@ def names_of(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _by_name(example: str, is_number: bool = True) -> Callable[[str], Any]:
-    """Return what parses {name: number} of 'knee=2,hip=1', or one number if it `is_number`."""
+def _refusing(wrong: str) -> Callable[[Callable[[str], _Value]], Callable[[str], _Value]]:
+    """Return a decorator: a text for which a function raises ValueError is refused as `wrong`."""
 
-    def parse(text: str) -> float | dict[str, float]:
-        try:
-            if is_number and "=" not in text:
-                return float(text)
-            pairs = [part.split("=", 1) for part in text.split(",")]
-            return {name.strip(): float(value) for name, value in pairs}
-        except ValueError:
-            raise typer.BadParameter(
-                f"'{text}' is neither a number nor a list as {example}"
-                if is_number
-                else f"'{text}' names no joint: write it as {example}"
-            ) from None
+    def decorate(parse: Callable[[str], _Value]) -> Callable[[str], _Value]:
+        @wraps(parse)
+        def parsed(text: str) -> _Value:
+            try:
+                return parse(text)
+            except ValueError:
+                raise typer.BadParameter(f"'{shortened(text)}' {wrong}") from None
 
-    return parse
+        return parsed
+
+    return decorate
 
 
-def _numbers(form: str, count: int) -> Callable[[str], tuple[float, ...]]:
-    """Return what parses so many numbers with commas between them."""
-
-    def parse(text: str) -> tuple[float, ...]:
-        try:
-            numbers = tuple(map(float, text.split(",")))
-        except ValueError:
-            numbers = ()
-        if len(numbers) != count:
-            raise typer.BadParameter(f"'{shortened(text)}' is not {form}")
-        return numbers
-
-    return parse
+def _by_name(text: str) -> dict[str, float]:
+    """Return {name: number} of a text as knee=2,hip=1."""
+    pairs = [part.split("=", 1) for part in text.split(",")]
+    return {name.strip(): float(value) for name, value in pairs}
 
 
+def _number_or_by_name(text: str) -> float | dict[str, float]:
+    return _by_name(text) if "=" in text else float(text)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    first, second = map(float, text.split(","))
+    return first, second
+
+
+@_refusing("is not x,y,z, as 0,0,-9.81")
+def vector_of(text: str) -> tuple[float, float, float]:
+    """Return three numbers with commas between them."""
+    x, y, z = map(float, text.split(","))
+    return x, y, z
+
+
+@_refusing("is not knee=30 or knee=20:45, joints separated by commas")
 def temperatures_of(text: str) -> dict[str, list[float]]:
     """Return {joint: temperatures from start to end} of a text as knee=20:45,hip=30."""
-    try:
-        pairs = [part.rpartition("=") for part in text.split(",") if part]
-        return {joint: [float(value) for value in of.split(":")] for joint, _, of in pairs}
-    except ValueError:
-        hint = "knee=30 or knee=20:45, joints separated by commas"
-        raise typer.BadParameter(f"'{text}' is not {hint}") from None
+    pairs = [part.rpartition("=") for part in text.split(",") if part]
+    return {joint: [float(value) for value in of.split(":")] for joint, _, of in pairs}
 
 
+@_refusing("is not NAME=VALUE, as warm=run.csv")
 def named_of(text: str) -> tuple[str, str]:
     """Return the name and the value of a text NAME=VALUE."""
-    name, separator, value = text.partition("=")
-    if not (name and separator and value):
-        raise typer.BadParameter(f"'{text}' is not NAME=VALUE, as warm=run.csv")
+    name, _, value = text.partition("=")
+    if not (name and value):
+        raise ValueError(text)
     return name, value
 
 
+@_refusing("is not link:mass:x,y,z, as foot:2.0:0.15,0,0")
 def payload_of(text: str) -> seaid.Payload:
     """Return the payload of a text: link:mass, and then :x,y,z and :ixx,iyy,izz,ixy,ixz,iyz."""
     link, *parts = text.split(":")
     point_mass: list[list[float]] = [[], [0.0] * 3, [0.0] * 6]  # defaults of what follows the link
-    try:
-        numbers = [list(map(float, part.split(","))) for part in parts]
-        (mass,), (x, y, z), (xx, yy, zz, xy, xz, yz) = numbers + point_mass[len(numbers) :]
-    except (ValueError, IndexError):
-        raise typer.BadParameter(f"'{text}' is not link:mass:x,y,z, as foot:2.0:0.15,0,0") from None
+    numbers = [list(map(float, part.split(","))) for part in parts]
+    (mass,), (x, y, z), (xx, yy, zz, xy, xz, yz) = numbers + point_mass[len(numbers) :]
     return seaid.Payload(link, mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
 
 
+def condition_payload_of(text: str) -> tuple[str, seaid.Payload]:
+    """Return the name of a condition and its payload, of a text NAME=LINK:MASS:X,Y,Z."""
+    name, payload = named_of(text)
+    return name, payload_of(payload)
+
+
+@_refusing(
+    "is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of both; contacts of "
+    "another shape have a --contact of their own"
+)
 def contacts_of(text: str) -> list[seaid.robot.Contact]:
     """Return the contacts of a text: links with commas, and then :x,y,z, :flat and :radius=r."""
     links, *parts = text.split(":")
     properties: dict[str, Any] = {}
-    try:
-        for part in parts:
-            if part == "flat":
-                properties["is_flat"] = True
-            elif part.startswith("radius="):
-                properties["radius_m"] = float(part.removeprefix("radius="))
-            else:
-                x, y, z = map(float, part.split(","))
-                properties["position_m"] = (x, y, z)
-    except ValueError:
-        raise typer.BadParameter(
-            f"'{text}' is not link:x,y,z:flat or link:radius=r, as FL_foot,FR_foot:radius=0.02 of "
-            "both; contacts of another shape have a --contact of their own"
-        ) from None
+    for part in parts:
+        if part == "flat":
+            properties["is_flat"] = True
+        elif part.startswith("radius="):
+            properties["radius_m"] = float(part.removeprefix("radius="))
+        else:
+            x, y, z = map(float, part.split(","))
+            properties["position_m"] = (x, y, z)
     return [seaid.robot.Contact(link, **properties) for link in names_of(links)]
 
 
@@ -279,24 +285,23 @@ ByJoint = Annotated[
     float | dict[str, float],
     Kind(
         "",
-        _by_name("knee=2,hip=1"),
+        _refusing("is neither a number nor a list as knee=2,hip=1")(_number_or_by_name),
         _in_robot("joint", "=", commas=True),
         "for all joints, or as knee=2,hip=1",
     ),
 ]
-Positions = Annotated[
-    dict[str, float],
-    Kind("TORSO=0.3,HEAD=0.1", _by_name("torso=0.3,head=0.1", is_number=False)),
-]
-Deviations = Annotated[float | dict[str, float], Kind("", _by_name("torque=0.03,payload=0.01"))]
-Vector = Annotated[tuple[float, ...], Kind("X,Y,Z", _numbers("x,y,z, as 0,0,-9.81", 3))]
-Band = Annotated[
-    tuple[float, float], Kind("", _numbers("a lowest and a highest frequency, as 0.5,20", 2))
-]
-Sole = Annotated[tuple[float, float], Kind("", _numbers("a length and a width, as 0.2,0.1", 2))]
+_positions = _refusing("names no joint: write it as torso=0.3,head=0.1")(_by_name)
+_deviations = _refusing("is neither a number nor a list as torque=0.03,payload=0.01")
+_band = _refusing("is not a lowest and a highest frequency, as 0.5,20")(_pair)
+_sole = _refusing("is not a length and a width, as 0.2,0.1")(_pair)
+Positions = Annotated[dict[str, float], Kind("TORSO=0.3,HEAD=0.1", _positions)]
+Deviations = Annotated[float | dict[str, float], Kind("", _deviations(_number_or_by_name))]
+Vector = Annotated[tuple[float, ...], Kind("X,Y,Z", vector_of)]
+Band = Annotated[tuple[float, float], Kind("", _band)]
+Sole = Annotated[tuple[float, float], Kind("", _sole)]
 Temperatures = Annotated[dict[str, list[float]], Kind("", temperatures_of)]
 Condition = Annotated[tuple[str, str], Kind("NAME=LOG", named_of)]
-ConditionPayload = Annotated[tuple[str, str], Kind("NAME=LINK:MASS:X,Y,Z", named_of)]
+ConditionPayload = Annotated[tuple[str, Any], Kind("NAME=LINK:MASS:X,Y,Z", condition_payload_of)]
 LinkPayload = Annotated[
     Any,  # a Payload, which is imported on use
     Kind("LINK:MASS:X,Y,Z[:IXX,IYY,IZZ,IXY,IXZ,IYZ]", payload_of, _in_robot("link", ":")),

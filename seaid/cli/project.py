@@ -130,6 +130,8 @@ def _project_of(name: str, values: Mapping[str, Any]) -> Project | None:
 
     The latter only if its robot is that of the line, or the line names none.
     """
+    from seaid._files import real_path
+
     if name in ("init", "run"):
         return None
     first = values.get("urdf") if is_typed("urdf") else None
@@ -139,7 +141,7 @@ def _project_of(name: str, values: Mapping[str, Any]) -> Project | None:
         return None
     project = seaid.load_project(PROJECT_FILE)
     robot = first if first is not None and _is_robot(first) else _robot_of_run(project, values)
-    if robot is None or _is_same(robot, project.urdf):
+    if robot is None or real_path(robot) == real_path(project.urdf):
         return project
     note(f"{PROJECT_FILE} is of another robot, '{project.urdf}', and is not used")
     return None
@@ -152,12 +154,6 @@ def _robot_of_run(project: Project, values: Mapping[str, Any]) -> Path | None:
     if not is_typed("run") or real_path(values["run"]).is_relative_to(real_path(project.folder)):
         return None
     return seaid.project.load_run(values["run"]).identification.robot.urdf
-
-
-def _is_same(robot: Path, urdf: Path | str) -> bool:
-    from seaid._files import real_path
-
-    return str(robot) == str(urdf) or real_path(robot) == real_path(urdf)
 
 
 def _is_robot(path: Path) -> bool:

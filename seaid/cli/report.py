@@ -6,12 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
-
 import seaid
 from seaid.cli.kinds import JsonFile, LogFile, Page
 from seaid.cli.messages import written
-from seaid.cli.options import IdentifiedOptions, ResultOptions, check_validation_logs, judgement_of
+from seaid.cli.options import (
+    IdentifiedOptions,
+    ResultOptions,
+    check_validation_logs,
+    judgement_of,
+    refuse,
+)
 from seaid.cli.project import is_typed
 
 
@@ -52,8 +56,8 @@ def report(
     """
     unseen = validation or []
     check_validation_logs(unseen, options.from_logs)
-    if plan is not None and not multisine:
-        raise typer.BadParameter("a plan needs its --multisine", param_hint="--plan")
+    if not multisine:
+        refuse("a plan needs its --multisine", "plan")
     result.check(output, read=(*options.files, *unseen, *(multisine or ()), plan))
     run = options.identified_run(feasible=feasible)
     fit = run.identification

@@ -8,12 +8,10 @@ import sys
 import webbrowser
 from pathlib import Path
 
-import typer
-
 import seaid
 from seaid.cli.kinds import Folder, JsonFile, LogFile, RunFile, TomlFile
 from seaid.cli.messages import note
-from seaid.cli.options import JsonOptions, RobotOptions, logs_of
+from seaid.cli.options import JsonOptions, RobotOptions, logs_of, refuse
 from seaid.cli.project import is_typed, warn_of_changes
 
 
@@ -95,9 +93,9 @@ def _robots(
 
     The run of a project file gives way to another robot and to --parameters.
     """
-    if parameters is not None and is_typed("run"):
-        raise typer.BadParameter("give one of the two", param_hint="--parameters, --run")
     if parameters is not None:
+        if is_typed("run"):
+            refuse("give one of the two", "parameters", "run")
         robot = options.robot()
         return robot, seaid.read_parameters(parameters, robot)
     if run is None or (not is_typed("run") and is_typed("urdf", "drives", "joints")):
