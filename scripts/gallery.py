@@ -224,7 +224,7 @@ def robots(path: Path) -> None:
             robot = seaid.load_robot(example_urdf(urdf) if isinstance(urdf, str) else urdf, drives)
             with seaid.view_robot(robot, port=0) as view:
                 posture = np.clip(rest_posture(robot) + turn, None, robot.upper_limits)
-                for slider, value in zip(view.panel.joints, posture, strict=True):
+                for slider, value in zip(view.panel.inputs, posture, strict=True):
                     slider.value = round(float(value), 3)
                 view.stage.show("names", False)
                 page = opened(browser, view.url, TILE_PX + 345, TILE_PX)

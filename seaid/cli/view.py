@@ -35,8 +35,8 @@ def view(
 
     The colour of an elastic joint shows its deflection. Logs come first, then trajectories; another
     motion can be shown next to the one that plays. Without motions, joints have sliders. With
-    --run or --parameters, identified bodies are drawn next to the nominal ones, and plots have the
-    torques and deflections of both.
+    --run or --parameters, identified bodies are drawn next to the nominal ones; with --run, plots
+    have the identified torques too.
     On a desktop the browser opens by itself. Needs pip install 'seaid[view]'.
 
     Parameters
