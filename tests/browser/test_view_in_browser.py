@@ -62,7 +62,7 @@ def opened_page(browser: Browser, view: View, wrong: list[str], width: int, heig
     opened.on("request", asked)
     opened.goto(view.url)
     opened.wait_for_selector("canvas")
-    opened.get_by_text("knee_pitch").first.wait_for()
+    opened.get_by_text("tulip_leg").first.wait_for()
     notice = opened.locator(".mantine-Notification-closeButton")
     opened.wait_for_timeout(1000)
     if notice.count():
