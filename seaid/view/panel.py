@@ -115,8 +115,8 @@ class Panel:
     def _put_sliders(self) -> None:
         robot = self.robot
         free = np.where(robot.is_prismatic, 1.0, np.pi)
-        lower = np.round(np.maximum(robot.lower_limits, -free), 3)
-        upper = np.round(np.minimum(robot.upper_limits, free), 3)
+        lower = np.round(np.where(np.isfinite(robot.lower_limits), robot.lower_limits, -free), 3)
+        upper = np.round(np.where(np.isfinite(robot.upper_limits), robot.upper_limits, free), 3)
         rest = np.clip(rest_posture(robot), lower, upper)
         ranges = zip(robot.joint_names, lower.tolist(), upper.tolist(), rest.tolist(), strict=True)
         with self.gui.add_folder("Joints", expand_by_default=robot.n <= _FEW_JOINTS):

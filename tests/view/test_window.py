@@ -154,10 +154,11 @@ def test_without_motions_joints_have_sliders_and_no_plots(
             with pytest.raises(SeaidError, match=words):
                 asked()
         shown.pause()
-    robot = load_robot(write_chain({"a/b": "continuous", "slide": "prismatic"}))
+    far = 'revolute <limit lower="-4" upper="5" velocity="1" effort="1"/>'
+    robot = load_robot(write_chain({"a/b": "continuous", "slide": "prismatic", "far": far}))
     with view_robot(robot, port=0) as shown:
         ends = [(slider.min, slider.max) for slider in shown.panel.inputs]
-        assert ends == [(-3.142, 3.142), (-1.0, 1.0)]
+        assert ends == [(-3.142, 3.142), (-1.0, 1.0), (-4.0, 5.0)]
         assert shown.stage.groups["names"][0].text == "a/b"
         assert shown.stage.groups["bodies"] == []
         assert all(lines.visible for lines in shown.stage.groups["lines"])
