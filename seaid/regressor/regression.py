@@ -396,24 +396,19 @@ def _has_motor(regressor: DriveRegressor) -> bool:
 
 def stacked(regressions: Sequence[Regression]) -> Regression:
     """Return the regressions of several logs, whose columns must be equal, as one, (15)."""
-    for part in regressions[1:]:
-        if part.names != regressions[0].names:
+    first, *others = regressions
+    for part in others:
+        if part.names != first.names:
             raise LogError(
-                f"one log determines {', '.join(regressions[0].names)}, another "
-                f"{', '.join(part.names)}: the logs must have the same torque sensors"
+                f"one log determines {', '.join(first.names)}, another {', '.join(part.names)}: "
+                "the logs must have the same torque sensors"
             )
-    return Regression(
-        names=regressions[0].names,
-        units=regressions[0].units,
-        run=np.concatenate([np.full(len(part.y), run) for run, part in enumerate(regressions)]),
-        excluded=sum(part.excluded for part in regressions),
-        joint_names=regressions[0].joint_names,
-        **{
-            name: np.concatenate([getattr(part, name) for part in regressions])
-            for name in Regression.arrays
-            if name != "run"
-        },
-    )
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in regressions])
+        for name in Regression.arrays
+    }
+    arrays["run"] = np.repeat(np.arange(len(regressions)), [len(part.y) for part in regressions])
+    return replace(first, **arrays, excluded=sum(part.excluded for part in regressions))
 
 
 Regress = Callable[[Motion], Regression]
