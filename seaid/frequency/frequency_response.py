@@ -164,7 +164,7 @@ def frequency_response(
         logs = [_within(log, plan) for log in logs]
     rate = _rate_of(logs, period_s)
     band = _band(band_hz, _OF_NYQUIST * rate / 2)
-    ratio = np.array([total_ratio(robot.drives[joint]) for joint in robot.joint_names])
+    ratio = _ratios(robot, robot.joint_names)
     records = [record_of(robot, log, ratio, period_s) for log in logs]
     picked = _picked(robot, records, joints, band[1])
     mean = np.mean([record.posture for record in records], axis=0)
@@ -176,8 +176,7 @@ def frequency_response(
 
     spectra = read(records)
     fit = fitted(spectra, nominal, robot, picked)
-    can_stick = spectra.is_periodic and np.any(fit.joints.dry > 0)
-    for _ in range(_STICK_ROUNDS if can_stick else 0):
+    for _ in range(_stick_rounds(spectra, fit)):
         spectra = read([sticking_sign(record, picked, fit) for record in records])
         fit = refitted(spectra, fit)
     identified = None
@@ -205,7 +204,7 @@ def _response(
     alike = _with_dry_friction(fit.joints, spectra, spectra.hz)
     measured = approximation_of(spectra, records, picked, alike)
     # Spectra are at the joints, theta_M/N_i by N_j tau_M: N_i N_j times that is theta_M by tau_M.
-    ratio = np.array([total_ratio(robot.drives[name]) for name in names])
+    ratio = _ratios(robot, names)
     scale = ratio[:, None] * ratio
 
     def modelled(joints: LinearJoints) -> Array:
@@ -226,6 +225,16 @@ def _response(
         },
         period_s=period_s,
     )
+
+
+def _ratios(robot: Robot, names: Sequence[str]) -> Array:
+    """Return the ratios (n,) of motors to joints."""
+    return np.array([total_ratio(robot.drives[name]) for name in names])
+
+
+def _stick_rounds(spectra: Spectra, fit: Fit) -> int:
+    """Return how often friction at standstill is that of the fit before: motors have to stick."""
+    return _STICK_ROUNDS if spectra.is_periodic and np.any(fit.joints.dry > 0) else 0
 
 
 def _disagreements(

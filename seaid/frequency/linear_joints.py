@@ -260,6 +260,9 @@ def _frequency(mode: complex) -> tuple[float, float]:
 _STARTS = (1.0, 0.4, 2.5)
 """Factors on the stiffness at the start: the nominal one may be wrong."""
 
+_SCAN = 8
+"""Antiresonances, spread over the band, from which a search without a nominal stiffness starts."""
+
 _AVERAGED = 40
 """Lines of all logs over which a power is averaged, at least: fewer make intervals too narrow."""
 
@@ -274,7 +277,7 @@ FITS = 1.15
 was 0.96 to 1.06 in right minima, with an exception, and 1.2 to 5 in wrong ones."""
 
 _RANDOM_STARTS = 40
-"""Starts with random antiresonances, if no other start ends in a good fit."""
+"""Starts with random antiresonances of coupled joints, if no other start ends in a good fit."""
 
 _FRACTION_ROUNDS = 8
 """Linear fits with the weights of the one before, from which a search starts."""
@@ -375,7 +378,10 @@ def sticking_sign(record: Record, picked: Sequence[int], fit: Fit) -> Record:
 
 
 def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], list[Array]]:
-    """Return where searches start: by linear fits and nominal values, at random if none fits."""
+    """Return where searches start, by linear fits and nominal values, and where if none fits.
+
+    A single joint without a nominal stiffness starts from a scan, coupled ones also at random.
+    """
     nominal, e, free = parameters.start, parameters.start.elastic, parameters.free
     base = _with_rigid_values(spectra, nominal, free["dry"])
     level = 0.1 * np.sqrt(np.mean(np.abs(spectra.torque.mean(1)) ** 2, axis=(0, 1)))
@@ -386,11 +392,15 @@ def _starts(spectra: Spectra, parameters: _Parameters) -> tuple[list[Array], lis
         for rotor in rotors
         for joints in _by_fractions(spectra, e, rotor, free["dry"])
     ]
-    low, high = np.log(spectra.hz[[0, -1]])
-    chances = np.exp(np.random.default_rng(0).uniform(low, high, (_RANDOM_STARTS, len(e))))
-    further = [_with_antiresonances(first[-1], chance) for chance in chances]
+    ends, coupled = np.log(spectra.hz[[0, -1]]), np.sum(e) > 1
+    chances = np.random.default_rng(0).uniform(ends[0], ends[1], (_RANDOM_STARTS, len(e)))
+    further = [_with_antiresonances(first[-1], np.exp(chance)) for chance in chances if coupled]
     if np.all(np.isfinite(nominal.stiffness)):
         first += [replace(base, stiffness=factor * nominal.stiffness) for factor in _STARTS]
+    else:
+        scan = np.geomspace(spectra.hz[0] * 2, spectra.hz[-1], _SCAN)
+        same = [_with_antiresonances(base, hz) for hz in scan]
+        first, further = (first, same + further) if coupled else (first + same, further)
 
     def vector(joints: LinearJoints) -> Array:
         return parameters.vector(replace(_lightly_damped(joints), dry=level))
