@@ -222,7 +222,7 @@ def check_name(
 
     An argument of the function that a place names, as "joints=", is given after it, too.
     """
-    if name not in allowed:
+    if not isinstance(name, str) or name not in allowed:
         raise error(": ".join((*where[:1], unknown_name(kind, name, allowed))), *where[1:])
 
 

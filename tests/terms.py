@@ -17,7 +17,6 @@ from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_force
 from seaid.drives.equations import SYMBOLS, DriveEquation, d_0, f_0, joint_equation, known_values
 from seaid.drives.regressor import flat_names
-from seaid.drives.terms import FrictionTerm
 from seaid.estimation import estimator_named
 from seaid.identification import Identification
 from seaid.identification.nonlinear_terms import linearised_robot, with_searched_values
@@ -74,7 +73,7 @@ def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
     return with_terms(ELASTIC, terms, values)  # type: ignore[no-any-return]
 
 
-DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
+DRY: tuple[str, str] = ("viscous", "coulomb")
 TERMS = (*DRY, "asymmetric", "quadratic", "load", "stribeck")
 FRICTION: Mapping[str, float] = {
     "asymmetric_friction": 1e-4,

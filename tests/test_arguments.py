@@ -126,10 +126,6 @@ def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
         (BasisName, [*_LEAST, "multisine"]),  # whose size is that of its frequencies
         (CriterionName, CRITERIA),
         (terms.MotorInput, PARAMETERS_OF["motor_input"]),
-        (terms.FrictionTerm, PARAMETERS_OF["friction"]),
-        (terms.SpringTerm, PARAMETERS_OF["spring"]),
-        (terms.ParallelSpringTerm, PARAMETERS_OF["parallel_spring"]),
-        (terms.JointFrictionTerm, PARAMETERS_OF["joint_friction"]),
     ],
 )
 def test_every_name_of_a_choice_has_its_entry(names: Any, table: Any) -> None:

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 import seaid
 from scripts.short_form import few, sized, words
 from seaid._arrays import Array
-from seaid.drives.terms import SpringTerm
 from seaid.report import table
 from seaid.report.formats import percent
 
@@ -229,7 +228,7 @@ def moved(x: State, step: float, slope: State) -> State:
 def robot_of(
     joint: Joint,
     folder: str | Path,
-    spring: tuple[SpringTerm, ...] = ("linear",),
+    spring: tuple[str, ...] = ("linear",),
     *,
     knows_rotor: bool = True,
 ) -> seaid.Robot:

@@ -20,7 +20,6 @@ import seaid
 from seaid._arrays import Array
 from seaid._progress import track
 from seaid.drives import ParameterName
-from seaid.drives.terms import FrictionTerm
 from seaid.estimation import Estimate
 from seaid.estimation.least_squares import weighted
 from seaid.identification.simultaneous import (
@@ -160,7 +159,7 @@ class Mistake:
     """What the model or the experimenter does not know, in plant, log or offsets."""
 
     name: str
-    friction: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
+    friction: tuple[str, ...] = ("viscous", "coulomb")
     torque_offset_Nm: float = 0.0
     ripple_rad: float = 0.0
     encoder_offset_rad: float = 0.0

@@ -8,11 +8,11 @@ serve only simulation, planning and as initial values of an identification.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as entry
 from functools import cache, cached_property
-from itertools import chain, product
+from itertools import product
 from typing import Any, ClassVar, Self, get_args
 
 import numpy as np
@@ -32,12 +32,8 @@ from seaid.drives.terms import (
     PARAMETERS,
     PARAMETERS_OF,
     WARM_UP,
-    FrictionTerm,
     Harmonic,
-    JointFrictionTerm,
     MotorInput,
-    ParallelSpringTerm,
-    SpringTerm,
     between_encoders,
     harmonics_of,
     is_harmonic,
@@ -46,10 +42,10 @@ from seaid.drives.terms import (
     of_spring,
     parameter_named,
 )
-from seaid.errors import RobotError, shortened, shown, unknown_name
+from seaid.errors import RobotError, check_name, shortened, shown
 
 
-class DefaultTerms(tuple[FrictionTerm, ...]):
+class DefaultTerms(tuple[str, ...]):
     """Friction terms that nobody named: `identify` adds those that the data support."""
 
 
@@ -148,8 +144,7 @@ def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
         raise RobotError(f"{field} names a term twice: {shortened(', '.join(names))}")
     allowed = PARAMETERS_OF.get(field, names)
     for name in names:
-        if name not in allowed:
-            raise RobotError(unknown_name(f"{field.replace('_', ' ')} term", name, allowed))
+        check_name(f"{field.replace('_', ' ')} term", name, allowed, RobotError)
     return names if isinstance(names, DefaultTerms) else tuple(names)
 
 
@@ -188,8 +183,7 @@ def _check_terms(drive: Drive) -> None:
 def _check_motor_input(drive: Drive) -> None:
     """Check the motor input, and the controller that it may need. Raises RobotError."""
     inputs = get_args(MotorInput)
-    if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
-        raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
+    check_name("motor input", drive.motor_input, inputs, RobotError)
     _make_record(drive, "controller", Controller)
     _check_controller(drive)
 
@@ -205,24 +199,24 @@ def _check_controller(drive: Drive) -> None:
         )
     if law is None:
         return
-    gain = law.position_gain_Nm_per_rad
-    if kind == "position_command" and not gain:
+    needed = _GAIN_OF[kind]
+    if not getattr(law, needed):
         raise RobotError(
-            "controller: position_gain_Nm_per_rad is missing or zero, the torque at the joint per "
-            "rad of position error; a drive with velocity commands alone has motor_input = "
-            '"velocity_command"'
+            f'controller: {needed} is missing or zero, which motor_input = "{kind}" needs'
         )
-    if kind == "velocity_command" and gain:
+    if kind == "velocity_command" and law.position_gain_Nm_per_rad:
         raise RobotError(
-            f"controller: found position_gain_Nm_per_rad = {gain:g} and motor_input = "
+            "controller: found position_gain_Nm_per_rad with motor_input = "
             '"velocity_command": write motor_input = "position_command", which takes velocity '
             "commands too, or a position gain of zero"
         )
-    if kind == "velocity_command" and not law.command_velocity_gain_Nms_per_rad:
-        raise RobotError(
-            "controller: command_velocity_gain_Nms_per_rad is missing or zero, the torque at the "
-            "joint per rad/s of the commanded velocity: usually that of velocity_gain_Nms_per_rad"
-        )
+
+
+_GAIN_OF = {
+    "position_command": "position_gain_Nm_per_rad",
+    "velocity_command": "command_velocity_gain_Nms_per_rad",
+}
+"""{motor input: gain of the controller on these commands}."""
 
 
 def _check_spring(drive: SeriesElasticDrive) -> None:
@@ -275,8 +269,7 @@ def _make_record(drive: Drive, field: str, kind: type[Controller] | type[AngleRa
         raise RobotError(f"{field} must be a table of its values, found {shown(value)}")
     allowed = [x.name for x in fields(kind)]
     for key in value:
-        if key not in allowed:
-            raise RobotError(f"{field}: {unknown_name('key', key, allowed)}")
+        check_name("key", key, allowed, RobotError, field)
     object.__setattr__(drive, field, kind(**value))
 
 
@@ -300,8 +293,7 @@ def _check_values(drive: Drive) -> None:
         object.__setattr__(drive, field, _numbers_in(drive, field))
     _check_std(drive)
     for name, value in drive.nominal.items():
-        if name not in PARAMETERS:
-            raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
+        check_name("nominal parameter", name, PARAMETERS, RobotError)
         if (field_name := _field_of(drive, name)) is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")
         if name not in names:
@@ -309,8 +301,7 @@ def _check_values(drive: Drive) -> None:
         if PARAMETERS[name].is_positive:
             _check_number(f"nominal '{name}'", value, "zero or more")
     for name in drive.known:
-        if name not in names:
-            raise RobotError(unknown_name("known parameter", name, list(names)))
+        check_name("known parameter", name, names, RobotError)
         if name not in drive.values:
             raise RobotError(f"known names '{name}', but it has no value")
 
@@ -321,8 +312,7 @@ def _check_std(drive: Drive) -> None:
     if drive.controller is not None and drive.command_delay_s is None:
         constants.append("command_delay_s")  # of an unknown delay, about zero
     for name, value in drive.std.items():
-        if name not in (STD_OF_TORQUE, *constants):
-            raise RobotError(unknown_name("constant", name, [STD_OF_TORQUE, *constants]))
+        check_name("constant", name, (STD_OF_TORQUE, *constants), RobotError)
         _check_number(f"standard deviation of '{name}'", value, "more than zero")
 
 
@@ -350,7 +340,7 @@ CONSTANTS = (
 )
 """Constants that may have a standard deviation in `std`."""
 
-_PLAIN_FRICTION: tuple[FrictionTerm, ...] = DefaultTerms(("viscous", "coulomb"))
+_PLAIN_FRICTION: tuple[str, ...] = DefaultTerms(("viscous", "coulomb"))
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 _CHANGING = frozenset({*BY_TEMPERATURE, *WARM_UP})
 
@@ -359,9 +349,9 @@ _CHANGING = frozenset({*BY_TEMPERATURE, *WARM_UP})
 class _Parameters(Display):
     """The fields of both drives, and their parameters by name, wherever the values are stored."""
 
-    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
+    friction: tuple[str, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
-    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
+    parallel_spring: tuple[str, ...] = ()
     motor_input: MotorInput = "torque"
     controller: Controller | None = None
     command_delay_s: float | None = None
@@ -410,14 +400,14 @@ class _Parameters(Display):
         bare: Any = {"friction": tuple("coulomb" if x == "dahl" else x for x in self.friction)}
         if self.is_elastic:
             bare["spring"] = tuple(x for x in self.spring if x != "dahl")  # type: ignore[attr-defined]
-        gone = ("presliding_angle", "hysteresis_force", "hysteresis_deflection")
-        return self._without_parameters(gone, **bare)
+        return self._with_terms(**bare)
 
-    def _without_parameters(self, names: Collection[str], **terms: Any) -> Self:
-        """Return the drive with other terms, and without parameters that these do not have."""
-        nominal = {name: value for name, value in self.nominal.items() if name not in names}
-        known = tuple(name for name in self.known if name not in names)
-        return replace(self, nominal=nominal, known=known, **terms)
+    def _with_terms(self, **terms: Any) -> Self:
+        """Return the drive with other terms, and without the parameters that these do not have."""
+        bare = replace(self, nominal={}, known=(), **terms)
+        names = bare.parameter_names
+        nominal = {name: value for name, value in self.nominal.items() if name in names}
+        return replace(bare, nominal=nominal, known=tuple(x for x in self.known if x in names))
 
     @property
     def is_nonlinear_spring(self) -> bool:
@@ -491,9 +481,8 @@ class _Parameters(Display):
             for slope, level in slopes.items()
             if level in values
         }
-        gone = set(chain(*(PARAMETERS_OF["friction"][term] for term in _CHANGING)))
         kept = tuple(term for term in self.friction if term not in _CHANGING)
-        bare = self._without_parameters(gone, friction=kept)
+        bare = self._with_terms(friction=kept)
         return bare.with_values(levels) if warmer else bare
 
     def with_values(self, values: Mapping[str, float]) -> Self:
@@ -604,9 +593,9 @@ class StiffDrive(_Parameters):
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    spring: ClassVar[tuple[SpringTerm, ...]] = ()
+    spring: ClassVar[tuple[str, ...]] = ()
     transmission_error: ClassVar[tuple[Harmonic, ...]] = ()
-    joint_friction: ClassVar[tuple[JointFrictionTerm, ...]] = ()
+    joint_friction: ClassVar[tuple[str, ...]] = ()
     motor_radius: ClassVar[float] = 1.0
     load_radius: ClassVar[float] = 1.0
 
@@ -681,8 +670,8 @@ class SeriesElasticDrive(_Parameters):
     gear_stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    spring: tuple[SpringTerm, ...] = ("linear",)
-    joint_friction: tuple[JointFrictionTerm, ...] = ()
+    spring: tuple[str, ...] = ("linear",)
+    joint_friction: tuple[str, ...] = ()
     transmission_error: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     is_elastic: ClassVar[bool] = True
 

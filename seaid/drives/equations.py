@@ -18,7 +18,7 @@ import sympy as sp
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, is_smooth
-from seaid.drives.terms import COULOMB, DEAD_ZONES
+from seaid.drives.terms import COULOMB, DEAD_ZONES, PARAMETERS, Parameter
 from seaid.errors import RobotError, SymbolicError, shortened, shown, unknown_name
 from seaid.symbolic.expression_text import expression_of
 
@@ -59,45 +59,16 @@ T_0, s_0 = sp.symbols("T_0 s_0", real=True)
 
 k_P, tau_P, b_L, c_L, T_C = sp.symbols("k_P tau_P b_L c_L T_C", real=True)
 
-PARAMETER_NAMES = {
-    F_v: "viscous_friction",
-    F_C: "coulomb_friction",
-    w_C: "coulomb_width",
-    w_0: "coulomb_shift",
-    w_M: "presliding_angle",
-    F_0: "friction_offset",
-    F_a: "asymmetric_friction",
-    F_q: "quadratic_friction",
-    F_L: "load_friction",
-    F_S: "stribeck_friction",
-    w_S: "stribeck_speed",
-    F_x: "coulomb_position_slope",
-    F_xx: "coulomb_position_curvature",
-    F_vT: "viscous_temperature_slope",
-    F_CT: "coulomb_temperature_slope",
-    F_vW: "cold_viscous_friction",
-    F_CW: "cold_coulomb_friction",
-    t_W: "warm_up_time",
-    k: "stiffness",
-    k_3: "cubic_stiffness",
-    k_5: "fifth_stiffness",
-    g: "dead_zone",
-    w_g: "dead_zone_rounding",
-    c_k: "spring_damping",
-    F_H: "hysteresis_force",
-    w_H: "hysteresis_deflection",
-    f_0: "spring_offset",
-    d_0: "deflection_zero",
-    I_M: "motor_inertia",
-    K_t: "torque_constant",
-    K_u: "voltage_constant",
-    T_C: "command_delay",
-    s_K: "gain_scale",
-    k_P: "parallel_stiffness",
-    tau_P: "parallel_preload",
-    b_L: "joint_viscous_friction",
-    c_L: "joint_coulomb_friction",
-}
+
+def _symbol_of(parameter: Parameter) -> sp.Symbol:
+    """Return the symbol of a parameter, positive if the equations divide by it or it is a width."""
+    is_positive = parameter.is_divisor or bool(parameter.starts and parameter.is_positive)
+    sign = {"positive": True} if is_positive else {"real": True}
+    return sp.Symbol(parameter.symbol, **sign)
+
+
+SYMBOLS = {name: _symbol_of(parameter) for name, parameter in PARAMETERS.items()}
+PARAMETER_NAMES = {symbol: name for name, symbol in SYMBOLS.items()}
 """{symbol: name} of the parameters in `seaid.drives.terms`, in the same order."""
 
 
@@ -107,7 +78,6 @@ def symbol_of(name: str) -> sp.Symbol:
     return SYMBOLS[name] if name in SYMBOLS else sp.Symbol(name, real=True)
 
 
-SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
 SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G, Delta_T, t_log, tau_C)
 STATES = {
     "theta_M": theta_M,

@@ -43,7 +43,7 @@ from seaid.drives.equations import (
     theta_M,
 )
 from seaid.drives.equations import t as time_symbol
-from seaid.drives.regressor import DriveRegressor, flat_names
+from seaid.drives.regressor import Compiled, DriveRegressor, compiled, flat_names, slope_by
 from seaid.drives.terms import DEAD_ZONES, PARAMETERS_OF, key_of
 from seaid.errors import ExcitationError, RobotError
 
@@ -165,17 +165,21 @@ def stretch_of(curve: SpringCurve, force: Array) -> Array:
                 f"its spring never reaches forces of {least:.4g} to {most:.4g}: check the nominal "
                 "values of its terms"
             )
-    low, high = np.full_like(force, -bound), np.full_like(force, bound)
-    for _ in range(70):
-        middle = 0.5 * (low + high)
-        short = curve.force(middle) < force
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return 0.5 * (low + high)
+    return _bisected(curve.force, force, np.full_like(force, -bound), np.full_like(force, bound))
 
 
 def _reaches(curve: SpringCurve, bound: float, least: float, most: float) -> tuple[bool, bool]:
     low, high = curve.force(np.array([-bound, bound]))
     return bool(low <= least), bool(high >= most)
+
+
+def _bisected(function: Callable[[Array], Array], values: Array, low: Array, high: Array) -> Array:
+    """Return where an increasing function has values, between `low` and `high` (all any shape)."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        short = function(middle) < values
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return high
 
 
 def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None = None) -> sp.Expr:
@@ -322,12 +326,6 @@ def _smoothed(expression: sp.Expr) -> sp.Expr:
     return expression.xreplace(real).replace(sp.sign, _smooth_sign)
 
 
-def _slope_of(expression: sp.Expr, name: str) -> sp.Expr:
-    """Return the derivative of a smoothed expression by a signal; that of a step is zero."""
-    slope = expression.diff(_real_symbol(name))
-    return slope.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
-
-
 def _real_symbol(name: str) -> sp.Symbol:
     """Return the symbol of a signal or parameter in smoothed expressions."""
     return sp.Symbol(name, positive=True) if name in _POSITIVE else sp.Symbol(name, real=True)
@@ -340,13 +338,10 @@ def _smooth_sign(x: sp.Expr) -> sp.Expr:
 
 
 @cache
-def _compiled_slopes(row: tuple[sp.Expr, ...], signals: tuple[str, ...]):  # type: ignore[no-untyped-def]
+def _compiled_slopes(row: tuple[sp.Expr, ...], signals: tuple[str, ...]) -> Compiled:
     smooth = [_smoothed(entry) for entry in row]
-    slopes = [_slope_of(entry, signal) for entry in smooth for signal in signals]
-    entries = [*smooth, *slopes]
-    names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})
-    arguments = [_real_symbol(name) for name in names]
-    return sp.lambdify(arguments, entries, modules="numpy", cse=True), names
+    slopes = [slope_by(entry, _real_symbol(signal)) for entry in smooth for signal in signals]
+    return compiled([*smooth, *slopes])
 
 
 _SOFTEST = 0.1
@@ -375,13 +370,10 @@ class NonlinearSpring:
         """Return the deflection from the spring's zero under a force (any shape), and its slope."""
         pull = np.abs(force - self.preload)
         # Nowhere is the curve softer than _SOFTEST k: the deflection is below this.
-        low, high = np.zeros_like(pull), pull / (_SOFTEST * self.coefficients[0])
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            short = self._pull(middle)[0] < pull
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
-        d = np.sign(force - self.preload) * high
-        slope = 1.0 / self._pull(high)[1]
+        most = pull / (_SOFTEST * self.coefficients[0])
+        size = _bisected(lambda d: self._pull(d)[0], pull, np.zeros_like(pull), most)
+        d = np.sign(force - self.preload) * size
+        slope = 1.0 / self._pull(size)[1]
         if self.gap == 0:
             return d, slope
         crossing = np.tanh(d / (_CROSSING * self.gap))  # smooth sign(d), d/dx tanh = 1 - tanh^2

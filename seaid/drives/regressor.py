@@ -6,7 +6,7 @@ e(p) ~ e(p_0) + de/dp (p - p_0), which is a regressor as well.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -175,8 +175,13 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 
 @cache
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """Return the derivative by a parameter, for real signals; the derivative of a step is 0."""
-    return _of_real(expression).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+    """Return the derivative by a parameter, for real signals."""
+    return slope_by(_of_real(expression), symbol)
+
+
+def slope_by(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """Return the derivative of an expression of real symbols; that of a step is 0."""
+    return expression.diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
 @cache
@@ -261,13 +266,21 @@ def _sampled(expression: sp.Expr) -> sp.Expr:
 
 
 @cache
-def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
+def _compiled(zeta: sp.Expr, row: _Row) -> Compiled:
     expressions = [_sampled(entry) for entry in (zeta, *row)]
-    names = sorted({str(symbol) for entry in expressions for symbol in entry.free_symbols})
-    flat = [{symbol: sp.Symbol(str(symbol)) for symbol in e.free_symbols} for e in expressions]
-    plain = [entry.xreplace(names_of) for entry, names_of in zip(expressions, flat, strict=True)]
-    arguments = [sp.Symbol(name) for name in names]
-    return sp.lambdify(arguments, plain, modules="numpy", cse=True), names
+    return compiled(expressions)
+
+
+Compiled = tuple[Callable[..., list[Array]], list[str]]
+"""A function of samples, and the names of its arguments in order."""
+
+
+def compiled(entries: Sequence[sp.Expr]) -> Compiled:
+    """Return expressions as a function of their symbols over samples, and the names of these."""
+    by_name = {str(symbol): symbol for entry in entries for symbol in entry.free_symbols}
+    names = sorted(by_name)
+    arguments = [by_name[name] for name in names]
+    return sp.lambdify(arguments, entries, modules="numpy", cse=True), names
 
 
 def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:

@@ -54,12 +54,12 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Literal, get_args
 
-from seaid.errors import RobotError, shown, unknown_name
+from seaid.errors import RobotError, check_name, shown
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a drive: its unit, and whether it cannot be negative.
+    """A parameter of a drive: its symbol and unit, and whether it cannot be negative.
 
     In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
     of the joint. A parameter in which the equations are nonlinear has `starts` of its search, in
@@ -68,6 +68,7 @@ class Parameter:
     `is_divisor`.
     """
 
+    symbol: str
     unit: str
     is_positive: bool = True
     starts: tuple[float, ...] = ()
@@ -82,52 +83,54 @@ class Parameter:
 _PRESLIDING = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 PARAMETERS = {
-    "viscous_friction": Parameter("N m s/rad"),
-    "coulomb_friction": Parameter("N m"),
-    "coulomb_width": Parameter("rad/s", starts=(0.002, 0.01, 0.05, 0.2), is_divisor=True),
-    "coulomb_shift": Parameter("rad/s", is_positive=False, starts=(0.0,)),
-    "presliding_angle": Parameter("rad", starts=_PRESLIDING, is_divisor=True),
-    "friction_offset": Parameter("N m", is_positive=False),
-    "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
-    "quadratic_friction": Parameter("N m s^2/rad^2", is_positive=False),
-    "load_friction": Parameter("1"),
-    "stribeck_friction": Parameter("N m", is_positive=False),
-    "stribeck_speed": Parameter("rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
-    "coulomb_position_slope": Parameter("N m/Q", is_positive=False),
-    "coulomb_position_curvature": Parameter("N m/Q^2", is_positive=False),
-    "viscous_temperature_slope": Parameter("N m s/(rad K)", is_positive=False),
-    "coulomb_temperature_slope": Parameter("N m/K", is_positive=False),
-    "cold_viscous_friction": Parameter("N m s/rad", is_positive=False),
-    "cold_coulomb_friction": Parameter("N m", is_positive=False),
-    "warm_up_time": Parameter("s", starts=(0.05, 0.2, 0.6), is_divisor=True),
-    "stiffness": Parameter("F/L"),
-    "cubic_stiffness": Parameter("F/L^3", is_positive=False),
-    "fifth_stiffness": Parameter("F/L^5", is_positive=False),
-    "dead_zone": Parameter("L", starts=(0.03, 0.3, 0.8)),
-    "dead_zone_rounding": Parameter("L", starts=(0.005, 0.05)),
-    "spring_damping": Parameter("F s/L"),
-    "hysteresis_force": Parameter("F"),
-    "hysteresis_deflection": Parameter("L", starts=(0.02, 0.05, 0.1, 0.2, 0.4), is_divisor=True),
-    "spring_offset": Parameter("F", is_positive=False),
-    "deflection_zero": Parameter("L", is_positive=False, starts=(0.0,)),
-    "motor_inertia": Parameter("kg m^2"),
-    "torque_constant": Parameter("N m/A", is_divisor=True),
-    "voltage_constant": Parameter("N m/V", is_divisor=True),
-    "command_delay": Parameter("s", is_positive=False),
-    "gain_scale": Parameter("1", is_divisor=True),
-    "parallel_stiffness": Parameter("P/Q", is_positive=False),
-    "parallel_preload": Parameter("P", is_positive=False),
-    "joint_viscous_friction": Parameter("P s/Q"),
-    "joint_coulomb_friction": Parameter("P"),
+    "viscous_friction": Parameter("F_v", "N m s/rad"),
+    "coulomb_friction": Parameter("F_C", "N m"),
+    "coulomb_width": Parameter("w_C", "rad/s", starts=(0.002, 0.01, 0.05, 0.2), is_divisor=True),
+    "coulomb_shift": Parameter("w_0", "rad/s", is_positive=False, starts=(0.0,)),
+    "presliding_angle": Parameter("w_M", "rad", starts=_PRESLIDING, is_divisor=True),
+    "friction_offset": Parameter("F_0", "N m", is_positive=False),
+    "asymmetric_friction": Parameter("F_a", "N m s/rad", is_positive=False),
+    "quadratic_friction": Parameter("F_q", "N m s^2/rad^2", is_positive=False),
+    "load_friction": Parameter("F_L", "1"),
+    "stribeck_friction": Parameter("F_S", "N m", is_positive=False),
+    "stribeck_speed": Parameter("w_S", "rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
+    "coulomb_position_slope": Parameter("F_x", "N m/Q", is_positive=False),
+    "coulomb_position_curvature": Parameter("F_xx", "N m/Q^2", is_positive=False),
+    "viscous_temperature_slope": Parameter("F_vT", "N m s/(rad K)", is_positive=False),
+    "coulomb_temperature_slope": Parameter("F_CT", "N m/K", is_positive=False),
+    "cold_viscous_friction": Parameter("F_vW", "N m s/rad", is_positive=False),
+    "cold_coulomb_friction": Parameter("F_CW", "N m", is_positive=False),
+    "warm_up_time": Parameter("t_W", "s", starts=(0.05, 0.2, 0.6), is_divisor=True),
+    "stiffness": Parameter("k", "F/L"),
+    "cubic_stiffness": Parameter("k_3", "F/L^3", is_positive=False),
+    "fifth_stiffness": Parameter("k_5", "F/L^5", is_positive=False),
+    "dead_zone": Parameter("g", "L", starts=(0.03, 0.3, 0.8)),
+    "dead_zone_rounding": Parameter("w_g", "L", starts=(0.005, 0.05)),
+    "spring_damping": Parameter("c_k", "F s/L"),
+    "hysteresis_force": Parameter("F_H", "F"),
+    "hysteresis_deflection": Parameter(
+        "w_H", "L", starts=(0.02, 0.05, 0.1, 0.2, 0.4), is_divisor=True
+    ),
+    "spring_offset": Parameter("f_0", "F", is_positive=False),
+    "deflection_zero": Parameter("d_0", "L", is_positive=False, starts=(0.0,)),
+    "motor_inertia": Parameter("I_M", "kg m^2"),
+    "torque_constant": Parameter("K_t", "N m/A", is_divisor=True),
+    "voltage_constant": Parameter("K_u", "N m/V", is_divisor=True),
+    "command_delay": Parameter("T_C", "s", is_positive=False),
+    "gain_scale": Parameter("s_K", "1", is_divisor=True),
+    "parallel_stiffness": Parameter("k_P", "P/Q", is_positive=False),
+    "parallel_preload": Parameter("tau_P", "P", is_positive=False),
+    "joint_viscous_friction": Parameter("b_L", "P s/Q"),
+    "joint_coulomb_friction": Parameter("c_L", "P"),
 }
 """Every parameter by its name in an estimate, in the order of the columns."""
 
 
 _HARMONICS = {
-    "transmission_error": Parameter("L", is_positive=False),
-    "torque_ripple": Parameter("N m", is_positive=False),
+    "transmission_error": Parameter("", "L", is_positive=False),
+    "torque_ripple": Parameter("", "N m", is_positive=False),
 }
-"""{field: an amplitude of one of its harmonics}, see `seaid.drives.terms`."""
+"""{field: an amplitude of one of its harmonics}; the symbol of an amplitude is its name."""
 
 
 def parameter_named(name: str) -> Parameter:
@@ -144,36 +147,6 @@ def key_of(name: str, unit: str) -> str:
     above, below = above.replace(" ", ""), below.translate(str.maketrans("", "", " ()"))
     return f"{name}_{above}_per_{below}" if below else f"{name}_{above.replace('kgm2', 'kg_m2')}"
 
-
-FrictionTerm = Literal[
-    "viscous",
-    "coulomb",
-    "smooth_coulomb",
-    "shifted_coulomb",
-    "dahl",
-    "offset",
-    "asymmetric",
-    "quadratic",
-    "load",
-    "stribeck",
-    "coulomb_position",
-    "viscous_temperature",
-    "coulomb_temperature",
-    "viscous_warm_up",
-    "coulomb_warm_up",
-]
-SpringTerm = Literal[
-    "linear",
-    "cubic",
-    "fifth",
-    "dead_zone",
-    "smooth_dead_zone",
-    "damping",
-    "dahl",
-    "preload",
-]
-ParallelSpringTerm = Literal["linear", "preload"]
-JointFrictionTerm = Literal["viscous", "coulomb"]
 
 MOTOR_CONSTANTS = {"current": "torque_constant", "voltage": "voltage_constant"}
 """{input of a motor: its constant}; the torque that a voltage drives the current of is viscous."""
@@ -352,16 +325,16 @@ def is_transmission_error(name: str) -> bool:
     return name.startswith("transmission_error")
 
 
-def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float]:
+def of_spring(values: Mapping[str, Any], compliance: float) -> dict[str, Any]:
     """Return parameters {name: value} between the encoders as those of the spring alone.
 
     Raises RobotError if the gear is softer than gear and spring together.
     """
     share = compliance * values.get("stiffness", 0.0)  # of the gear in the deflection
-    if share >= 1:
+    if share.real >= 1:
         raise RobotError(
-            f"the stiffness between the encoders is {share:.3g} times that of the gear alone, of "
-            "which it is a part: check gear_stiffness_Nm_per_rad"
+            f"the stiffness between the encoders is {share.real:.3g} times that of the gear alone, "
+            "of which it is a part: check gear_stiffness_Nm_per_rad"
         )
     spring = {
         name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()
@@ -372,19 +345,13 @@ def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float
 
 
 def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
-    """Return {name: {other: slope}}, the derivatives of `of_spring`."""
-    stiffness = values.get("stiffness", 0.0)
-    share = compliance * stiffness
-    slopes = {}
-    for name, value in values.items():
-        if is_transmission_error(name) and stiffness:  # own = value / stiffness
-            slopes[name] = {name: 1.0 / stiffness, "stiffness": -value / stiffness**2}
-            continue
-        power = _SERIES_POWERS.get(name, 0)
-        slopes[name] = {name: (1.0 - share) ** -power}
-        if power and "stiffness" in values:
-            by_stiffness = power * compliance * value * (1.0 - share) ** (-power - 1)
-            slopes[name]["stiffness"] = slopes[name].get("stiffness", 0.0) + by_stiffness
+    """Return {name: {other: slope}}, the derivatives of `of_spring`, by a complex step."""
+    step, slopes = 1e-30, {name: dict[str, float]() for name in values}
+    for other in values:
+        moved = of_spring({**values, other: values[other] + 1j * step}, compliance)
+        for name, value in moved.items():
+            if value.imag:
+                slopes[name][other] = value.imag / step
     return slopes
 
 
@@ -439,8 +406,7 @@ def harmonics_of(field: str, table: Any) -> tuple[Harmonic, ...]:
 
 def _harmonics_about(field: str, angle: Any, orders: Any) -> list[Harmonic]:
     """Return the harmonics of a field about one angle."""
-    if angle not in get_args(Angle):
-        raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
+    check_name(f"angle of {field}", angle, get_args(Angle), RobotError)
     if not isinstance(orders, Mapping | list | tuple) or not orders:
         raise RobotError(
             f"{field} {angle} must be a list of orders, or a table {{ order = [cos, sin] }} of "

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -25,36 +22,29 @@ from seaid.drives.drives import (
     unit_of,
 )
 from seaid.drives.terms import FIELDS, PARAMETERS, PARAMETERS_OF, harmonics_table, key_of
-from seaid.errors import RobotError, checked, shortened, shown, unknown_name
+from seaid.errors import RobotError, check_name, checked, listed, shortened, shown
 
 _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "stiff": StiffDrive,
     "series_elastic": SeriesElasticDrive,
 }
 _RATIOS = {"gear_ratio", "gear_ratio_rad_per_m"}
-_STIFFNESS = {"stiffness_N_per_m", "stiffness_Nm_per_rad"}
 _OF_SPRING = ("spring_offset", "deflection_zero")
 
 
 def read_drives(path: str | Path) -> dict[str, Drive]:
     """Read a drive TOML as {joint: drive}. Raises RobotError naming joint and key."""
-    if os.path.isfile(path):
-        with suppress(OSError), open(path, "rb") as file:
-            if file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-                raise RobotError(
-                    f"drives '{path}' is XML, as a URDF is: the drives are a TOML file with a "
-                    "table for each joint, and the URDF is the first argument"
-                )
+    if Path(path).suffix in (".urdf", ".xacro", ".xml"):
+        raise RobotError(
+            f"drives '{path}' is XML, as a URDF is: the drives are a TOML file with a table for "
+            "each joint, and the URDF is the first argument"
+        )
     tables = read_toml(path, "drives", RobotError)
     drives = {
         joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
     }
     check_groups(drives, str(path))
     return drives
-
-
-_OLD_KEYS = {"deflection_offset_N": "spring_offset_N", "deflection_offset_Nm": "spring_offset_Nm"}
-"""Keys of files that are older than the parameter's name."""
 
 
 def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
@@ -71,7 +61,8 @@ def _drive(where: str, table: Any) -> Drive:
     if not isinstance(table, Mapping):
         raise RobotError(f"{where} must be a table of a drive, found {shown(table)}")
     try:
-        return _drive_of_table(_kind_of(table), _with_new_keys(table))
+        others = {key: value for key, value in table.items() if key != "type"}
+        return _drive_of_table(_kind_of(table), others)
     except RobotError as problem:
         raise problem.at(where) from None
 
@@ -82,16 +73,8 @@ def _kind_of(table: Mapping[str, Any]) -> type[Drive]:
         raise RobotError(f"the tables of joints stand at the top: write [{inner}] for [...{inner}]")
     if "type" not in table:
         raise RobotError(f"key 'type' is missing; allowed: {', '.join(_TYPES)}")
-    if not isinstance(table["type"], str) or table["type"] not in _TYPES:
-        raise RobotError(unknown_name("drive type", table["type"], _TYPES))
+    check_name("drive type", table["type"], _TYPES, RobotError)
     return _TYPES[table["type"]]
-
-
-def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
-    for old, new in _OLD_KEYS.items():
-        if old in table and new in table:
-            raise RobotError(f"'{old}' is the old name of '{new}': give one of them")
-    return {_OLD_KEYS.get(key, key): value for key, value in table.items() if key != "type"}
 
 
 def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
@@ -99,15 +82,15 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     keys = [field.name for field in fields(kind)]
     values = _pop_fields(keys, others)
     if all(values.get(key) in (None, "?") for key in _RATIOS):
-        _check_keys(others, keys, _every_key())
         raise RobotError(
-            "key 'gear_ratio' is missing or '?'; give the motor turns per turn behind the gear"
+            "key 'gear_ratio' is missing or '?'; give the motor turns per turn behind the gear "
+            f"(other keys: {listed(others) or 'none'})"
         )
     # The units, and with them the keys, depend on ratio and radii: first a drive of these alone.
     bare = kind(**{**values, "known": ()})
     named = {key_of(name, unit_of(bare, name)): name for name in _possible_parameters(kind)}
-    in_other_units = _STIFFNESS - named.keys()
-    _check_keys(others, [key for key in keys if key not in in_other_units], named)
+    for key in others:
+        check_name("key", key, ["type", *keys, *named], RobotError)
     more = {named[key]: value for key, value in others.items()}
     for name in more:
         if name in bare.nominal:
@@ -117,8 +100,6 @@ def _drive_of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
 
 def _pop_fields(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
     """Remove the fields of a drive from a table, and return them."""
-    for key in _RATIOS.intersection(table):
-        _check_ratio(key, table[key])
     stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
     std = {name: table.pop(key) for key, name in stds.items() if key in table}
     if std:
@@ -126,39 +107,11 @@ def _pop_fields(keys: list[str], table: dict[str, Any]) -> dict[str, Any]:
     return {key: table.pop(key) for key in keys if key in table}
 
 
-def _check_ratio(key: str, value: Any) -> None:
-    """Raise RobotError for a ratio as text, such as "100:1", with the number to write."""
-    if isinstance(value, str):
-        ratio = re.fullmatch(r"\s*([\d.]+)\s*[:/]\s*([\d.]+)\s*", value)
-        with suppress(ValueError, ZeroDivisionError):
-            remedy = float(ratio[1]) / float(ratio[2]) if ratio else float(value)
-            raise RobotError(
-                f"{key} must be a number without quotes, found {shown(value)}: write "
-                f"{key} = {remedy!r}"
-            )
-
-
-def _check_keys(written: Iterable[str], keys: list[str], named: Mapping[str, str]) -> None:
-    for key in written:
-        if key not in named:
-            raise RobotError(unknown_name("key", key, dict.fromkeys(["type", *keys, *named])))
-
-
 def _possible_parameters(kind: type[Drive]) -> list[str]:
     """Return the parameters that a kind of drive can have with its terms."""
     terms = [names for field in term_fields(kind) for names in PARAMETERS_OF[field].values()]
     possible = {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
     return [name for name in PARAMETERS if name in possible]
-
-
-def _every_key() -> dict[str, str]:
-    """Return {key: parameter} in all units, for a table whose units are not known yet."""
-    units = (("N", "m"), ("N m", "rad"))
-    return {
-        key_of(name, parameter.unit_for(pair, pair)): name
-        for name, parameter in PARAMETERS.items()
-        for pair in units
-    }
 
 
 @checked(RobotError)

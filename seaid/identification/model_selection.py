@@ -245,7 +245,7 @@ def _with_temperature(
     """
     named = {*(chosen or {}).get("friction", ())} & {*BY_TEMPERATURE}
     terms = tuple(named or BY_TEMPERATURE)
-    bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())  # type: ignore[arg-type]
+    bare = replace(robot.drives[joint], friction=terms, nominal={}, known=())
     try:
         check_temperatures(robot.with_drives({joint: bare}), motions, joint)
     except IdentificationError:

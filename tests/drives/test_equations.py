@@ -8,8 +8,15 @@ import pytest
 import sympy as sp
 
 from seaid._arrays import Array
-from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, motor_equation, spring_equation
-from seaid.drives.equations import extra_torque, t, theta_M
+from seaid.drives import (
+    Drive,
+    SeriesElasticDrive,
+    StiffDrive,
+    equations,
+    motor_equation,
+    spring_equation,
+)
+from seaid.drives.equations import PARAMETER_NAMES, extra_torque, t, theta_M
 from seaid.drives.regressor import DriveRegressor, drive_regressor
 from seaid.errors import RobotError, SymbolicError
 
@@ -177,3 +184,11 @@ def test_a_sharp_exponential_is_a_column_of_its_own() -> None:
     given = signals(seed=1) | {"theta_M": np.linspace(-2e-20, 2e-20, 20)}
     column = regressor.evaluate(given)[1][:, regressor.names.index("c")]
     np.testing.assert_allclose(column, 1 / (1 + np.exp(1e20 * given["theta_M"])), rtol=1e-12)
+
+
+def test_symbols_of_the_equations_are_those_of_the_parameters() -> None:
+    """The others are known values: ratio, radii, reference position, nominal delay and scale."""
+    symbols = {value for value in vars(equations).values() if isinstance(value, sp.Symbol)}
+    assert set(PARAMETER_NAMES) <= symbols
+    others = {str(symbol) for symbol in symbols - set(PARAMETER_NAMES)}
+    assert others == {"t", "N", "r_M", "r_L", "q_0", "T_0", "s_0"}

@@ -4,7 +4,7 @@ import json
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from seaid.drives import (
     spring_equation,
 )
 from seaid.drives.regressor import drive_regressor, non_linear
-from seaid.drives.terms import FrictionTerm, SpringTerm
+from seaid.drives.terms import PARAMETERS_OF
 from seaid.errors import RobotError
 
 ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
@@ -108,7 +108,7 @@ def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
 
 @pytest.mark.parametrize(("friction", "spring", "expected"), CHOICES)
 def test_what_is_linear_stays_linear(
-    friction: tuple[FrictionTerm, ...], spring: tuple[SpringTerm, ...], expected: tuple[str, ...]
+    friction: tuple[str, ...], spring: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
     drive = replace(ELASTIC, friction=friction, spring=spring)
     nonlinear = non_linear(motor_equation(drive))
@@ -168,8 +168,8 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
     np.testing.assert_allclose(error, zeta_part - R_part @ [VALUES[n] for n in regressor.linear])
 
 
-@pytest.mark.parametrize("term", get_args(FrictionTerm))
-def test_dry_terms_are_those_that_act_against_the_motion(term: FrictionTerm) -> None:
+@pytest.mark.parametrize("term", PARAMETERS_OF["friction"])
+def test_dry_terms_are_those_that_act_against_the_motion(term: str) -> None:
     drive = replace(STIFF, friction=(term,))
     assert is_dry(drive) == (equations.dry_friction(drive) != 0)
 
@@ -198,7 +198,7 @@ def friction_by_hand(drive: Drive, s: dict[str, Array], behind_gear: Array) -> A
         "coulomb_temperature": v["coulomb_temperature_slope"] * s["Delta_T"],
         "coulomb_warm_up": v["cold_coulomb_friction"] * cold,
     }
-    assert {*smooth, *levels} == {*get_args(FrictionTerm)}
+    assert {*smooth, *levels} == {*PARAMETERS_OF["friction"]}
     direction = next((DIRECTIONS[x] for x in drive.friction if x in DIRECTIONS), np.sign)(w)
     if "dahl" in drive.friction:
         direction = equations.states(s["theta_M"], v["presliding_angle"])[0]
@@ -234,7 +234,7 @@ def force_by_hand(drive: SeriesElasticDrive, s: dict[str, Array]) -> Array:
         "dahl": v["hysteresis_force"] * equations.states(stretch, v["hysteresis_deflection"])[0],
         **dict.fromkeys(("dead_zone", "smooth_dead_zone"), 0.0),
     }
-    assert {*terms} == {*get_args(SpringTerm)}
+    assert {*terms} == {*PARAMETERS_OF["spring"]}
     offset = 0.0 if drive.is_nonlinear_spring else v["spring_offset"]
     return np.asarray(sum(terms[x] for x in drive.spring) + offset)
 

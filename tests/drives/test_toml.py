@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from seaid.drives import (
     PARAMETERS,
+    PARAMETERS_OF,
     AngleRatio,
     Controller,
     Drive,
@@ -27,10 +28,10 @@ from seaid.errors import RobotError
 from tests.experiments import arm, leg
 
 FIELDS = {
-    "friction": get_args(terms.FrictionTerm),
-    "parallel_spring": get_args(terms.ParallelSpringTerm),
-    "spring": get_args(terms.SpringTerm),
-    "joint_friction": get_args(terms.JointFrictionTerm),
+    "friction": tuple(PARAMETERS_OF["friction"]),
+    "parallel_spring": tuple(PARAMETERS_OF["parallel_spring"]),
+    "spring": tuple(PARAMETERS_OF["spring"]),
+    "joint_friction": tuple(PARAMETERS_OF["joint_friction"]),
 }
 HARMONICS = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
 OPTIONAL: dict[str, list[Any]] = {
@@ -115,12 +116,6 @@ def test_values_are_read_under_keys_with_units() -> None:
     assert drive.values == {"stribeck_speed": 0.4, "cubic_stiffness": -2.0}
     assert drive.without_nominal().values == {"stribeck_speed": 0.4}
     assert len({terms.key_of(name, unit_of(drive, name)) for name in PARAMETERS}) == len(PARAMETERS)
-    plain = {"type": "series_elastic", "gear_ratio": 50, "stiffness_Nm_per_rad": 70.0}
-    old, new = {"deflection_offset_Nm": 2.0}, {"spring_offset_Nm": 2.0}
-    first, second = (drives_from_mapping({"knee": plain | key}) for key in (old, new))
-    assert first == second
-    with pytest.raises(RobotError, match="'deflection_offset_Nm' is the old name of 'spring_off"):
-        drives_from_mapping({"knee": plain | old | new})
 
 
 def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:

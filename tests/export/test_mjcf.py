@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.terms import FrictionTerm
 from seaid.errors import RobotError
 from seaid.export import write_mjcf
 from seaid.identification import identify
@@ -121,7 +120,7 @@ def stiff_arm() -> Robot:
 
 ROBOTS: dict[str, Callable[[], Robot]] = {"leg": leg, "mixed arm": arm, "stiff arm": stiff_arm}
 
-VISCOUS: tuple[FrictionTerm, ...] = ("viscous",)
+VISCOUS: tuple[str, ...] = ("viscous",)
 
 
 def stiff(values: Mapping[str, float], **terms: Any) -> Drive:

@@ -13,7 +13,6 @@ import seaid
 from seaid._arrays import Array
 from seaid.checks.setup import log_findings
 from seaid.drives import SeriesElasticDrive, StiffDrive
-from seaid.drives.terms import FrictionTerm
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.estimation.fitting import EstimatorName
 from seaid.log import Log
@@ -80,7 +79,7 @@ def test_a_time_in_another_unit_is_named() -> None:
     "friction", quick_first([(("viscous", "smooth_coulomb"),), (("viscous", "stribeck"),)])
 )
 def test_nonlinear_friction_from_a_sensor_at_the_joint(
-    pendulum: Robot, friction: tuple[FrictionTerm, ...]
+    pendulum: Robot, friction: tuple[str, ...]
 ) -> None:
     """The torque of a stiff drive without a sensor of its own is that of the one at its joint."""
     terms = friction if "smooth_coulomb" in friction else (*friction, "coulomb")

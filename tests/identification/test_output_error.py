@@ -12,7 +12,6 @@ import pytest
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives import Drive
 from seaid.drives.drives import DefaultTerms
-from seaid.drives.terms import FrictionTerm
 from seaid.errors import Finding, IdentificationError, LogError
 from seaid.estimation import Estimate
 from seaid.identification import Identification, identify, motor_driven, output_error, refine
@@ -325,7 +324,7 @@ def test_what_cannot_be_refined_is_said(
     ],
 )
 def test_rows_where_dry_friction_turns_back_are_excluded(
-    tmp_path: Path, friction: tuple[FrictionTerm, ...], is_excluded: bool
+    tmp_path: Path, friction: tuple[str, ...], is_excluded: bool
 ) -> None:
     moved = exact_motion(arm(tmp_path, STIFF, ELASTIC))
     other = arm(tmp_path, STIFF, replace(ELASTIC, friction=friction, nominal={}))

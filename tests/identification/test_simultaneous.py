@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives.terms import SpringTerm
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation import Estimate, estimator_named
 from seaid.estimation.least_squares import ordinary
@@ -289,7 +288,7 @@ def test_a_complete_model_has_both_sides_at_once_by_default() -> None:
     ],
 )
 def test_an_incomplete_model_is_identified_in_turn(
-    factor: float, drag: float, spring: tuple[SpringTerm, ...], reason: str
+    factor: float, drag: float, spring: tuple[str, ...], reason: str
 ) -> None:
     """The torque of the knee has another scale, or drag by the square of its speed."""
     w = leg_motion(TEST_MASS).motor_velocity[:, leg().index("knee_pitch")]

@@ -12,7 +12,6 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.terms import FrictionTerm
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.identification import Identification
 from seaid.log import Log
@@ -28,7 +27,7 @@ from tests.standard_errors import scores
 from tests.terms import exact_motion, noisy_log
 
 KNEE = "knee_pitch"
-TERMS: tuple[FrictionTerm, ...] = (
+TERMS: tuple[str, ...] = (
     "viscous",
     "coulomb",
     "viscous_temperature",
@@ -58,7 +57,7 @@ def ramp(low: float = 18.0, high: float = 48.0) -> Array:
     return np.linspace(low, high, len(leg_motion(TEST_MASS).time))
 
 
-def robot_of(terms: tuple[FrictionTerm, ...] = TERMS) -> Robot:
+def robot_of(terms: tuple[str, ...] = TERMS) -> Robot:
     robot = leg(TEST_MASS)
     drive = replace(robot.drives[KNEE], friction=terms)
     return robot.with_drives({KNEE: drive}).without_nominal()
@@ -113,7 +112,7 @@ def test_a_cold_and_a_warm_log_are_a_range_together() -> None:
 
 
 LIKE = r"ranges from 31 to {} degC: .* needs a range of 2 K"
-HEATED: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up")
+HEATED: tuple[str, ...] = ("viscous", "coulomb", "viscous_warm_up")
 
 
 @pytest.mark.parametrize(
@@ -129,7 +128,7 @@ HEATED: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up")
 @pytest.mark.usefixtures("estimates_only")
 def test_logs_that_show_no_such_friction_are_refused(
     tmp_path: Path,
-    terms: tuple[FrictionTerm, ...],
+    terms: tuple[str, ...],
     warmth: tuple[float, float] | None,
     is_long: bool,
     words: str,
@@ -188,7 +187,7 @@ def test_temperatures_of_a_simulation_are_checked(given: dict[str, float], words
         seaid.simulate(leg(), leg_trajectory(), temperature_degC=given)
 
 
-WARM_UP: tuple[FrictionTerm, ...] = ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")
+WARM_UP: tuple[str, ...] = ("viscous", "coulomb", "viscous_warm_up", "coulomb_warm_up")
 COLD = {"cold_viscous_friction": 0.02, "cold_coulomb_friction": 0.02, "warm_up_time": 15.0}
 FRICTION = {"viscous_friction": 0.03, "coulomb_friction": 0.05}
 
@@ -258,7 +257,7 @@ def test_a_log_that_is_shorter_than_the_warm_up_is_refused_with_the_remedy(tmp_p
 @pytest.mark.slow  # long simulations of a warming motor
 @pytest.mark.parametrize("terms", [TERMS, WARM_UP], ids=["temperature", "time"])
 def test_a_simulated_motor_has_the_friction_of_its_time_and_replays(
-    tmp_path: Path, terms: tuple[FrictionTerm, ...]
+    tmp_path: Path, terms: tuple[str, ...]
 ) -> None:
     """A motor that is cold all the time, and one that is warm, move otherwise."""
     is_time = terms is WARM_UP

@@ -178,10 +178,7 @@ def test_without_their_packages_names_are_paths(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ('gear_ratio = "100:1"', "found '100:1': write gear_ratio = 100.0"),
-        ('gear_ratio = "121/2"', "found '121/2': write gear_ratio = 60.5"),
-        ('gear_ratio = "86"', "found '86': write gear_ratio = 86.0"),
-        ('gear_ratio = "fast"', "gear_ratio must be a number, found 'fast'"),
+        ('gear_ratio = "100:1"', "gear_ratio must be a number, found '100:1'"),
         ("gear_ratio = ", "is not valid TOML: Invalid value (at line 3, column 14)"),
         ('gear_ratio = 2\n[drives.hip_yaw]\ntype = "stiff"', "write [hip_yaw] for [...hip_yaw]"),
     ],
