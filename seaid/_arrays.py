@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from numbers import Real
-from operator import index
+from numbers import Integral, Real
 from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
@@ -115,13 +114,9 @@ def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float
 
 def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     """Return a seed of random numbers. Raises `error` unless it is a non-negative integer."""
-    try:
-        integer = index(seed)
-    except TypeError:
-        integer = -1
-    if isinstance(seed, bool) or integer < 0:
+    if not isinstance(seed, Integral) or isinstance(seed, bool) or seed < 0:
         raise error(f"seed must be a whole number, zero or more, found {shown(seed)}", "seed")
-    return integer
+    return int(seed)
 
 
 def check_rate(
@@ -130,8 +125,7 @@ def check_rate(
     """Raise `error` for a rate [1/s] not above `least`, or one that makes too many samples."""
     rate = number("rate_hz", rate_hz, error)
     if not least < rate < math.inf:
-        bound = f"{least:g}" if 0 < rate <= least else "zero"
-        raise error(f"rate_hz must be more than {bound}, found {rate}", "rate_hz")
+        raise error(f"rate_hz must be more than {least:g}, found {rate}", "rate_hz")
     if duration * rate > MOST_SAMPLES:
         raise error(
             f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "

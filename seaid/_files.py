@@ -369,7 +369,7 @@ def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
     """
 
     def content(text: str) -> Any:
-        return json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_number)
+        return json.loads(text, object_pairs_hook=_without_duplicates)
 
     return _read(path, what, "is not JSON", error, MOST_JSON_BYTES, content)
 
@@ -379,13 +379,11 @@ def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
 
     Raises `error` naming `where` for any other type, such as texts and booleans.
     """
-    stack = [value]
-    while stack:
-        element = stack.pop()
-        if isinstance(element, list):
-            stack += element
-        else:
-            number(where, element, error)
+    if isinstance(value, list):
+        for element in value:
+            numbers(where, element, error)
+    else:
+        number(where, value, error)
     return value
 
 
@@ -468,7 +466,3 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         duplicate = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
         raise ValueError(f"duplicate key {shown(duplicate)} in one object")
     return entries
-
-
-def _no_number(word: str) -> Iterator[None]:
-    raise ValueError(f"{word} is not a JSON number; give a finite number or null")

@@ -15,14 +15,12 @@ Item = TypeVar("Item")
 
 def track(items: Sequence[Item], description: str, enabled: bool) -> Iterable[Item]:
     """Return the items; if `enabled`, iterating over them shows a progress bar on stderr."""
-    return _track(items, description) if enabled and len(items) else items
-
-
-def _track(items: Sequence[Item], description: str) -> Iterator[Item]:
+    if not enabled or not len(items):
+        return items
     from rich.console import Console
     from rich.progress import track as rich_track
 
-    yield from rich_track(items, f"{description:<28}", console=Console(stderr=True))
+    return rich_track(items, f"{description:<28}", console=Console(stderr=True))
 
 
 Report = Callable[[float, int], None]
@@ -32,14 +30,11 @@ Report = Callable[[float, int], None]
 @contextmanager
 def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> Iterator[Report]:
     """Yield a `Report` that shows exp(smallest logarithm so far) on stderr if `enabled`."""
-    if not enabled:
-        yield lambda value, step: None
-        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=Console(stderr=True), disable=not enabled) as bar:
         task = bar.add_task(description, total=total)
         best = float("inf")
 
@@ -70,10 +65,13 @@ class Display:
         text = shortened(self._in_short(), _LONGEST_LINE)
         return f"{type(self).__name__}({text})"
 
-    def _repr_html_(self) -> str:
+    def _table(self) -> Any:
         from seaid import report
 
-        return str(getattr(report.text, self.table_name)(self).html)
+        return getattr(report.text, self.table_name)(self)
+
+    def _repr_html_(self) -> str:
+        return str(self._table().html)
 
 
 class Result(Display):
@@ -81,9 +79,7 @@ class Result(Display):
 
     def summary(self) -> str:
         """Return the result as text that a human reads."""
-        from seaid import report
-
-        return str(getattr(report.text, self.table_name)(self))
+        return str(self._table())
 
     def __str__(self) -> str:
         return self.summary()

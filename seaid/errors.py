@@ -14,9 +14,10 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, wraps
-from itertools import chain, islice
+from itertools import chain, islice, product
 from types import NoneType, SimpleNamespace, UnionType
 from typing import (
+    Annotated,
     Any,
     Literal,
     ParamSpec,
@@ -147,9 +148,8 @@ class Finding:
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings from the worst to the mildest, without repetitions, else in their order."""
-    return tuple(
-        sorted(dict.fromkeys(findings), key=lambda finding: SEVERITIES.index(finding.severity))
-    )
+    once = dict.fromkeys(findings)
+    return tuple(sorted(once, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
 def visible(text: str) -> str:
@@ -242,7 +242,6 @@ MADE_BY = {
     "Payload": "seaid.Payload(link, mass)",
     "Limits": "seaid.Limits(velocity=2.0)",
     "Stance": 'seaid.excitation.Stance(["left_foot", "right_foot"])',
-    "Repairs": "seaid.Repairs()",
     "LogDescription": "seaid.describe_log(path, robot).description",
     "Delay": "seaid.identification.estimate_delays(robot, log)",
     "FoundContacts": "seaid.legged.find_contacts(robot, log)",
@@ -255,13 +254,14 @@ def checked(
 ) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
     """Return a decorator: the function raises `error` for arguments that its annotations exclude.
 
-    Missing and unknown arguments, wrong types and unknown values of a `Literal` are refused before
-    the function begins. Contents of mappings and names within lists are left to the function.
+    Missing and unknown arguments, wrong types, unknown values of a `Literal` and numbers below
+    their `Least` are refused before the function begins, in mappings too. Names within lists and
+    the contents of tuples are left to the function.
     """
 
     def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
         signature = inspect.signature(function)
-        hints = cache(lambda only="": hints_of(function, only=only))
+        hints = cache(lambda only="": hints_of(function, with_limits=True, only=only))
 
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
@@ -339,7 +339,7 @@ def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mappin
     names = [*chain(*(get_args(part) for part in parts if get_origin(part) is Literal))]
     if names and isinstance(value, str):
         return f"{name}=: {unknown_name(name, value, names)}"
-    description = _described_value(value, _wrong_elements(value, parts))
+    description = _described_value(value) + _wrong_element(value, parts)
     text = f"{name}= must be {_described(parts)}, found {description}"
     if any(get_args(part) and _fits([value], part) for part in parts):
         return f"{text}; put it into a list: {name}=[...]"
@@ -350,12 +350,17 @@ def _mismatch(function: str, name: str, values: Mapping[str, Any], hints: Mappin
     return f"{text}; make one with {maker}" if maker else text
 
 
-def _wrong_elements(value: Any, parts: Iterable[Any]) -> list[Any]:
-    """Return the elements of a list that the first annotation of a list does not allow."""
-    if not isinstance(value, list | tuple):
-        return []
-    lists = [part for part in parts if isinstance(value, get_origin(part) or str)]
-    return [element for element in value if not _fits([element], lists[0])] if lists else []
+def _wrong_element(value: Any, parts: Iterable[Any]) -> str:
+    """Return the first element of a list or mapping that an annotation does not allow, in words."""
+    is_mapping = isinstance(value, Mapping)
+    kind = _is_mapping_of if is_mapping else _is_list_of
+    alike = [part for part in parts if get_args(part) and _kind(part).fits is kind]
+    elements = value.values() if is_mapping else value if isinstance(value, list | tuple) else ()
+    for part, element in product(alike[:1], elements):
+        inner = get_args(part)[1 if is_mapping else 0]
+        if not _fits(element, inner):
+            return f" with {_described_value(element)}, which must be {_described(_parts(inner))}"
+    return ""
 
 
 def _swapped(name: str, values: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
@@ -408,6 +413,20 @@ def _list_words(hint: Any) -> list[str]:
     return [f"a list of {plain.get(inner) or f'{inner.__name__}s'}"]
 
 
+def _is_mapping_of(value: Any, hint: Any) -> bool:
+    """Return whether a value is a mapping to what an annotation allows; tuples are not compared."""
+    inner = [part for part in get_args(hint)[1:] if get_origin(part) is not tuple]
+    is_mapping = isinstance(value, get_origin(hint) or hint)
+    return is_mapping and all(_fits(entry, part) for part in inner for entry in value.values())
+
+
+@dataclass(frozen=True)
+class Least:
+    """The least number that an annotation allows, as `Annotated[int, Least(6)]`."""
+
+    number: float
+
+
 def _is_open(kind: Any) -> bool:
     """Return whether an annotation is not checked: Any, type variables, protocols."""
     return kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False)
@@ -425,6 +444,11 @@ _KINDS = (
         lambda kind: kind in _UNIONS,
         lambda value, hint: any(_fits(value, part) for part in get_args(hint)),
         lambda hint: [word for part in get_args(hint) for word in _kind(part).words(part)],
+    ),
+    _Kind(
+        lambda kind: kind is Annotated,
+        lambda value, hint: _fits(value, get_args(hint)[0]) and value >= get_args(hint)[1].number,
+        lambda hint: [f"{_WORDS[get_args(hint)[0]]} of {get_args(hint)[1].number:g} or more"],
     ),
     _Kind(
         lambda kind: kind is Literal,
@@ -452,7 +476,7 @@ _KINDS = (
     ),
     _Kind(
         lambda kind: issubclass(kind, Mapping),
-        lambda value, hint: isinstance(value, get_origin(hint) or hint),
+        _is_mapping_of,
         lambda hint: ["a mapping"],
     ),
     _Kind(
@@ -478,16 +502,15 @@ def _described(parts: Iterable[Any]) -> str:
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
-def _described_value(value: Any, wrong: Sequence[Any] = ()) -> str:
-    """Return what an argument is, in words; of a list its first wrong element."""
+def _described_value(value: Any) -> str:
+    """Return what an argument is, in words."""
     if isinstance(value, str):
         return f"the text {shown(value)}"
     if isinstance(value, os.PathLike):
         return f"the path '{shortened(os.fspath(value))}'"
     if value is None or isinstance(value, int | float):
         return shown(value)
-    inside = f" with {_described_value(wrong[0])}" if wrong else ""
-    return _with_article(type(value).__name__) + inside
+    return _with_article(type(value).__name__)
 
 
 def _with_article(noun: str) -> str:

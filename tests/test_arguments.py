@@ -8,14 +8,24 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import pytest
+import sympy
 
 import seaid
 from seaid.drives import PARAMETERS_OF, terms
-from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked, hints_of
+from seaid.errors import (
+    MADE_BY,
+    LogError,
+    SeaidError,
+    SymbolicError,
+    UnknownNameError,
+    checked,
+    hints_of,
+)
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation import BasisName
 from seaid.excitation.basis import _LEAST
 from seaid.excitation.criteria import CRITERIA, CriterionName
+from seaid.symbolic import separate
 from tests.experiments import arm, arm_found, arm_log, arm_result
 
 FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
@@ -47,11 +57,46 @@ CALLS: list[tuple[str, list[Any], dict[str, Any], str]] = [
     ("cross_validate", ["robot", "log"], {"cutoff": 8.0}, "did you mean 'cutoff_hz'"),
     ("identify", ["robot", "log"], {"cutoff_hz": "8"}, "must be a number, found the text '8'"),
     ("load_robot", ["leg.urdf"], {"payloads": PAYLOAD}, r"put it into a list: payloads=\["),
-    ("write_drives", ["robot", "drives.toml"], {}, "drives= must be a mapping, found a Robot"),
+    (
+        "write_drives",
+        ["robot", "drives.toml"],
+        {},
+        "drives= must be a mapping, found a Robot",
+    ),
     ("read_log", ["run.csv"], {}, r"robot is missing: write read_log\(path, robot\); make it with"),
     ("identifiability", ["robot", "deflection"], {}, "must be a list of names or a mapping"),
     ("identify_conditions", [CONDITIONS], {}, r"'cold' must be \(robot, logs\), found 'log'"),
     ("write_report", ["robot", "a.html", "result"], {}, "must be an Identification"),
+    (
+        "identify",
+        ["robot", "log"],
+        {"known_std": {"gear_ratio": "a"}},
+        "^known_std= must be a mapping, found a dict with the text 'a', which must be a number",
+    ),
+    (
+        "identify",
+        ["robot", "log"],
+        {"share": {"torque": 3}},
+        "^share= must be a mapping, found a dict with 3, which must be a list of names",
+    ),
+    (
+        "identify",
+        ["robot", "log"],
+        {"share": {"torque": [3]}},
+        "a dict with a list, which must be a list of n",
+    ),
+    (
+        "design_excitation",
+        ["robot"],
+        {"samples": 3, "duration": 2.0},
+        "^samples= must be a whole number of 6 or more, found 3",
+    ),
+    (
+        "design_excitation",
+        ["robot"],
+        {"torque_std": 0, "duration": 2.0},
+        "torque_std must be more than zero, found 0; give another by torque_std={'",
+    ),
 ]
 """[(function, its arguments, in which names stand for what is at hand, words of the error)]."""
 
@@ -130,6 +175,13 @@ def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
 )
 def test_every_name_of_a_choice_has_its_entry(names: Any, table: Any) -> None:
     assert list(get_args(names)) == list(table)
+
+
+def test_a_limit_of_terms_that_is_no_number_is_refused() -> None:
+    m, q = sympy.Symbol("m"), sympy.Function("q")(sympy.Symbol("t"))
+    terms: Any = "a"
+    with pytest.raises(SymbolicError, match="max_terms= must be a whole number, found the text"):
+        separate(m * q, motion=[q], unknowns=[m], max_terms=terms)
 
 
 def test_lists_within_lists_are_left_to_the_function() -> None:

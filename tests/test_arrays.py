@@ -49,8 +49,8 @@ NO_VECTORS: tuple[Any, ...] = ("abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {})
         *(
             (partial(check_rate, rate, 4.0), f"rate_hz must be {kind}, found {rate}")
             for rate, kind in (
-                (math.nan, "more than zero"),
-                (0, "more than zero"),
+                (math.nan, "more than 0"),
+                (0, "more than 0"),
                 (True, "a number"),
             )
         ),

@@ -68,7 +68,7 @@ FINITE, LEVELS = "must be a finite number", "tables or lists have too many level
         (TOML, b'"\\u001b[31m\\n" = nan\n', f"'\\x1b[31m\\n' {FINITE}"),
         (JSON, b"{", "is not JSON: Expecting"),
         (JSON, b"\xff", "is not JSON: 'utf-8' codec"),
-        (JSON, b"[NaN]", "NaN is not a JSON number"),
+        (JSON, b"[NaN]", "[0] must be a finite number"),
         (JSON, b'{"a": [1e999]}', f"a[0] {FINITE}"),
         (JSON, b"[1" + b"0" * 400 + b"]", f"[0] {FINITE}"),
         (JSON, b"9" * 5000, "is not JSON: Exceeds the limit"),

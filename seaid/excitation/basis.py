@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, number
 from seaid._files import numbers
-from seaid.errors import ExcitationError, shown, unknown_name
+from seaid.errors import ExcitationError, check_name, shown, unknown_name
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -244,8 +244,7 @@ def matrices(basis: Basis, time: Array) -> tuple[Array, Array, Array]:
 
 def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     """Return the basis of a name, with `coefficients` per joint, or raise ExcitationError."""
-    if name not in BASES:
-        raise ExcitationError(unknown_name("basis", name, BASES))
+    check_name("basis", name, BASES, ExcitationError)
     if not _SHORTEST_S <= duration <= _LONGEST_S:
         raise ExcitationError(
             f"duration must be from {_SHORTEST_S:g} to {_LONGEST_S:g} s, found {duration:g}",

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
 from seaid._progress import Result, counted
-from seaid.errors import ExcitationError, SeaidError, SeaidWarning, checked
-from seaid.excitation.basis import Basis, BasisName, check_whole_number, make_basis
+from seaid.errors import ExcitationError, Least, SeaidError, SeaidWarning, checked
+from seaid.excitation.basis import Basis, BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space, with_run_in
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
@@ -252,10 +253,10 @@ def design_excitation(
     previous_logs: Sequence[Log] = (),
     scene: Scene | None = None,
     stance: Stance | Sequence[str] | None = None,
-    starts: int = 3,
-    iterations: int = 150,
+    starts: Annotated[int, Least(1)] = 3,
+    iterations: Annotated[int, Least(1)] = 150,
     seed: int = 0,
-    samples: int | None = None,
+    samples: Annotated[int, Least(6)] | None = None,
     progress: bool = False,
     executor: Executor | None = None,
 ) -> Excitation:
@@ -310,8 +311,9 @@ def design_excitation(
     seed : int
         The same seed gives the same motion, with any `executor`.
     samples : int, optional
-        Instants at which the criterion is evaluated. Default: four per coefficient, at least 100
-        and four times as many as the parameters need.
+        Instants at which the criterion is evaluated, at least 6, which a spline through them
+        needs. Default: four per coefficient, at least 100 and four times as many as the parameters
+        need.
     progress : bool
         Whether to show a progress bar on stderr.
     executor : concurrent.futures.Executor, optional
@@ -356,8 +358,6 @@ def design_excitation(
         return _multisine_excitation(robot, motion, torque_joints, torque_std, bounds, drives)
     if multisine is not None:
         raise ExcitationError("multisine= needs basis='multisine'", "basis='multisine'")
-    check_whole_number("starts", starts)
-    check_whole_number("iterations", iterations)
     basis_of = partial(_basis_for, basis, duration, coefficients)
     # a plan does not know how warm the motors will be
     cold = robot.at_temperature()

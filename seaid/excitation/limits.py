@@ -16,7 +16,7 @@ from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._progress import Display
 from seaid.drives import DEAD_ZONES, friction_curve
 from seaid.drives.functions import SmoothColumns, joint_term_parameters
-from seaid.errors import ExcitationError, unknown_name
+from seaid.errors import ExcitationError, check_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
 from seaid.excitation.flatness import (
@@ -217,26 +217,37 @@ def limit_values(
     wanted: Any = default if limit is None else limit
     if isinstance(limit, Mapping):
         wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(limit)
-    wanted = per_joint(f"{name} limit", wanted, robot.joint_names, f"{name} limit")
-    values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
+    what = _called(name)
+    wanted = per_joint(what, wanted, robot.joint_names, what)
+    values = frozen(what, wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
             fault = "missing" if limit is None else f"{value}, which is not finite"
             raise ExcitationError(
-                f"joint '{joint}' of '{robot.name}': {name} limit is {fault}; give it by "
-                f"Limits({name}=...), one for all joints, one per joint or one for "
+                f"joint '{joint}' of '{robot.name}': {what} is {fault}; give it by "
+                f"{_written(name, '...')}, one for all joints, one per joint or one for "
                 f"'{joint}' by its name",
-                f"Limits({name}=...)",
+                _written(name, "..."),
             )
         if np.isfinite(value) and abs(value) > _LARGEST:
             raise _out_of_range(joint, name, value, f"from -{_LARGEST:g} to {_LARGEST:g}")
     return values
 
 
+def _called(name: str) -> str:
+    """Return what a message calls values of joints: a limit, or an argument of its own."""
+    return f"{name} limit" if hasattr(Limits, name) else name
+
+
+def _written(name: str, value: str) -> str:
+    """Return how a caller writes values of joints: in `Limits`, or as an argument of its own."""
+    return f"Limits({name}={value})" if hasattr(Limits, name) else f"{name}={value}"
+
+
 def _out_of_range(joint: str, name: str, value: float, allowed: str) -> ExcitationError:
-    """Return the error for a limit of a joint that is not as it must be."""
-    another = f"Limits({name}={{'{joint}': ...}})"
-    wrong = f"joint '{joint}': {name} limit must be {allowed}, found {value:.6g}"
+    """Return the error for a value of a joint that is not as it must be."""
+    another = _written(name, f"{{'{joint}': ...}}")
+    wrong = f"joint '{joint}': {_called(name)} must be {allowed}, found {value:.6g}"
     return ExcitationError(f"{wrong}; give another by {another}", another)
 
 
@@ -248,9 +259,7 @@ def per_joint(name: str, values: Any, joint_names: Sequence[str], *arguments: st
     if not isinstance(values, Mapping):
         return [values] * len(joint_names) if np.ndim(values) == 0 else values
     for joint in values:
-        if joint not in joint_names:
-            wrong = unknown_name("joint", joint, joint_names)
-            raise ExcitationError(f"{name}: {wrong}", *arguments)
+        check_name("joint", joint, joint_names, ExcitationError, name, *arguments)
     missing = [joint for joint in joint_names if joint not in values]
     if missing:
         raise ExcitationError(

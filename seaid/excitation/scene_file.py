@@ -17,10 +17,10 @@ from seaid._progress import Display
 from seaid.errors import (
     ExcitationError,
     SeaidWarning,
+    check_name,
     checked,
     shortened,
     shown,
-    unknown_name,
 )
 from seaid.excitation.collision import Pair, Scene, collision_geometry, distances
 from seaid.robot import Robot
@@ -190,10 +190,8 @@ def _disabled(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]
                 f"disabled_pairs must be pairs of link names, found {shown(pair)}"
             )
         for name in pair:
-            if name not in known:
-                raise ExcitationError(
-                    "disabled_pairs: " + unknown_name("link with collision geometry", name, known)
-                )
+            what = "link with collision geometry"
+            check_name(what, name, known, ExcitationError, "disabled_pairs")
         disabled.add(frozenset(pair))
     return disabled
 

@@ -16,7 +16,7 @@ import numpy as np
 from seaid._arrays import Array, check_rate, finite, frozen
 from seaid._files import numbers, read_json, write_csv, write_whole
 from seaid._progress import MOST_NAMES, Display, counted
-from seaid.errors import ExcitationError, checked, listed, shown, unknown_name
+from seaid.errors import ExcitationError, check_name, checked, listed, shown
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.robot import Robot
 
@@ -110,8 +110,7 @@ class Trajectory(Display):
                 f"a trajectory needs joint names, each once, found {shown(list(self.joint_names))}"
             )
         for joint in self.prismatic_joints:
-            if joint not in self.joint_names:
-                raise ExcitationError(unknown_name("joint", joint, self.joint_names))
+            check_name("joint", joint, self.joint_names, ExcitationError)
         shape = (self.basis.size, len(self.joint_names))
         values = frozen("coefficients", self.coefficients, shape, ExcitationError)
         if not np.all(np.isfinite(values)):

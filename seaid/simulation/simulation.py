@@ -10,7 +10,7 @@ import numpy as np
 
 from seaid._arrays import Array, check_rate, frozen, seed_of
 from seaid._progress import Display, track
-from seaid.errors import SeaidError, checked, unknown_name
+from seaid.errors import SeaidError, check_name, checked
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import check_joint_names
 from seaid.log import Log, Motion
@@ -202,8 +202,7 @@ def _warmth(robot: Robot, degC: Temperature, count: int) -> Array | None:
         degC = dict.fromkeys(robot.joint_names, degC)
     temperatures = np.empty((count, robot.n))
     for joint in degC:
-        if joint not in robot.joint_names:
-            raise SeaidError("temperature_degC: " + unknown_name("joint", joint, robot.joint_names))
+        check_name("joint", joint, robot.joint_names, SeaidError, "temperature_degC")
     for index, joint in enumerate(robot.joint_names):
         # a constant is one value, which `interp` extends over the whole motion
         values = np.atleast_1d(degC.get(joint, robot.drives[joint].reference_temperature_degC))

@@ -18,7 +18,7 @@ import sympy as sp
 from sympy.functions.elementary.hyperbolic import HyperbolicFunction
 from sympy.functions.elementary.trigonometric import TrigonometricFunction
 
-from seaid.errors import SymbolicError, shortened, unknown_name
+from seaid.errors import SymbolicError, check_name, shortened
 
 _MOST_LETTERS = 500
 _MOST_DIGITS = 40
@@ -127,8 +127,7 @@ def _part(
         case ast.BinOp(op=operation) if type(operation) in _OPERATIONS:
             return _OPERATIONS[type(operation)](inner(node.left), inner(node.right))
         case ast.Call(func=ast.Name(id=called), args=[argument], keywords=[]):
-            if called not in functions:
-                raise SymbolicError(unknown_name("function", called, functions))
+            check_name("function", called, functions, SymbolicError)
             return _called(functions[called], inner(argument))
     raise SymbolicError("is not an expression")
 

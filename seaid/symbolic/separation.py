@@ -16,7 +16,7 @@ import sympy as sp
 from flint import fmpq, fmpq_mpoly
 
 from seaid._progress import Display, track
-from seaid.errors import SymbolicError
+from seaid.errors import SymbolicError, checked
 from seaid.symbolic.closed_loops import check_closures, prolonged
 from seaid.symbolic.entries import (
     Entry,
@@ -75,10 +75,11 @@ class RegressorForm(Display):
         return sp.ImmutableMatrix(rows)
 
 
+@checked(SymbolicError)
 def separate(
     equations: Any,
     motion: Iterable[sp.Expr],
-    unknowns: Iterable[sp.Symbol],
+    unknowns: Iterable[sp.Expr],
     *,
     relations: Any = (),
     max_terms: int = MAX_TERMS,
