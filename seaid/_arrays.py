@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
@@ -110,13 +110,6 @@ def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float
     if isinstance(value, bool) or not isinstance(value, Real):
         raise error(f"{name} must be a number, found {shown(value)}")
     return as_float(value)
-
-
-def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
-    """Return a seed of random numbers. Raises `error` unless it is a non-negative integer."""
-    if not isinstance(seed, Integral) or isinstance(seed, bool) or seed < 0:
-        raise error(f"seed must be a whole number, zero or more, found {shown(seed)}", "seed")
-    return int(seed)
 
 
 def check_rate(

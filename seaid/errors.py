@@ -23,6 +23,7 @@ from typing import (
     ParamSpec,
     Self,
     SupportsFloat,
+    SupportsIndex,
     TypeVar,
     Union,
     get_args,
@@ -427,6 +428,10 @@ class Least:
     number: float
 
 
+Seed = Annotated[int, Least(0)]
+"""A seed of random numbers."""
+
+
 def _is_open(kind: Any) -> bool:
     """Return whether an annotation is not checked: Any, type variables, protocols."""
     return kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False)
@@ -457,7 +462,7 @@ _KINDS = (
     ),
     _Kind(  # numbers of numpy, and 1 for True, are allowed
         lambda kind: kind in (int, float, bool),
-        lambda value, hint: isinstance(value, SupportsFloat),
+        lambda value, hint: isinstance(value, SupportsIndex if hint is int else SupportsFloat),
         lambda hint: [_WORDS[hint]],
     ),
     _Kind(lambda kind: kind in _WORDS, isinstance, lambda hint: [_WORDS[hint]]),

@@ -11,9 +11,9 @@ from typing import Annotated
 
 import numpy as np
 
-from seaid._arrays import Array, safely, seed_of
+from seaid._arrays import Array, safely
 from seaid._progress import Result, counted
-from seaid.errors import ExcitationError, Least, SeaidError, SeaidWarning, checked
+from seaid.errors import ExcitationError, Least, SeaidError, SeaidWarning, Seed, checked
 from seaid.excitation.basis import Basis, BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, MotionSpace, motion_space, with_run_in
 from seaid.excitation.collision import Scene
@@ -255,7 +255,7 @@ def design_excitation(
     stance: Stance | Sequence[str] | None = None,
     starts: Annotated[int, Least(1)] = 3,
     iterations: Annotated[int, Least(1)] = 150,
-    seed: int = 0,
+    seed: Seed = 0,
     samples: Annotated[int, Least(6)] | None = None,
     progress: bool = False,
     executor: Executor | None = None,
@@ -349,7 +349,6 @@ def design_excitation(
             scene=scene is not None,
         )
     check_constant_ratios(robot, "design_excitation", ExcitationError)
-    seed = seed_of(seed, ExcitationError)
     limits = limits or Limits()
     bounds = joint_limits(robot, limits)
     if basis == "multisine":

@@ -23,7 +23,7 @@ from seaid._files import write_json
 from seaid._progress import Display
 from seaid.drives import ParameterName, total_ratio, unit_of
 from seaid.drives.terms import parameter_named
-from seaid.errors import RobotError, checked, shortened
+from seaid.errors import RobotError, Seed, checked, shortened
 from seaid.export.joint_actuators import SLIDING_UNITS
 from seaid.identification import Identification
 from seaid.robot import PARAMETERS
@@ -107,7 +107,7 @@ def write_randomization(
     level: float = 0.95,
     samples: int = 100,
     spread: float = 0.1,
-    seed: int = 0,
+    seed: Seed = 0,
 ) -> Randomization:
     """Write ranges and samples of an identified robot, for domain randomization.
 

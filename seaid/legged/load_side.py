@@ -16,7 +16,7 @@ from itertools import chain, compress
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from seaid._arrays import Array, BoolArray, IndexArray, seed_of
+from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError, RobotError, unknown_name
 from seaid.legged.floating import (
     FloatingRobot,
@@ -84,7 +84,7 @@ class FloatingBodies(BodyEquations):
             Y, robot = self.body_columns(motion, known), guided(self.robot, base.guided)
             rows = [without_contact_forces(robot, q, base.contacts, known, Y, up=base.up)]
         else:
-            random = self.random_rows(known, stances, measured, seed_of(seed))
+            random = self.random_rows(known, stances, measured, seed)
             rows = [reduced(Y) for _, Y, reduced in random]
         return np.concatenate([block.reshape(-1, block.shape[2]) for block in rows])
 

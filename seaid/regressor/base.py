@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely, seed_of
+from seaid._arrays import Array, BoolArray, IndexArray, frozen, safely
 from seaid._progress import Result, counted
-from seaid.errors import ExcitationError, RobotError, SeaidError, checked
+from seaid.errors import ExcitationError, RobotError, SeaidError, Seed, checked
 from seaid.robot import coupled_groups
 from seaid.robot.transmission import rows_at_drives
 
@@ -253,7 +253,7 @@ def base_parameters(
     motion: Motion | None = None,
     *,
     torque_joints: str | Sequence[str] | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     stances: Sequence[Sequence[str]] = ((),),
     measured: Sequence[str] = (),
 ) -> BaseParameters:
@@ -472,7 +472,7 @@ def random_states(
     torques are known, forty states determine the ten parameters of each body in any robot. `count`
     takes the place of that number. Joints that move in no log stand where they do there.
     """
-    rng = np.random.default_rng(seed_of(seed))
+    rng = np.random.default_rng(seed)
     known = robot.n if torques is None else torques
     # Bodies without a known torque between them act on the rest of the robot by one force and one
     # moment: an instant gives at most six of three rows per parameter.

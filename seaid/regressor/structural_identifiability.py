@@ -22,11 +22,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping, connected_groups, seed_of
+from seaid._arrays import Array, FrozenMapping, connected_groups
 from seaid._progress import Result, counted
 from seaid.drives import Drive, ParameterName
 from seaid.drives.drives import stated_delay_s
-from seaid.errors import RobotError, checked, unknown_name
+from seaid.errors import RobotError, Seed, checked, unknown_name
 from seaid.regressor.base import (
     BaseParameters,
     base_of_columns,
@@ -140,7 +140,7 @@ def identifiability(
     *,
     conditions: Sequence[Robot] = (),
     stances: Sequence[Sequence[str]] = ((),),
-    seed: int = 0,
+    seed: Seed = 0,
 ) -> Identifiability:
     """Return which parameters a set of sensors can identify, with motions of all joints.
 
@@ -179,7 +179,6 @@ def identifiability(
     >>> sensors = ["motor_position", "joint_position", "motor_current"]
     >>> print(seaid.identifiability(robot, sensors))
     """
-    seed = seed_of(seed)
     if not robot.base_is_held:
         if sensors is not None or conditions:
             check_held(robot, "identifiability with sensors= or conditions=")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid._arrays import Array, check_rate, frozen, seed_of
+from seaid._arrays import Array, check_rate, frozen
 from seaid._progress import Display, track
-from seaid.errors import SeaidError, check_name, checked
+from seaid.errors import SeaidError, Seed, check_name, checked
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import check_joint_names
 from seaid.log import Log, Motion
@@ -79,7 +79,7 @@ def simulate(
     *,
     rate_hz: float = 1000.0,
     noise: Noise | None = None,
-    seed: int = 0,
+    seed: Seed = 0,
     temperature_degC: Temperature = None,
     progress: bool = False,
 ) -> Log:
@@ -135,9 +135,9 @@ def simulate(
     return measure(robot, motion, noise, seed)
 
 
-def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
+def measure(robot: Robot, motion: Motion, noise: Noise, seed: Seed = 0) -> Log:
     """Return the log of a true motion: encoder offsets, encoder steps and white torque noise."""
-    rng = np.random.default_rng(seed_of(seed))
+    rng = np.random.default_rng(seed)
     white = rng.normal(size=motion.motor_torque.shape)
     torque = motion.motor_torque + white * _spread(robot, noise, "torque_std_Nm")
     logged, current, voltage = motor_inputs(robot, torque)
