@@ -118,12 +118,10 @@ def check_rate(
     """Raise `error` for a rate [1/s] not above `least`, or one that makes too many samples."""
     rate = number("rate_hz", rate_hz, error)
     if not least < rate < math.inf:
-        raise error(f"rate_hz must be more than {least:g}, found {rate}", "rate_hz")
+        raise error(f"rate_hz must be finite and more than {least:g}, found {rate}", "rate_hz")
     if duration * rate > MOST_SAMPLES:
-        raise error(
-            f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "
-            f"which is not allowed: give at most {MOST_SAMPLES / duration:.4g}"
-        )
+        most = f"{MOST_SAMPLES / duration:.4g}, with which there are {MOST_SAMPLES:,} samples"
+        raise error(f"rate_hz must be at most {most}, found {rate:g}", "rate_hz")
 
 
 def _text(shape: tuple[int | None, ...]) -> str:

@@ -241,6 +241,7 @@ MADE_BY = {
     "BaseParameters": "seaid.base_parameters(robot)",
     "Scene": "seaid.excitation.load_scene(urdf, robot)",
     "Payload": "seaid.Payload(link, mass)",
+    "Repairs": "seaid.Repairs()",
     "Limits": "seaid.Limits(velocity=2.0)",
     "Stance": 'seaid.excitation.Stance(["left_foot", "right_foot"])',
     "LogDescription": "seaid.describe_log(path, robot).description",

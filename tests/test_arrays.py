@@ -45,16 +45,19 @@ NO_VECTORS: tuple[Any, ...] = ("abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {})
         *(
             (partial(check_rate, rate, 4.0), f"rate_hz must be {kind}, found {rate}")
             for rate, kind in (
-                (math.nan, "more than 0"),
-                (0, "more than 0"),
+                (math.nan, "finite and more than 0"),
+                (0, "finite and more than 0"),
                 (True, "a number"),
             )
         ),
         (lambda: check_rate("10", 4.0), "rate_hz must be a number, found '10'"),
-        (lambda: check_rate(1e-320, 4.0, 0.1), r"rate_hz must be more than 0\.1, found 1e-320"),
+        (
+            lambda: check_rate(1e-320, 4.0, 0.1),
+            r"finite and more than 0\.1, found 1e-320",
+        ),
         (
             lambda: check_rate(1e15, 4.0),
-            r"rate_hz of 1e\+15 makes more than 10,000,000 samples of 4 s.*at most 2.5e\+06",
+            r"rate_hz must be at most 2.5e\+06, .* 10,000,000 samples, found 1e\+15",
         ),
     ],
 )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -23,7 +23,7 @@ from seaid._files import write_json
 from seaid._progress import Display
 from seaid.drives import ParameterName, total_ratio, unit_of
 from seaid.drives.terms import parameter_named
-from seaid.errors import RobotError, Seed, checked, shortened
+from seaid.errors import Least, RobotError, Seed, checked, shortened
 from seaid.export.joint_actuators import SLIDING_UNITS
 from seaid.identification import Identification
 from seaid.robot import PARAMETERS
@@ -105,7 +105,7 @@ def write_randomization(
     path: str | Path,
     *,
     level: float = 0.95,
-    samples: int = 100,
+    samples: Annotated[int, Least(0)] = 100,
     spread: float = 0.1,
     seed: Seed = 0,
 ) -> Randomization:
@@ -148,7 +148,7 @@ def write_randomization(
     ...     print(parameter.name, parameter.of, parameter.nominal, parameter.why)
     """
     path = Path(path)
-    _check(path, level, samples, spread)
+    _check(path, level, spread)
     cloud = _Cloud(found, level, spread)
     random = np.random.default_rng(seed)
     # Ranges of bodies are quantiles, and need many draws even if the file has few samples.
@@ -169,14 +169,12 @@ def write_randomization(
     return made
 
 
-def _check(path: Path, level: float, samples: int, spread: float) -> None:
+def _check(path: Path, level: float, spread: float) -> None:
     """Raise RobotError for options that have no meaning."""
     if path.suffix.lower() != ".json":
         raise RobotError(f"'{path}' must end in .json")
     if not 0 < level < 1:
         raise RobotError(f"level= must be between 0 and 1, found {level}", "level=")
-    if samples < 0 or int(samples) != samples:
-        raise RobotError(f"samples= must be a whole number from 0 on, found {samples}", "samples=")
     if not 0 < spread <= 1:
         raise RobotError(f"spread= must be above 0 and at most 1, found {spread}", "spread=")
 

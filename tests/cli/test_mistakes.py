@@ -60,7 +60,7 @@ MISTAKES = {
     "identify arm.urdf run.csv --estimator iv --method simultaneous -o {}/a.json": (
         '--estimator "iv" needs --method "two-step"'
     ),
-    "excite arm.urdf --seed -1 -o {}/p.json": "--seed must be a whole number, zero or more",
+    "excite arm.urdf --seed -1 -o {}/p.json": "--seed must be a whole number of 0 or more",
     "excite arm.urdf --lower 1 --upper -1 -o {}/p.json": (
         "give others by --lower shoulder=..., --upper shoulder=..."
     ),

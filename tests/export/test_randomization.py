@@ -101,8 +101,8 @@ def test_the_file_holds_what_is_returned(found: Identification, tmp_path: Path) 
     [
         ("a.txt", {}, r"must end in \.json"),
         ("a.json", {"level": 1.0}, "level= must be between 0 and 1, found 1.0"),
-        ("a.json", {"samples": -1}, "samples= must be a whole number from 0 on"),
-        ("a.json", {"samples": 1.5}, "samples= must be a whole number from 0 on"),
+        ("a.json", {"samples": -1}, "samples= must be a whole number of 0 or more"),
+        ("a.json", {"samples": 1.5}, "samples= must be a whole number of 0 or more"),
         ("a.json", {"spread": 0.0}, "spread= must be above 0 and at most 1"),
     ],
 )

@@ -413,12 +413,12 @@ GAINS = {"position_gain_Nm_per_rad": 1.0}
         ("position", {**GAINS, "feedforward_Nm": np.inf}, "must be a finite number, found inf"),
         ("position", {**GAINS, "is_duty": True}, "is_duty = true needs nominal_supply_V"),
         ("position", {**GAINS, "nominal_supply_V": 0.0}, "must be more than zero"),
-        ("position", {"velocity_gain_Nms_per_rad": 1.0}, 'has motor_input = "velocity_command"'),
+        ("position", {"velocity_gain_Nms_per_rad": 1.0}, 'which motor_input = "position_command"'),
         ("velocity", {"velocity_gain_Nms_per_rad": 1.0}, "is missing or zero"),
         (
             "velocity",
             {**GAINS, "command_velocity_gain_Nms_per_rad": 1.0},
-            "found position_gain_Nm_per_rad = 1 and motor_input",
+            "found position_gain_Nm_per_rad with motor_input",
         ),
     ],
 )
