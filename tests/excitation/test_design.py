@@ -90,7 +90,7 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
         ({"duration": -2.0, "coefficients": None}, r"duration must be from 0\.001 to"),
         ({"starts": 0}, "starts= must be a whole number of 1 or more, found 0"),
         ({"iterations": 0}, "iterations= must be a whole number of 1 or more, found 0"),
-        ({"samples": 6}, "6 samples of 3 torques cannot identify 7 base parameters; give at least"),
+        ({"samples": 3}, "samples= must be a whole number of 6 or more, found 3"),
         ({"torque_joints": []}, "torque_joints= names no joint"),
         ({"criterion": "d_optimal"}, "did you mean 'd_optimality'"),
         ({"torque_std": 0.0}, "torque_std must be more than zero"),
