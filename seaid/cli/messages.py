@@ -110,28 +110,24 @@ def _print_error_json(message: str, exit_code: int) -> None:
         typer.echo(_json(envelope(error={"message": message, "exit_code": exit_code})))
 
 
-def envelope(
-    result: Any = None,
-    *,
-    robot: str | None = None,
-    verdict: Any = None,
-    warnings: Sequence[Any] = (),
-    files: Sequence[Path] = (),
-    error: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    """Return what --json prints, the same keys for all commands: docs/reference/commands.md."""
+def envelope(**facts: Any) -> dict[str, Any]:
+    """Return what --json prints, the same keys for all commands: docs/reference/commands.md.
+
+    `facts` are some of result, robot, verdict, warnings, files and error.
+    """
     call = _CALL.get()
-    return {
+    content = {
         "format": f"seaid {call.command} {FORMAT}",
         "command": call.command,
-        "robot": robot,
-        "verdict": verdict,
-        "warnings": warnings,
+        "robot": None,
+        "verdict": None,
+        "warnings": (),
         "notes": call.notes,
-        "result": result,
-        "files": files,
-        "error": error,
+        "result": None,
+        "files": (),
+        "error": None,
     }
+    return content | facts
 
 
 def _json(content: Any) -> str:
@@ -175,7 +171,7 @@ def show(text: str, result: Any, as_json: bool, *paths: Path | None, **facts: An
     files = [path for path in paths if path is not None and not is_stdout(path)]
     to_stderr = any(path is not None and is_stdout(path) for path in paths)
     if as_json:
-        text = _json(envelope(result, files=files, **facts))
+        text = _json(envelope(result=result, files=files, **facts))
     typer.echo(text, err=to_stderr)
     _CALL.get().has_result = True
     if files:
