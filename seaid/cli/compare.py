@@ -74,6 +74,4 @@ def _content(comparison: seaid.report.Comparison) -> dict[str, Any]:
     return {
         "differences": [{key: getattr(row, key) for key in keys} for row in comparison.differences],
         **{key: getattr(comparison, key) for key in ("names", "only", "groups", "dependence")},
-        "measures": comparison.measures or (),
-        "d_efficiency": comparison.efficiency,
     }

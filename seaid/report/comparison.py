@@ -13,14 +13,12 @@ from scipy.special import chdtrc, stdtr, stdtridf
 
 from seaid._progress import Display, Result, counted
 from seaid.drives import ParameterName, readable
-from seaid.errors import IdentificationError, SeaidError, checked
+from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate
 from seaid.estimation.qr_factor import scaled_svd
-from seaid.excitation import ExcitationMeasures, excitation_measures
 from seaid.identification import Identification
 from seaid.log import Motion
 from seaid.regressor.regression import INPUT_FIELDS
-from seaid.robot import Robot
 
 Dependence = Literal["independent", "correlated", "unknown"]
 
@@ -118,8 +116,6 @@ class Comparison(Result):
         Whether the parameters of a drive, or the base parameters, differ as a whole.
     dependence : {"independent", "correlated", "unknown"}
         Whether both have a log in common.
-    measures : (ExcitationMeasures, ExcitationMeasures) or None
-        Of the motions of both, about the first robot; None for logs that were read in pieces.
     """
 
     table_name = "comparison_table"
@@ -129,7 +125,6 @@ class Comparison(Result):
     only: tuple[tuple[str, ...], tuple[str, ...]]
     groups: dict[str, GroupTest]
     dependence: Dependence
-    measures: tuple[ExcitationMeasures, ExcitationMeasures] | None = None
 
     def _in_short(self) -> str:
         significant = sum(d.is_significant for d in self.differences)
@@ -143,11 +138,6 @@ class Comparison(Result):
         total = counted(len(self.differences), "parameter")
         count = f"{len(significant)} of {total} differ significantly"
         return f"{count}. {_SENTENCES[self.dependence]}"
-
-    @property
-    def efficiency(self) -> float:
-        """The D-efficiency of the motions of the first over those of the second, NaN if unknown."""
-        return nan if self.measures is None else self.measures[0].d_efficiency(self.measures[1])
 
 
 @checked(IdentificationError)
@@ -187,7 +177,6 @@ def comparison_of(
         _compared(old, new, names, message),
         groups={joint or "load": _group_test(*both) for joint, *both in _pairs(old, new)},
         dependence=_dependence(first, second),
-        measures=_measures(first, second),
     )
 
 
@@ -208,30 +197,6 @@ def _compared(old: _Estimates, new: _Estimates, names: tuple[str, str], message:
     count = len(differences)
     marked = [replace(x, is_significant=x.p_value * count < _LEVEL) for x in differences]
     return Comparison(names, tuple(marked), (_only(old, new), _only(new, old)), {}, "unknown")
-
-
-def measures_of(result: Identification, robot: Robot | None = None) -> ExcitationMeasures | None:
-    """Return the measures of the motions of an identification, None if they are not kept."""
-    if not result.motions:
-        return None
-    try:
-        return excitation_measures(
-            robot or result.robot, result.motions, result.model.torque_joints
-        )
-    except SeaidError:  # a joint without position
-        return None
-
-
-def _measures(
-    first: Identification, second: Identification
-) -> tuple[ExcitationMeasures, ExcitationMeasures] | None:
-    """Return the measures of two identifications of the same parameters."""
-    if first.model.torque_joints != second.model.torque_joints:
-        return None
-    old, new = (measures_of(each, first.robot) for each in (first, second))
-    if old is None or new is None or old.parameters != new.parameters:
-        return None
-    return old, new
 
 
 def comparison_of_parameters(

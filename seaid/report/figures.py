@@ -2,8 +2,8 @@
 
 A sample of the friction is what the motor equation (7) leaves when inertia and spring are taken
 away as identified; a sample of the spring force is what remains without inertia and friction. All
-are below the cutoff, without standstill. A page has them as SVG; the sensitivity to the cutoff and
-the frequency response are PNG files too.
+are below the cutoff, without standstill. A page has them as SVG; the frequency response is a PNG
+file too.
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ from seaid.drives.equations import states
 from seaid.drives.terms import parameter_named
 from seaid.errors import SeaidError
 from seaid.log import Motion, in_band, standstill
-from seaid.regressor.load import drive_columns, load_side
-from seaid.regressor.regression import actuator_columns, signals
-from seaid.report.formats import cut
-from seaid.report.html_charts import Axis, Layer, chart, fitted_motions
+from seaid.regressor.load import drive_columns, load_side, with_gear_torque
+from seaid.regressor.regression import actuator_columns, signals, under_load
+from seaid.report.html_charts import Axis, Layer, chart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from seaid.frequency import FrequencyResponse
-    from seaid.identification import CutoffSensitivity, Identification
+    from seaid.identification import Identification
     from seaid.robot import Robot
 
 _MOST_SAMPLES, _ROOM = 420, 40_000
@@ -98,6 +97,18 @@ def actuator_figures(result: Identification, nominal: Robot) -> list[ActuatorFig
         if friction is not None or spring is not None:
             figures.append(ActuatorFigures(joint, kind, friction, spring))
     return figures
+
+
+def fitted_motions(identification: Identification) -> list[Motion]:
+    """Return the motions used, with the torque through the gears where friction depends on it."""
+    # Friction that depends on the load needs the torque through the gear, which the fit has made.
+    if not under_load(identification.known, identification.model.torque_joints):
+        return list(identification.motions)
+    model, theta = identification.model, identification.load_side.values
+    return [
+        with_gear_torque(identification.known, motion, model, identification.springs, theta)
+        for motion in identification.motions
+    ]
 
 
 def _sides(result: Identification, motion: Motion) -> dict[str, tuple[Array, Array, Array]]:
@@ -362,46 +373,6 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     content = BytesIO()
     figure.savefig(content, format="png", dpi=130)
     write_whole(path, content.getvalue())
-
-
-_COLUMNS, _LEVEL = 4, 1.96
-
-
-def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
-    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked."""
-    from matplotlib.figure import Figure
-
-    rows = -(-len(result.names) // _COLUMNS)
-    figure = Figure(figsize=(3.0 * _COLUMNS, 0.8 + 1.7 * rows), layout="constrained")
-    figure.suptitle("Estimates and 95 % intervals over the cutoff; red: the selected one")
-    axes = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel()
-    # Refused cutoffs have a row of NaN.
-    kept = np.flatnonzero(~np.isnan(result.values[:, 0]))
-    proposed = result.cutoffs_hz[result.proposed]
-    for place, name in enumerate(result.names):
-        axis, value = axes[place], result.values[result.proposed, place]
-        half = _LEVEL * result.standard_errors[:, place]
-        axis.axhline(value, color="0.8", linewidth=0.8)
-        axis.axvline(proposed, color="tab:red", linewidth=0.8, linestyle="--")
-        for places, color in ((kept, "black"), ([result.proposed], "tab:red")):
-            axis.errorbar(
-                result.cutoffs_hz[places],
-                result.values[places, place],
-                half[places],
-                fmt="o",
-                markersize=3,
-                linewidth=1.0,
-                color=color,
-            )
-        axis.set_xscale("log")
-        axis.set_xticks(result.cutoffs_hz[kept], [f"{c:.2g}" for c in result.cutoffs_hz[kept]])
-        axis.minorticks_off()
-        axis.tick_params(labelsize="x-small")
-        axis.set_title(f"{cut(name, 40)} [{result.units[place]}]", fontsize="x-small")
-    for axis in axes[len(result.names) :]:
-        axis.set_axis_off()
-    figure.supxlabel("cutoff [Hz]", fontsize="small")
-    save_figure(figure, path)
 
 
 _DRAWN: dict[str, tuple[str, dict[str, Any]]] = {

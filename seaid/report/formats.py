@@ -253,9 +253,10 @@ def change(before: float, after: float) -> float:
     return after / before - 1 if before else math.nan
 
 
-def bar(relative: float) -> tuple[float, float]:
-    """Return a relative standard error as a bar from the left, whole from 100 %."""
-    return (0.0, round(min(relative, 1.0), 4) if math.isfinite(relative) else 1.0)
+def _with_bar(ratio: float) -> Cell:
+    """Return a ratio in percent with a bar from the left, whole from 100 %."""
+    known = math.isfinite(ratio)
+    return Cell(share(ratio), bar=(0.0, round(min(ratio, 1.0), 4)) if known else None)
 
 
 class Format(NamedTuple):
@@ -305,6 +306,7 @@ THREE_DIGITS = Format(lambda x: number(x, 3), short)
 FOUR_DIGITS = Format(number, lambda x: Cell(short(x, 4), x))
 DEVIATION = Format(number, lambda x: short(x, 2))
 SHARE = Format(percent, share)
+SHARE_BAR = Format(percent, _with_bar)
 CHANGE = Format(percent, signed_share)
 PROBABILITY = Format(lambda x: number(x, 2), probability)
 FACTOR = Format(lambda x: f"x {x:.3g}", lambda x: f"× {x:.4g}")
@@ -313,15 +315,14 @@ CORRELATION = Format(number, lambda x: f"{x:.4f}".replace("-", "−"))
 SIGNIFICANCE = Format(lambda x: f"{x.value:+.1f}", _diverging)
 
 NOMINAL = Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal))
+GIVEN = Format(lambda x: number(x.nominal, 7), lambda x: short(x.nominal, 7))
 VALUE = Format(lambda x: number(x.value), lambda x: Cell(x.rounded.value, x.value))
 ERROR = Format(lambda x: number(x.error), lambda x: Cell(x.rounded.error, x.error))
 INTERVAL = Format(
     lambda x: f"{number(x.lower)} to {number(x.upper)}",
     lambda x: f"{x.rounded.lower} … {x.rounded.upper}",
 )
-RELATIVE = Format(
-    lambda x: percent(x.relative), lambda x: Cell(share(x.relative), bar=bar(x.relative))
-)
+RELATIVE = Format(lambda x: percent(x.relative), lambda x: _with_bar(x.relative))
 CHANGE_OF_VALUE = Format(lambda x: percent(x.change), lambda x: signed_share(x.change))
 OFF = Format(lambda x: f"{x.off:+.1f} s.e.".replace("+nan s.e.", "-"), lambda x: short(x.off))
 NOTE = Format(lambda x: x.note, lambda x: x.note, is_words=True)

@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,12 @@ from seaid.export import content_of
 from seaid.frequency import FrequencyResponse
 from seaid.identification import Identification, StaticCalibration, Validation
 from seaid.identification.validation import compared
-from seaid.report import figures, formats, html_charts, html_experiment, tables
-from seaid.report.comparison import Difference, comparison_of, measures_of
+from seaid.report import figures, formats, html_experiment, tables
+from seaid.report.comparison import Difference, comparison_of
 from seaid.report.formats import is_partial, probability, rendered, share, short
-from seaid.report.html_charts import Axis, Layer, chart, printed_traces
-from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
-from seaid.report.html_traces import Run, axis_time, traces_of
+from seaid.report.html_charts import Axis, Layer, chart, traces_chart
+from seaid.report.html_robot import Label, Posture, posture_of, robot_picture
+from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_verdict import (
     Nominal,
     Notice,
@@ -108,18 +109,12 @@ def write_report(
     moved = [replays] if isinstance(replays, ReplayComparison) else list(replays)
     runs = runs_of(identification, results)
     values, posture = nominal_values(identification, nominal_robot), posture_of(identification)
-    measures = measures_of(identification)
     content = {
         # The template has its sections, and makes their tables and figures of these.
         **{"result": identification, "nominal": nominal_robot, "frequency": frequency},
-        **{"tables": tables, "figures": figures, "charts": html_charts},
+        **{"tables": tables, "figures": figures},
         **{"experiment": html_experiment, "codes": CODES},
         "base": tables.load_table(identification.load, values.bodies),
-        "bodies": bodies_picture(
-            posture, nominal_robot.parameters, identification.robot.parameters, _BODIES_TITLE
-        ),
-        "correlations": html_charts.correlation_map(identification),
-        "measures": html_experiment.measure_facts([("", measures)] if measures else []),
         **_fact_content(_checked_facts(facts or {})),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
@@ -164,7 +159,6 @@ def write_comparison(
         (group_name(group), short(test.chi_square), test.freedom, probability(test.p_value))
         for group, test in result.groups.items()
     ]
-    measured = list(zip(names, result.measures or (), strict=False))
     page = rendered(
         "comparison.html.j2",
         robot=first.robot.name,
@@ -177,7 +171,6 @@ def write_comparison(
         tests=tests,
         table=tables.difference_table(result),
         numbers=list(zip(names, map(_identified_from, (first, second)), strict=True)),
-        motions=html_experiment.measure_facts(measured),
     )
     write_whole(path, page)
 
@@ -339,9 +332,6 @@ def _fact_content(facts: Sequence[tuple[str, str]]) -> dict[str, Any]:
     return {"command": command, "facts": [x for x in facts if x[0].lower() != "command"]}
 
 
-_BODIES_TITLE = "Ellipsoids of inertia of the links"
-
-
 def _motions(
     identification: Identification,
     runs: Sequence[Run],
@@ -369,42 +359,65 @@ def _motions(
         "errors": tables.error_table(errors),
         "runs": runs,
         "all_errors": len(errors),
-        "printed": printed_traces(identification.robot, pictured),
+        "printed": [x for run in pictured for x in _printed_traces(run, identification.robot)],
         "has_own": bool(identification.motions),
         "traces": traces,
         "without_traces": len(runs) - len(traces["runs"]),
     }
 
 
-_REPLAY_SAMPLES = 1200
-"""Most samples of a drawn trace of a replay."""
+@dataclass(frozen=True)
+class Picture:
+    """A chart with its caption."""
+
+    svg: Any
+    caption: str
+
+
+_MOST_PRINTED = 12
+
+
+def _printed_traces(run: Run, robot: Robot) -> Iterator[Picture]:
+    """Yield traces for paper, of torques from the best to the worst predicted."""
+    ranked = sorted(tables.error_rows([run], robot), key=lambda row: row.relative_error)
+    for row in ranked[:: max(1, -(-len(ranked) // _MOST_PRINTED))]:
+        fit, place = getattr(run.result, row.side), run.result.joints.index(row.joint)
+        torque = "motor torque" if row.side == "actuator" else "torque on the load"
+        svg = traces_chart(
+            run.result.time,
+            {"measured": fit.measured[:, place], "computed": fit.computed[:, place]},
+            Axis(torque, row.unit),
+            title=f"{row.joint}: {torque}, measured and computed",
+        )
+        kinds = "measured (wide) and computed (thin)"
+        error = f"error {share(row.relative_error)}"
+        yield Picture(svg, f"{row.joint}, {row.side} side, {run.name}: {kinds}, {error}")
 
 
 def _replay(identification: Identification, result: ReplayComparison) -> dict[str, Any]:
     """Return the template values of a replay: errors, and traces from the largest error down."""
-    if not {*result.joints} <= {*identification.robot.joint_names}:
-        raise SeaidError(
-            f"replays=: a replay of the joints {', '.join(result.joints)}, but the identified "
-            f"robot '{identification.robot.name}' has {', '.join(identification.robot.joint_names)}"
-        )
-    step, time = -(-len(result.time) // _REPLAY_SAMPLES), axis_time(result.time)
-    before, after = result.rms_errors
-    kinds = {"measured": result.measured, "replayed": result.before, "computed": result.after}
-
-    def picture(index: int) -> dict[str, Any]:
-        traces = [Layer(time[::step], x[::step, index], y, "line") for y, x in kinds.items()]
-        unit, joint = ("m" if result.is_prismatic[index] else "rad"), result.joints[index]
-        axes = Axis("time", "s"), Axis("joint position", unit)
-        title = f"Replayed position of {joint}: measured, before and after"
-        errors = f"{short(1e3 * float(after[index]))} m{unit} rms"
-        errors += f", {short(1e3 * float(before[index]))} before"
-        return {"svg": chart(traces, *axes, title=title), "caption": f"{joint}: {errors}"}
-
+    joints = identification.robot.joint_names
+    if not {*result.joints} <= {*joints}:
+        raise _other_joints("replays=", result.joints, joints, "a replay of the same robot")
     return {
         "length": f"{float(result.time[-1] - result.time[0]):.3g}",
         "table": tables.replay_error_table(result),
-        "pictures": [picture(int(index)) for index in np.argsort(-after)],
+        "pictures": [_replayed(result, int(k)) for k in np.argsort(-result.rms_errors[1])],
     }
+
+
+def _replayed(result: ReplayComparison, place: int) -> Picture:
+    """Return the traces of a replayed joint."""
+    kinds = {"measured": result.measured, "replayed": result.before, "computed": result.after}
+    joint, unit = result.joints[place], "m" if result.is_prismatic[place] else "rad"
+    svg = traces_chart(
+        result.time,
+        {name: positions[:, place] for name, positions in kinds.items()},
+        Axis("joint position", unit),
+        title=f"Replayed position of {joint}: measured, before and after",
+    )
+    before, after = (short(1e3 * float(error[place])) for error in result.rms_errors)
+    return Picture(svg, f"{joint}: {after} m{unit} rms, {before} before")
 
 
 def _labels(

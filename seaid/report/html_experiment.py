@@ -8,10 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid.checks.tolerances import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, drive_table, readable, total_ratio
 from seaid.errors import listed
@@ -19,7 +21,6 @@ from seaid.log import Motion, Processing, has_holes, row_samples
 from seaid.report import formats
 from seaid.report.formats import (
     NONE,
-    Cell,
     Column,
     Measured,
     Table,
@@ -31,15 +32,13 @@ from seaid.report.formats import (
 )
 from seaid.report.tables import measured
 from seaid.report.text import exact_text, method_text
-from seaid.robot import Robot, at_drives
+from seaid.robot import Robot
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
-    from seaid.excitation import ExcitationMeasures
     from seaid.identification import Identification
 
 _PACKAGES = ("numpy", "scipy", "pin", "sympy")
-_SAME = 1e-9
 
 _SENSORS = {
     "motor_torque": "motor torque",
@@ -67,7 +66,7 @@ def log_facts(result: Identification) -> list[LogFacts]:
     logs = []
     for place, processing in enumerate(result.processing):
         motion = result.motions[place] if len(result.motions) == len(result.processing) else None
-        facts = [*_measured(result.known, motion), *_processed(processing)]
+        facts = [*_measured(result.known, motion), ("Processing", str(processing))]
         name = f"{kind} {place + 1}" if several else "The log"
         logs.append(LogFacts(name, tuple(facts), tuple(str(r) for r in processing.repairs)))
     return logs
@@ -80,43 +79,12 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     length = float(motion.time[-1] - motion.time[0])
     yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
     yield "Rows per joint", f"{len(row_samples(motion))} after decimation to the cutoff"
-    yield "Positions", _positions(robot, motion)
     for field, name in _SENSORS.items():
         values = getattr(motion, field)
         if values is not None:
             logged = np.all(np.isfinite(values), axis=0)
-            seen = [j for j, is_logged in zip(robot.joint_names, logged, strict=True) if is_logged]
-            if seen:
-                yield name.capitalize(), _listed(seen, robot)
-
-
-def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
-    band = processing.cutoff_selection
-    yield "Cutoff", str(band)
-    if np.isfinite(band.noise_limit_hz):
-        yield "Noise", f"1 % of the signal of {band.channel} at {band.noise_limit_hz:.3g} Hz"
-    if processing.resampled:
-        yield "Time", f"{processing.logged_rate_hz:.4g} Hz in uneven steps, resampled by splines"
-    low = processing.position_low_pass_hz
-    filtered = low < 0.4 * processing.rate_hz
-    yield "Position filter", f"below {low:.3g} Hz, zero phase" if filtered else "none"
-    yield "Filter transient", f"{processing.transient_s:.2g} s excluded at each end"
-
-
-def _positions(robot: Robot, motion: Motion) -> str:
-    """Return which joints have an encoder on both sides; that of a stiff drive may be computed."""
-    ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
-    turned = at_drives(robot.transmission, motion.joint_position) * ratio
-    scale = np.max(np.abs(turned), axis=0, initial=0.0)
-    # A computed motor position is N C q to rounding, a measured one never.
-    off = np.max(np.abs(turned - motion.motor_position), axis=0, initial=0.0)
-    both = [j for j, far in zip(robot.joint_names, off > _SAME * scale, strict=True) if far]
-    if len(both) == robot.n:
-        return "both sides of every joint"
-    single = "one side (the other is computed through the stiff gear)"
-    if not both:
-        return f"every joint: {single}"
-    return f"both sides of {_listed(both, robot)}; of the others {single}"
+            if np.any(logged):
+                yield name.capitalize(), _listed(list(compress(robot.joint_names, logged)), robot)
 
 
 def _listed(joints: Sequence[str], robot: Robot) -> str:
@@ -153,239 +121,157 @@ def _payloads(robot: Robot) -> Iterator[str]:
             yield f"{parameters[0]:.4g} kg on {body} at ({x:.4g}, {y:.4g}, {z:.4g}) m"
 
 
-def known_table(identification: Identification) -> Table:
-    """Return for each joint the known and the identified parameters of its drive."""
-    rows = []
-    for joint in identification.known.joint_names:
-        drive = identification.known.drives[joint]
-        estimate = identification.drives.get(joint)
-        names = () if estimate is None else estimate.names
-        identified = ", ".join(name.replace("_", " ") for name in names)
-        rows.append((joint, _known_text(drive), identified or "nothing"))
-    caption = "Known and identified parameters of each drive."
-    return table_of("known", caption, words("joint", "known", "identified"), rows)
+def known_drives(identification: Identification) -> str:
+    """Return the drives file of what was known, without nominal values; empty for ideal drives."""
+    import tomli_w
+
+    drives = {
+        joint: drive_table(drive.without_nominal())
+        for joint, drive in identification.known.drives.items()
+        if drive != IDEAL_DRIVE
+    }
+    return tomli_w.dumps(drives).rstrip()
 
 
-def _known_text(drive: Drive) -> str:
-    """Return the known values of a drive: its table without nominal values."""
-    if drive == IDEAL_DRIVE:
-        return "none: torque known at the joint"
-    table = drive_table(drive.without_nominal())
-    kind = {"stiff": "stiff", "series_elastic": "series elastic"}[table.pop("type")]
-    return "; ".join([kind, *(f"{key} {_plain(value)}" for key, value in table.items())])
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_plain(entry)}" for key, entry in value.items())
-    if isinstance(value, list):
-        return " + ".join(map(str, value))
-    return short(value, 6) if isinstance(value, float) else str(value)
-
-
-def excitation_table(result: Identification) -> Table | None:
-    """Return the motion of every joint within its limits, None for long logs."""
-    if not result.motions:
-        return None
+def excitation_table(result: Identification) -> Table:
+    """Return the motion of every joint within its limits, without rows for long logs."""
     robot = result.known
-    rows: list[list[Cell | str]] = []
-    states = map(np.concatenate, zip(*(m.joint_states for m in result.motions), strict=True))
-    whole = robot.joint_states(*states)
-    for index, joint in enumerate(robot.joint_names):
-        q, v, a = (state[:, index] for state in whole)
-        unit = "m" if robot.is_prismatic[index] else "rad"
-        lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
-        low, high = float(np.min(q)), float(np.max(q))
-        span = upper - lower
-        inside = ((low - lower) / span, (high - lower) / span) if 0 < span < np.inf else None
-        limits = f" of {short(lower)} … {short(upper)}" if inside else ""
-        effort = max(_largest_torque(robot, motion, index) for motion in result.motions)
-        torque = robot.drives[joint].joint_units[0]
-        rows.append(
-            [
-                joint,
-                Cell(f"{short(low)} … {short(high)}{limits} {unit}", bar=inside),
-                _cell(float(np.max(np.abs(v))), float(robot.velocity_limits[index]), f"{unit}/s"),
-                f"{short(float(np.max(np.abs(a))))} {unit}/s²",
-                _cell(effort, float(robot.effort_limits[index]), torque),
-            ]
-        )
-    heads = ("position", "largest speed", "largest acceleration", "largest torque")
+    columns = (
+        *(*words("joint"), *figures("position"), Column("of its range", formats.SHARE_BAR)),
+        *(*figures("largest speed"), Column("of its limit", formats.SHARE_BAR)),
+        *figures("largest acceleration", "largest torque"),
+        Column("of its limit", formats.SHARE_BAR),
+    )
     caption = (
-        "Motions used for identification; bars are parts of the limits of the robot file. The "
-        "torque is that of the motor, reflected to the joint."
+        "Motions used for identification, and limits of the robot file. The torque is that of the "
+        "motor, reflected to the joint."
     )
-    return table_of("excitation", caption, (*words("joint"), *figures(*heads)), rows)
+    if not result.motions:
+        return table_of("excitation", caption, columns, ())
+    rows = zip(robot.joint_names, *_used(robot, result.motions), strict=True)
+    return table_of("excitation", caption, columns, rows)
 
 
-def measure_facts(named: Sequence[tuple[str, ExcitationMeasures]]) -> list[tuple[str, str]]:
-    """Return the measures of motions by name, with the D-efficiency of the first over the second.
-
-    A motion that is the only one has the name "".
-    """
-    facts = []
-    for name, measures in named:
-        of = f" of {name}" if name else ""
-        drives = ", drives included" if measures.has_drives else ""
-        columns = f"{measures.parameters} columns of unit norm{drives}"
-        condition = f"{short(measures.scaled_condition_number)} ({columns})"
-        facts.append((f"Condition number{of}", condition))
-        facts.append((f"D-value{of}", short(measures.d_value)))
-    if len(named) == 2:
-        (first, old), (second, new) = named
-        facts.append(("D-efficiency", f"{short(old.d_efficiency(new))} ({first} over {second})"))
-    return facts
-
-
-def _cell(value: float, limit: float, unit: str) -> Cell:
-    """Return a value with its limit, if there is one, and a bar."""
-    if not np.isfinite(value):
-        return Cell(NONE)
-    if not 0 < limit < np.inf:
-        return Cell(f"{short(value)} {unit}")
-    above = ", above the limit" if value > limit else ""
-    return Cell(
-        f"{short(value)} of {short(limit)} {unit}{above}", bar=(0.0, min(value / limit, 1.0))
-    )
+def _used(robot: Robot, motions: Sequence[Motion]) -> Iterator[list[str] | Array]:
+    """Yield the columns of the table of excitation behind the names of the joints."""
+    states = map(np.concatenate, zip(*(motion.joint_states for motion in motions), strict=True))
+    q, *derivatives = robot.joint_states(*states)
+    units = ["m" if slides else "rad" for slides in robot.is_prismatic]
+    low, high = q.min(axis=0), q.max(axis=0)
+    ends = zip(low.tolist(), high.tolist(), units, strict=True)
+    yield [f"{short(first)} … {short(last)} {unit}" for first, last, unit in ends]
+    yield _over(high - low, robot.upper_limits - robot.lower_limits)
+    speed, acceleration = (np.max(np.abs(x), axis=0) for x in derivatives)
+    yield _with_units(speed, [f"{unit}/s" for unit in units])
+    yield _over(speed, robot.velocity_limits)
+    yield _with_units(acceleration, [f"{unit}/s²" for unit in units])
+    torque = np.concatenate([_torque(robot, motion) for motion in motions])
+    effort = np.max(np.nan_to_num(np.abs(torque)), axis=0)
+    effort[effort == 0] = np.nan  # a torque that is in no log
+    yield _with_units(effort, [drive.joint_units[0] for drive in robot.drives.values()])
+    yield _over(effort, robot.effort_limits)
 
 
-def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
-    """Return the largest torque of a motor at its joint, or of the sensor there; NaN without."""
-    drive = robot.drives[robot.joint_names[index]]
-    lever = total_ratio(drive)
-    both = lever * motion.motor_torque[:, index], motion.joint_torque[:, index]
-    known = [float(np.nanmax(np.abs(torque))) for torque in both if np.any(np.isfinite(torque))]
-    return known[0] if known else np.nan
+def _over(value: Array, limit: Array) -> Array:
+    """Return values (n,) over their limits, NaN without one."""
+    return np.where((limit > 0) & np.isfinite(limit), value / np.where(limit > 0, limit, 1), np.nan)
 
 
-def setup_rows(identification: Identification) -> Table:
+def _with_units(values: Array, units: Sequence[str]) -> list[str]:
+    texts = zip(values.tolist(), units, strict=True)
+    return [f"{short(value)} {unit}" if np.isfinite(value) else NONE for value, unit in texts]
+
+
+def _torque(robot: Robot, motion: Motion) -> Array:
+    """Return the torques (T, n) of motors at their joints, or of the sensors there."""
+    levers = np.array([total_ratio(drive) for drive in robot.drives.values()])
+    motor = levers * motion.motor_torque
+    return np.where(np.any(np.isfinite(motor), axis=0), motor, motion.joint_torque)
+
+
+def setup_table(identification: Identification) -> Table:
     """Return delays, gear ratios and encoder offsets: as found by the logs, and as given."""
+    columns = (
+        *(*words("joint"), Column("quantity", formats.PARAMETER)),
+        *(Column("found", formats.VALUE), Column("95 % interval", formats.INTERVAL)),
+        *(Column("as given", formats.GIVEN), Column("off by [s.e.]", formats.OFF)),
+        Column("unit", formats.UNIT),
+    )
     rows = [
-        row
+        (joint, quantity, *[found] * (len(columns) - 2))
         for joint in identification.known.joint_names
-        for row in (
-            *_ratio_row(identification, joint),
-            *_delay_rows(identification, joint),
-            *_offset_rows(identification, joint),
-            *_gear_rows(identification, joint),
-        )
+        for quantity, found in _found_about(identification, joint)
     ]
     caption = (
-        "Found about sensors and gears, with 95 % intervals, and as given. A delay below "
+        "Found about sensors and gears, and as given: ratios by both encoders, delays by torques "
+        "against the motion, offsets by the force of the spring. A delay below "
         f"{1e3 * LEAST_DELAY_S:g} ms may be friction that the model lacks."
-    )
-    columns = (
-        *(*words("joint", "quantity"), Column("found", formats.VALUE)),
-        *(Column("95 % interval", formats.INTERVAL), *figures("as given")),
-        *(Column("unit", formats.UNIT), *words("how")),
     )
     return table_of("set-up", caption, columns, rows)
 
 
-_Row = tuple[str | Measured, ...]
-
-
-def _row(joint: str, quantity: str, found: Measured, given: str, how: str) -> _Row:
-    return joint, quantity, found, found if np.isfinite(found.error) else NONE, given, found, how
-
-
-def _normal(value: float, error: float, unit: str) -> Measured:
-    """Return a value with the 95 % interval of a normal distribution."""
-    reach = _NORMAL_95 * error
-    return Measured(value, error, value - reach, value + reach, unit)
-
-
-_NORMAL_95 = 1.96
-
-
-def _ratio_row(identification: Identification, joint: str) -> Iterator[_Row]:
-    """Yield the gear ratio of a joint with two encoders."""
+def _found_about(identification: Identification, joint: str) -> Iterator[tuple[str, Measured]]:
+    """Yield the quantities of the set-up of a joint that its logs determine."""
     drive, setup = identification.known.drives[joint], identification.setup.get(joint)
-    if setup is None or not np.isfinite(setup.gear_ratio):
-        return
-    known = short(drive.ratio, 7)
-    if "gear_ratio" in drive.std:
-        known = f"{known} ± {short(drive.std['gear_ratio'], 2)}"
-    unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
-    how = "encoders and motor equation" if drive.is_elastic else "slope between both encoders"
-    gap = _gap(setup.gear_ratio - drive.ratio, setup.gear_ratio_error)
-    found = _normal(setup.gear_ratio, setup.gear_ratio_error, unit)
-    yield _row(joint, "gear ratio", found, known, how + gap)
-
-
-def _gap(difference: float, error: float, least: float = 0.0) -> str:
-    """Return how far from the given value, if it is outside the interval and above `least`."""
-    if abs(difference) <= max(_NORMAL_95 * error, least):
-        return ""
-    return f"; {abs(difference) / error:.1f} standard errors from the given one"
-
-
-def _delay_rows(identification: Identification, joint: str) -> Iterator[_Row]:
-    """Yield the delay of the motor torque, and delays that the description of a log corrects."""
-    corrections = {
-        quantity: delay_s
-        for name, quantity, delay_s in dict.fromkeys(_delays(identification.processing))
-        if name == joint
-    }
-    setup = identification.setup.get(joint)
+    corrections = dict(_delays(identification.processing, joint))
+    if setup is not None and np.isfinite(setup.gear_ratio):
+        unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
+        yield "gear ratio", _normal(setup.gear_ratio, setup.gear_ratio_error, unit, drive.ratio)
     if setup is not None and np.isfinite(setup.delay_s) and setup.delay_error_s < _LARGEST_DELAY_S:
-        corrected = corrections.pop("motor_torque", 0.0)
+        corrected = 1e3 * corrections.pop("motor_torque", 0.0)
         # setup.delay_s remains after the correction by the description: the delay is the sum.
-        delay = _normal(1e3 * (corrected + setup.delay_s), 1e3 * setup.delay_error_s, "ms")
-        gap = _gap(setup.delay_s, setup.delay_error_s, LEAST_DELAY_S)
-        given = short(1e3 * corrected)
-        yield _row(joint, "delay of motor torque", delay, given, "torque against the motion" + gap)
+        delay = corrected + 1e3 * setup.delay_s
+        yield "delay of motor torque", _normal(delay, 1e3 * setup.delay_error_s, "ms", corrected)
     for quantity, delay_s in corrections.items():
-        name = f"delay of {quantity.replace('_', ' ')}"
-        yield joint, name, NONE, NONE, short(1e3 * delay_s), "ms", "corrected as described"
+        yield f"delay of {quantity}", _normal(np.nan, np.nan, "ms", 1e3 * delay_s)
+    if joint in identification.drive_side:
+        yield from _offsets(drive, identification.drive_side[joint])
+    if gear := identification.gears.get(joint):
+        yield from measured(gear)
 
 
 _LARGEST_DELAY_S = 0.1
 """Standard error of a delay from which the log does not determine it."""
 
 
-def _offset_rows(identification: Identification, joint: str) -> Iterator[_Row]:
+def _normal(value: float, error: float, unit: str, given: float) -> Measured:
+    """Return a value with the 95 % interval of a normal distribution."""
+    reach = _NORMAL_95 * error
+    return Measured(value, error, value - reach, value + reach, unit, given)
+
+
+_NORMAL_95 = 1.96
+
+
+def _offsets(drive: Drive, estimate: Estimate) -> Iterator[tuple[str, Measured]]:
     """Yield what the motor equation says of encoder offsets."""
-    drive, estimate = identification.known.drives[joint], identification.drive_side.get(joint)
-    if estimate is None:
+    names = estimate.names
+    if "deflection_zero" in names:
+        yield from measured(estimate.of_names(["deflection_zero"]))
+    if not {"spring_offset", "stiffness"} <= set(names) or "preload" in drive.spring:
         return
-    if {"spring_offset", "stiffness"} <= set(estimate.names) and "preload" not in drive.spring:
-        k, f = estimate.value("stiffness"), estimate.value("spring_offset")
-        # without a sensor behind the spring the offset is zero by definition
-        if k and estimate.standard_error("spring_offset") > 0:
-            both = [estimate.names.index(name) for name in ("spring_offset", "stiffness")]
-            # d_0 = -f/k, var(d_0) = g^T C g with g its slopes (the delta method).
-            slope = np.array([-1 / k, f / k**2])  # of -f / k
-            error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
-            lower, upper = estimate.interval()[both[0]]
-            # The 95 % quantile of the estimate, normal or Student's t, from its own interval.
-            reach = error * (upper - lower) / (2 * estimate.standard_errors[both[0]])
-            offset = Measured(-f / k, error, -f / k - reach, -f / k + reach, drive.spring_units[1])
-            how = "force of the spring at deflection zero"
-            yield _row(joint, "offset of the deflection", offset, NONE, how)
-    yield from _estimated(joint, estimate, {"deflection_zero"}, "motor equation")
+    k, f = estimate.value("stiffness"), estimate.value("spring_offset")
+    both = [names.index(name) for name in ("spring_offset", "stiffness")]
+    offset_error = estimate.standard_errors[both[0]]
+    # Without a sensor behind the spring the offset is zero by definition.
+    if k and offset_error > 0:
+        # d_0 = -f/k, var(d_0) = g^T C g with g its slopes (the delta method).
+        slope = np.array([-1 / k, f / k**2])
+        error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
+        lower, upper = estimate.interval()[both[0]]
+        # The 95 % quantile of the estimate, normal or Student's t, from its own interval.
+        reach = error * (upper - lower) / (2 * offset_error)
+        zero = Measured(-f / k, error, -f / k - reach, -f / k + reach, drive.spring_units[1])
+        yield "offset of the deflection", zero
 
 
-def _gear_rows(identification: Identification, joint: str) -> Iterator[_Row]:
-    """Yield what the deflection sensor says of the gear."""
-    if gear := identification.gears.get(joint):
-        yield from _estimated(joint, gear, {*gear.names}, "deflection sensor")
-
-
-def _estimated(joint: str, estimate: Estimate, names: set[str], how: str) -> Iterator[_Row]:
-    for name, found in measured(estimate):
-        if name in names:
-            yield _row(joint, name.replace("_", " "), found, NONE, how)
-
-
-def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:
-    """Yield (joint, quantity, delay) of the descriptions by which the logs were read."""
+def _delays(processing: Sequence[Processing], joint: str) -> Iterator[tuple[str, float]]:
+    """Yield (quantity, delay) of a joint in the descriptions by which the logs were read."""
     for log in processing:
-        for joint, quantities in dict(log.sources or {}).items():
-            for quantity, source in dict(quantities).items():
-                delay = source.get("delay_s", 0.0) if hasattr(source, "get") else 0.0
-                if delay:
-                    yield joint, quantity, float(delay)
+        for quantity, source in dict((log.sources or {}).get(joint, {})).items():
+            delay_s = source.get("delay_s", 0.0) if hasattr(source, "get") else 0.0
+            if delay_s:
+                yield quantity, float(delay_s)
 
 
 def package_versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Pictures of the robot as SVG: its joints in colours, its bodies as ellipsoids of inertia.
+"""The picture of the robot as SVG: its joints in colours, with labels.
 
 Pinocchio places the joints; they are seen in parallel projection from the side that shows most of
 the links. A cylinder is a revolute joint, a box on a rail a prismatic one.
@@ -6,7 +6,7 @@ the links. A cylinder is a revolute joint, a box on a rail a prismatic one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,8 +16,6 @@ import pinocchio as pin
 
 from seaid._arrays import Array
 from seaid.report.formats import rendered, svg_path
-from seaid.robot import is_physical
-from seaid.robot.inertia import THIN, second_moments
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
@@ -61,12 +59,6 @@ class Posture:
     turns: Array
     parents: tuple[int, ...]
     up: Array
-
-    def frame(self, body: int) -> tuple[Array, Array]:
-        """Return origin (3,) and rotation (3, 3) of a body; a floating base comes last."""
-        if body == len(self.origins):
-            return np.zeros(3), np.eye(3)
-        return self.origins[body], self.turns[body]
 
     @cached_property
     def ends(self) -> Array:
@@ -290,63 +282,3 @@ def _spread(wanted: Array, step: float = 62.0) -> list[float]:
     over = max(float(heights[-1]) - (_HEIGHT - 32.0), 0.0) if count else 0.0
     least = 24.0 + step * np.arange(count)
     return [float(height) for height in np.maximum(heights - over, least)]
-
-
-def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: str) -> Any | None:
-    """Return the ellipsoids of inertia of both sets of parameters (10N,) over the skeleton.
-
-    An ellipsoid has the inertia of its body if it is filled evenly with its mass. None without any.
-    """
-    drawn = [
-        (name, *body)
-        for name, parameters in (("nominal", nominal), ("identified", identified))
-        for body in _placed_bodies(posture, parameters)
-    ]
-    points = [posture.points]
-    for *_, place, second in drawn:
-        # Semi-axes are sqrt(5 lambda), so that no ellipsoid extends beyond sqrt(5 trace).
-        reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
-        points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
-    view = _view(posture, np.concatenate(points), 20.0)
-    bodies = [
-        {
-            "kind": kind,
-            "name": posture.robot.body_names[joint],
-            "mass": mass,
-            **dict(zip("xy", view.places(place[None])[0], strict=True)),
-            "ellipse": None if second is None else _ellipse(view, posture.frame(joint)[1], second),
-        }
-        for kind, joint, mass, place, second in drawn
-    ]
-    if not any(body["ellipse"] for body in bodies):
-        return None
-    background = _background(posture, view)
-    return rendered("bodies.svg.j2", **background, title=title, bodies=bodies)
-
-
-def _placed_bodies(
-    posture: Posture, parameters: Array
-) -> Iterator[tuple[int, float, Array, Array | None]]:
-    """Yield (joint, mass, centre of mass, second moment per mass) of bodies with a known centre."""
-    for joint, body in enumerate(parameters.reshape(-1, 10)):
-        center = center_of_mass(body) if np.all(np.isfinite(body)) else None
-        if center is not None:
-            origin, turn = posture.frame(joint)
-            second = second_moments(body) / body[0] if is_physical(body, THIN) else None
-            yield joint, float(body[0]), origin + turn @ center, second
-
-
-def _ellipse(view: _View, turn: Array, second: Array) -> tuple[float, float, float]:
-    """Return radii and angle [deg] of the outline of x^T (5 S_c / m)^-1 x = 1 in the picture.
-
-    That ellipsoid has the inertia of the body; S_c / m is the `second` moment.
-    """
-    # The projection P of x^T E^-1 x = 1 has the outline y^T (P E P^T)^-1 y = 1: a, b, c of P E P^T.
-    flat = view.rows[:2] @ turn
-    (a, b), (_, c) = view.scale**2 * flat @ (5.0 * second) @ flat.T
-    # Eigenvalues middle +- half are the squared radii in pixels, at least one pixel.
-    middle, half = 0.5 * (a + c), float(np.hypot(0.5 * (a - c), b))
-    radii = np.sqrt(np.maximum([middle + half, middle - half], 1.0))
-    # y points down in an SVG, hence the minus.
-    angle = -np.degrees(0.5 * np.arctan2(2 * b, a - c))
-    return float(radii[0]), float(radii[1]), float(angle)

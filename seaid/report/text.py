@@ -496,8 +496,8 @@ def comparison_table(result: Comparison) -> Text:
         for name, parameters in zip(result.names, result.only, strict=True)
         if parameters
     ]
-    rest = [*only, *measure_lines(result.names, result.measures or ()), result.sentence]
-    return joined([table_text(tables.difference_table(result), title), *tests, *rest])
+    made = table_text(tables.difference_table(result), title)
+    return joined([made, *tests, *only, result.sentence])
 
 
 def measure_text(measures: ExcitationMeasures) -> str:

@@ -16,7 +16,7 @@ import pytest
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import plain
 from seaid.checks import CODES
-from seaid.drives import ParameterName
+from seaid.drives import ParameterName, read_drives
 from seaid.errors import Finding, SeaidError
 from seaid.estimation import TermTest, Whiteness
 from seaid.estimation.estimate import ModelChecks
@@ -27,14 +27,8 @@ from seaid.report import html_traces, tables, write_comparison, write_report
 from seaid.report.figures import actuator_figures
 from seaid.report.formats import share
 from seaid.report.html import runs_of
-from seaid.report.html_charts import (
-    _printed,
-    cells_of,
-    correlation_map,
-    packed_correlations,
-    singular_values,
-)
-from seaid.report.html_experiment import setup_rows
+from seaid.report.html_charts import Axis, traces_chart
+from seaid.report.html_experiment import excitation_table, known_drives, setup_table
 from seaid.report.html_traces import Run, axis_time
 from seaid.report.html_verdict import (
     NO_BODIES,
@@ -46,7 +40,7 @@ from seaid.report.html_verdict import (
 )
 from seaid.report.tables import ErrorRow
 from seaid.robot import Robot
-from tests.experiments import arm, arm_found, arm_log, arm_result
+from tests.experiments import arm, arm_found, arm_result
 from tests.report.test_html_charts import points_of
 from tests.report_pages import HOSTILE, made_up, prediction
 from tests.terms import ELASTIC, STIFF, exact_motion, free_stretch, noisy_log, with_terms
@@ -126,7 +120,7 @@ def expected_words() -> list[str]:
         *(*found.drives, *drives, *found.load.names, "gear_ratio_rad_per_m"),
         *("6001 in 6 s (1000 Hz)", "Torques used on the load side all 4 joints"),
         *(str(found.processing[0].cutoff_selection), "who <me> & you"),
-        f"{position.min():.3g} … {position.max():.3g} of ".replace("-", "−"),
+        f"{position.min():.3g} … {position.max():.3g} m".replace("-", "−"),
     ]
 
 
@@ -164,18 +158,16 @@ def test_delays_and_gear_ratios_stand_next_to_what_was_given() -> None:
         joints["wrist"], gear_ratio=49.9, gear_ratio_error=0.01, delay_s=0.004, delay_error_s=5e-4
     )
     found = replace(arm_found(), setup=joints)
-    rows = {tuple(cell.text for cell in row[:2]): row[2:] for row in setup_rows(found).cells}
+    rows = {tuple(cell.text for cell in row[:2]): row[2:] for row in setup_table(found).cells}
     telescope = [cell.text for cell in rows["telescope", "gear ratio"]]
     low, high = map(float, telescope[1].split(" … "))
     assert low < 20 < high
-    assert telescope[2:] == ["20", "", "encoders and motor equation"]
+    assert telescope[2] == "20"
     assert [cell.text for cell in rows["wrist", "gear ratio"]] == [
-        *("49.900", "49.880 … 49.920", "50", ""),
-        "slope between both encoders; 10.0 standard errors from the given one",
+        *("49.900", "49.880 … 49.920", "50", "−10", "")
     ]
     assert [cell.text for cell in rows["wrist", "delay of motor torque"]] == [
-        *("4.00", "3.02 … 4.98", "0", "ms"),
-        "torque against the motion; 8.0 standard errors from the given one",
+        *("4.00", "3.02 … 4.98", "0", "8", "ms")
     ]
 
 
@@ -293,9 +285,9 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     for name in (*HOSTILE, "<i>who</i>", "</script>\"'&", "chain <i>"):
         assert name in page.text
     assert "b" not in page.tags
-    assert page.tags.count("script") == 5
+    assert page.tags.count("script") == 4
     assert json.loads(page.scripts["traces-data"])["joints"] == list(HOSTILE)
-    assert "<" not in page.scripts["traces-data"] + page.scripts["correlations-data"]
+    assert "<" not in page.scripts["traces-data"]
 
 
 NOTICES = {
@@ -471,33 +463,40 @@ def test_comparison_is_a_page_with_its_differences(tmp_path: Path) -> None:
         write_comparison(arm_found(), other, "a.pdf")
 
 
-def test_singular_values_have_at_most_the_condition_number_of_the_estimate() -> None:
-    """The columns of torque offsets are not among them: singular values interlace."""
-    in_turn = identify(arm().without_nominal(), arm_log(), method="two-step")
-    values = singular_values(in_turn)
-    assert values is not None
-    assert values.shares[0] == 1.0
-    assert np.all(np.diff(values.shares) <= 0)
-    known = in_turn.checks["load"].condition_number
-    assert 1 < 1 / values.shares[-1] < 1.01 * known
-
-
-def test_correlations_are_those_of_the_estimates_and_none_between_what_was_apart() -> None:
+def test_the_strongest_correlations_are_those_of_the_estimates() -> None:
+    """Separate estimates have none: all pairs are of one estimate."""
     found = arm_found()
-    shown = correlation_map(found)
-    load = found.load_side.correlation
-    count = len(load)
-    np.testing.assert_allclose(shown.values[-count:, -count:], load)
-    assert np.all(np.isnan(shown.values[:-count, -count:]))
-    first = found.drives["shoulder"]
-    np.testing.assert_allclose(shown.values[:4, :4], first.correlation[:4, :4])
-    data = np.frombuffer(base64.b64decode(packed_correlations(shown)), dtype=np.int8)
-    np.testing.assert_allclose(
-        data.reshape(shown.values.shape)[-count:, -count:], 100 * load, atol=0.5001
-    )
-    drawn = sum(one.path.count("M") for one in cells_of(shown))
-    assert drawn <= len(shown.names) * (len(shown.names) - 1) // 2
-    assert {one.sign for one in cells_of(shown)} == {"plus", "minus", "none"}
+    rows = tables.correlation_table(found).rows
+    sizes = [abs(value) for *_, value in rows]
+    assert sizes == sorted(sizes, reverse=True)
+    every = [found.drives[joint].correlation for joint in found.springs]
+    every.append(found.load_side.correlation)
+    largest = max(np.max(np.abs(np.triu(one, 1))) for one in every)
+    assert sizes[0] == pytest.approx(largest)
+    joints = [[text.partition(" of ")[2] for text in row[:2]] for row in rows]
+    assert all(first == second or not (first and second) for first, second in joints)
+
+
+def test_the_motion_stands_next_to_its_limits() -> None:
+    """Shares of the range, the speed and the torque; a joint without a limit has none."""
+    robot = arm_found().known
+    columns = excitation_table(arm_found()).columns
+    heads = [column.head for column in columns]
+    (motion,) = arm_found().motions
+    speed = np.max(np.abs(motion.joint_velocity[:, 0]))
+    row = dict(zip(heads[:4], excitation_table(arm_found()).rows[0], strict=False))
+    assert row["largest speed"] == f"{speed:.3g} m/s"
+    limited = replace(robot, velocity_limits=np.array([2 * speed, np.inf, 0.0, 1.0]))
+    shares = [r[4] for r in excitation_table(replace(arm_found(), known=limited)).rows]
+    assert shares[0] == pytest.approx(0.5)
+    assert np.all(np.isnan(shares[1:3]))
+
+
+def test_known_values_are_a_drives_file(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(known_drives(arm_found()))
+    known = read_drives(path)
+    assert known == {x: drive.without_nominal() for x, drive in arm_found().known.drives.items()}
 
 
 def test_pages_of_little_are_whole_pages_too(tmp_path: Path) -> None:
@@ -549,9 +548,7 @@ def test_unix_times_are_drawn_from_their_first_sample() -> None:
     time = np.linspace(0.0, 20.0, 200)
     assert axis_time(time + 1.75e9) == pytest.approx(time, abs=1e-6)
     assert np.array_equal(axis_time(time + 30.0), time + 30.0)
-    result = prediction(("a",), 200)
-    result = replace(result, time=result.time + 1.75e9)
-    svg = str(_printed(Run("own log", result, False), "load", 0, "N m").svg)
+    svg = str(traces_chart(time + 1.75e9, {"measured": time}, Axis("torque", "N m"), title="t"))
     ticks = re.findall(r'text-anchor="middle"[^>]*>([^<]*)</text>', svg)
     assert "·10" not in svg
     assert len(set(ticks)) == len(ticks)

@@ -1,4 +1,4 @@
-"""Charts and pictures of a page: places of points, round ticks, ellipsoids with true inertia."""
+"""Charts and pictures of a page: places of points, round ticks, joints where they are."""
 
 import re
 from dataclasses import replace
@@ -9,14 +9,8 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.report.html_charts import Axis, Layer, chart
-from seaid.report.html_robot import (
-    Label,
-    bodies_picture,
-    posture_of,
-    robot_picture,
-)
+from seaid.report.html_robot import Label, posture_of, robot_picture
 from seaid.report.html_traces import autocorrelation
-from seaid.robot.inertia import from_center_of_mass, principal_moments
 from tests.experiments import arm, arm_found, leg
 
 
@@ -94,31 +88,6 @@ def test_every_joint_is_drawn_in_its_colour_with_its_label() -> None:
         assert f"<title>{name}: " in svg
     assert svg.count("<text") == 5
     assert "nan" not in svg
-
-
-def test_a_ball_is_drawn_round_and_one_of_twice_the_radius_twice_as_large() -> None:
-    """A ball has I = 2/5 m r^2. The sizes compare with the distance of two centres of mass."""
-    found = replace(arm_found(), motions=())
-    posture = posture_of(found)
-    ball = from_center_of_mass(3.0, np.array([0.1, 0.0, 0.2]), 0.4 * 3.0 * 0.05**2 * np.eye(3))
-    bigger = from_center_of_mass(3.0, np.array([0.1, 0.0, 0.2]), 0.4 * 3.0 * 0.1**2 * np.eye(3))
-    svg = str(bodies_picture(posture, np.tile(ball, 4), np.tile(bigger, 4), "title"))
-    radii = np.array(re.findall(r'<ellipse rx="([\d.]+)" ry="([\d.]+)"', svg), dtype=float)
-    assert radii.shape == (8, 2)
-    np.testing.assert_allclose(radii[:, 0], radii[:, 1], rtol=0.02)
-    np.testing.assert_allclose(radii[4:], 2 * radii[:4], rtol=0.02)
-    places = np.array(re.findall(r'class="center" d="M([\d.]+) ([\d.]+)h8', svg), dtype=float)[:4]
-    centers = posture.origins + posture.turns @ np.array([0.1, 0.0, 0.2])
-    flat = np.linalg.norm(places[1:] - places[:-1], axis=1)
-    whole = np.linalg.norm(centers[1:] - centers[:-1], axis=1)
-    assert np.all(flat <= whole * radii[0, 0] / 0.05 * 1.03)  # seen from aside they are shorter
-    np.testing.assert_allclose(principal_moments(ball), 0.4 * 3.0 * 0.05**2, rtol=1e-9)
-
-
-def test_bodies_that_cannot_be_have_no_ellipsoid() -> None:
-    impossible = from_center_of_mass(1.0, np.zeros(3), np.diag([1.0, 0.1, 0.1]))
-    posture = posture_of(arm_found())
-    assert bodies_picture(posture, np.full(40, np.nan), np.tile(impossible, 4), "title") is None
 
 
 def test_autocorrelation_is_that_of_its_definition() -> None:

@@ -1,5 +1,5 @@
 "use strict";
-// Charts of one motion, joint and side; values of the map; copies of tables and texts; the theme.
+// Charts of one motion, joint and side; copies of tables and texts; the theme.
 (() => {
   const at = (id) => document.getElementById(id);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).replaceAll(" ", "");
@@ -223,27 +223,6 @@
     }).observe(at("viewer"));
   };
 
-  const startMap = () => {
-    const map = at("map");
-    if (!map) return;
-    const { names, data } = stored("correlations-data");
-    const values = new Int8Array(bytes(data));
-    const cell = +map.dataset.cell;
-    const read = (event) => {
-      const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(map.getScreenCTM().inverse());
-      const column = Math.floor(point.x / cell);
-      const row = Math.floor(point.y / cell);
-      if (column < 0 || row < 0 || column >= names.length || row >= names.length) return;
-      const value = values[row * names.length + column];
-      at("picked").setAttribute("d", `M${column * cell} ${row * cell}h${cell}v${cell}h${-cell}z`);
-      at("correlation").textContent = row === column ? names[row]
-        : `${names[row]} and ${names[column]}: ${value === -128 ? "separate estimates" : (value / 100).toFixed(2).replace("-", "−")}`;
-    };
-    map.addEventListener("pointermove", read);
-    map.addEventListener("pointerdown", read);
-    at("correlation").textContent = "Point at a cell, or tap it, for names and value.";
-  };
-
   const startTheme = () => {
     const dark = matchMedia("(prefers-color-scheme: dark)");
     const root = document.documentElement;
@@ -326,7 +305,6 @@
   addEventListener("afterprint", () => { opened.forEach((one) => { one.open = false; }); });
 
   if (traces) startTraces();
-  startMap();
   startCopies();
   startTheme();
 })();
