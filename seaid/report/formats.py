@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
@@ -79,43 +79,28 @@ def probability(value: float) -> str:
 
 
 def share(value: float) -> str:
-    """Return a ratio in percent for a page: two digits, no decimals from 100 %, a dash for NaN.
-
-    It has at most four decimals, since less is nothing and would not fit next to a bar.
-    """
+    """Return a ratio in percent with two digits for a page, a dash for NaN."""
     if not math.isfinite(value):
         return NONE
-    per_cent = 100 * value
-    if abs(per_cent) >= 99.5:
-        text = f"{per_cent:.0f}" if abs(per_cent) < 1e4 else "> 10⁴"
-    else:
-        # Two digits: a value of 10^p has its second one 1 - p places behind the point.
-        decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
-        text = f"{per_cent:.{min(decimals, 4)}f}"
-        if float(text) == 0 < abs(per_cent):
-            text = "< 0.0001"
-    return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
+    return f"{powers_of_ten(percent(value).removesuffix(' %'))}\N{NO-BREAK SPACE}%"
 
 
-BADLY_PREDICTED = 0.2
-"""Relative error of an unseen torque from which a prediction is doubtful, and a joint poor."""
-
-_WELL_PREDICTED = 0.05
-"""Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
-on the measured robots of docs/results.md."""
+_WELL_PREDICTED, _BADLY_PREDICTED = 0.05, 0.2
+"""Relative errors below which a joint is explained well, and from which poorly: friction at
+reversals alone leaves 1 to 5 % on the measured robots of docs/results.md."""
 
 
 def explained_as(error: float) -> str:
     """Return how well a torque with a relative error is explained: a class of report.css."""
     if not math.isfinite(error):
         return "none"
-    return "good" if error < _WELL_PREDICTED else "fair" if error < BADLY_PREDICTED else "poor"
+    return "good" if error < _WELL_PREDICTED else "fair" if error < _BADLY_PREDICTED else "poor"
 
 
 def signed_share(value: float) -> str:
     """Return a change in percent for a page, with its sign."""
     text = share(value)
-    return text if text[0] in f"−>{NONE}" else f"+{text}"
+    return text if text[0] in f"−{NONE}" else f"+{text}"
 
 
 def seconds(value: float) -> str:
@@ -292,59 +277,56 @@ def _unit(x: str | Measured) -> str:
     return x.unit if isinstance(x, Measured) else x
 
 
-WORDS = Format(str, str, is_words=True)
-PARAMETER = Format(str, lambda x: x.replace("_", " "), is_words=True)
-TERM = Format(str, readable, is_words=True)
-GROUPING = Format(cut, _grouping, is_words=True)
-UNIT = Format(_unit, lambda x: readable_unit(_unit(x)), is_words=True)
-FIGURE = Format(str, str)
-"""Texts: of these only figures, numbers that have their unit already, are aligned right."""
-
-NUMBER = Format(number, short)
-TWO_DIGITS = Format(lambda x: number(x, 2), lambda x: short(x, 2))
-THREE_DIGITS = Format(lambda x: number(x, 3), short)
-FOUR_DIGITS = Format(number, lambda x: Cell(short(x, 4), x))
-DEVIATION = Format(number, lambda x: short(x, 2))
-SHARE = Format(percent, share)
-SHARE_BAR = Format(percent, _with_bar)
-CHANGE = Format(percent, signed_share)
-PROBABILITY = Format(lambda x: number(x, 2), probability)
-FACTOR = Format(lambda x: f"x {x:.3g}", lambda x: f"× {x:.4g}")
-QUOTIENT = Format(lambda x: f"{x:.2f}".replace("nan", "-"), short)
-CORRELATION = Format(number, lambda x: f"{x:.4f}".replace("-", "−"))
-SIGNIFICANCE = Format(lambda x: f"{x.value:+.1f}", _diverging)
-
-NOMINAL = Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal))
-GIVEN = Format(lambda x: number(x.nominal, 7), lambda x: short(x.nominal, 7))
-VALUE = Format(lambda x: number(x.value), lambda x: Cell(x.rounded.value, x.value))
-ERROR = Format(lambda x: number(x.error), lambda x: Cell(x.rounded.error, x.error))
-INTERVAL = Format(
-    lambda x: f"{number(x.lower)} to {number(x.upper)}",
-    lambda x: f"{x.rounded.lower} … {x.rounded.upper}",
-)
-RELATIVE = Format(lambda x: percent(x.relative), lambda x: _with_bar(x.relative))
-CHANGE_OF_VALUE = Format(lambda x: percent(x.change), lambda x: signed_share(x.change))
-OFF = Format(lambda x: f"{x.off:+.1f} s.e.".replace("+nan s.e.", "-"), lambda x: short(x.off))
-NOTE = Format(lambda x: x.note, lambda x: x.note, is_words=True)
-VALUE_AND_ERROR = Format(
-    lambda x: f"{number(x.value)} +- {x.error:.2g}" if math.isfinite(x.value) else "-",
-    lambda x: Cell(f"{x.rounded.value} ± {x.rounded.error}", x.value),
-)
-"""Parts of a measured value."""
+FORMATS = {
+    "words": Format(str, str, is_words=True),
+    "parameter": Format(str, lambda x: x.replace("_", " "), is_words=True),
+    "term": Format(str, readable, is_words=True),
+    "grouping": Format(cut, _grouping, is_words=True),
+    "unit": Format(_unit, lambda x: readable_unit(_unit(x)), is_words=True),
+    # Numbers that have their unit already: of texts only these are aligned right.
+    "figure": Format(str, str),
+    "number": Format(number, lambda x: Cell(short(x, 4), x)),
+    "two digits": Format(lambda x: number(x, 2), lambda x: short(x, 2)),
+    "three digits": Format(lambda x: number(x, 3), short),
+    "share": Format(percent, share),
+    "share with bar": Format(percent, _with_bar),
+    "change": Format(percent, signed_share),
+    "probability": Format(lambda x: number(x, 2), probability),
+    "factor": Format(lambda x: f"x {x:.3g}", lambda x: f"× {x:.4g}"),
+    "significance": Format(lambda x: f"{x.value:+.1f}", _diverging),
+    # Parts of a measured value.
+    "nominal": Format(lambda x: number(x.nominal), lambda x: four_digits(x.nominal)),
+    "given": Format(lambda x: number(x.nominal, 7), lambda x: short(x.nominal, 7)),
+    "value": Format(lambda x: number(x.value), lambda x: Cell(x.rounded.value, x.value)),
+    "error": Format(lambda x: number(x.error), lambda x: Cell(x.rounded.error, x.error)),
+    "interval": Format(
+        lambda x: f"{number(x.lower)} to {number(x.upper)}",
+        lambda x: f"{x.rounded.lower} … {x.rounded.upper}",
+    ),
+    "relative error": Format(lambda x: percent(x.relative), lambda x: _with_bar(x.relative)),
+    "change of value": Format(lambda x: percent(x.change), lambda x: signed_share(x.change)),
+    "off": Format(lambda x: f"{x.off:+.1f} s.e.".replace("+nan s.e.", "-"), lambda x: short(x.off)),
+    "note": Format(lambda x: x.note, lambda x: x.note, is_words=True),
+    "value and error": Format(
+        lambda x: f"{number(x.value)} +- {x.error:.2g}" if math.isfinite(x.value) else "-",
+        lambda x: Cell(f"{x.rounded.value} ± {x.rounded.error}", x.value),
+    ),
+}
+"""{name of a kind of value: how it is shown}."""
 
 Where = Literal["both", "text", "page"]
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its head as in a terminal, and the format of its values.
+    """A column: its head as in a terminal, and the `kind` of its values, of FORMATS.
 
     A page begins the head with a capital, but for a name that the user gave, `is_name`. A terminal
     omits an optional column that has a value in no row.
     """
 
     head: str
-    format: Format = NUMBER
+    kind: str = "number"
     where: Where = "both"
     is_optional: bool = False
     is_name: bool = False
@@ -356,9 +338,14 @@ class Column:
         return self.head if keeps else self.head[:1].upper() + self.head[1:]
 
     @property
+    def format(self) -> Format:
+        """How its values are shown."""
+        return FORMATS[self.kind]
+
+    @property
     def is_unit(self) -> bool:
         """Whether the column has the units of others."""
-        return self.format is UNIT
+        return self.kind == "unit"
 
     def text(self, value: Any) -> str:
         """Return a value for a terminal; a text stands for a value that is not known."""
@@ -411,30 +398,15 @@ class Table:
 
 
 def table_of(
-    name: str, caption: str, columns: Sequence[Column], rows: Iterable[Sequence[Any]]
+    name: str,
+    caption: str,
+    columns: Mapping[str, str] | Sequence[Column],
+    rows: Iterable[Sequence[Any]],
 ) -> Table:
-    """Return a table of rows with a value per column."""
+    """Return a table of rows with a value per column; columns may be {head: kind}."""
+    if isinstance(columns, Mapping):
+        columns = [Column(head, kind) for head, kind in columns.items()]
     return Table(name, caption, tuple(columns), tuple(map(tuple, rows)))
-
-
-def words(*heads: str) -> tuple[Column, ...]:
-    """Return columns of words."""
-    return tuple(Column(head, WORDS) for head in heads)
-
-
-def figures(*heads: str) -> tuple[Column, ...]:
-    """Return columns of numbers that are text already, with their units."""
-    return tuple(Column(head, FIGURE) for head in heads)
-
-
-def numbers(*heads: str) -> tuple[Column, ...]:
-    """Return columns of numbers."""
-    return tuple(Column(head) for head in heads)
-
-
-def shares(*heads: str) -> tuple[Column, ...]:
-    """Return columns of ratios in percent."""
-    return tuple(Column(head, SHARE) for head in heads)
 
 
 def rendered(template: str, **content: Any) -> Any:

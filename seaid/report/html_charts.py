@@ -104,16 +104,16 @@ class _Scale:
 
     def ticks(self) -> list[tuple[float, str]]:
         """Return the place and text of every tick."""
-        from matplotlib.ticker import LogLocator, MaxNLocator
+        from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
         low, high = self.ends
+        locator: Locator = MaxNLocator(_TICKS, steps=[1, 2, 5, 10])
         if self.axis.is_log:
             is_short = math.log10(high / low) < _FEW_POWERS
             locator = LogLocator(subs=[1, 2, 5] if is_short else [1], numticks=_TICKS)
-        else:
-            locator = MaxNLocator(_TICKS, steps=[1, 2, 5, 10])
         # A zero of the locator may be 1e-17, which is no text for a tick.
-        values = np.round(locator.tick_values(low, high) / 10.0**self.power, 12) + 0.0
+        values = np.asarray(locator.tick_values(low, high)) / 10.0**self.power
+        values = np.round(values, 12) + 0.0
         places = self.places(values * 10.0**self.power)
         texts = [powers_of_ten(f"{value:g}").removeprefix("1·") for value in values.tolist()]
         inside = (places - self.start) * (places - self.stop) <= 1e-6

@@ -18,18 +18,7 @@ from seaid.checks.tolerances import LEAST_DELAY_S
 from seaid.drives import IDEAL_DRIVE, Drive, ParameterName, drive_table, readable, total_ratio
 from seaid.errors import listed
 from seaid.log import Motion, Processing, has_holes, row_samples
-from seaid.report import formats
-from seaid.report.formats import (
-    NONE,
-    Column,
-    Measured,
-    Table,
-    figures,
-    seconds,
-    short,
-    table_of,
-    words,
-)
+from seaid.report.formats import NONE, Measured, Table, seconds, short, table_of
 from seaid.report.tables import measured
 from seaid.report.text import exact_text, method_text
 from seaid.robot import Robot
@@ -136,12 +125,16 @@ def known_drives(identification: Identification) -> str:
 def excitation_table(result: Identification) -> Table:
     """Return the motion of every joint within its limits, without rows for long logs."""
     robot = result.known
-    columns = (
-        *(*words("joint"), *figures("position"), Column("of its range", formats.SHARE_BAR)),
-        *(*figures("largest speed"), Column("of its limit", formats.SHARE_BAR)),
-        *figures("largest acceleration", "largest torque"),
-        Column("of its limit", formats.SHARE_BAR),
-    )
+    columns = {
+        "joint": "words",
+        "position": "figure",
+        "of its range": "share with bar",
+        "largest speed": "figure",
+        "of the speed limit": "share with bar",
+        "largest acceleration": "figure",
+        "largest torque": "figure",
+        "of the torque limit": "share with bar",
+    }
     caption = (
         "Motions used for identification, and limits of the robot file. The torque is that of the "
         "motor, reflected to the joint."
@@ -191,12 +184,15 @@ def _torque(robot: Robot, motion: Motion) -> Array:
 
 def setup_table(identification: Identification) -> Table:
     """Return delays, gear ratios and encoder offsets: as found by the logs, and as given."""
-    columns = (
-        *(*words("joint"), Column("quantity", formats.PARAMETER)),
-        *(Column("found", formats.VALUE), Column("95 % interval", formats.INTERVAL)),
-        *(Column("as given", formats.GIVEN), Column("off by [s.e.]", formats.OFF)),
-        Column("unit", formats.UNIT),
-    )
+    columns = {
+        "joint": "words",
+        "quantity": "parameter",
+        "found": "value",
+        "95 % interval": "interval",
+        "as given": "given",
+        "off by [s.e.]": "off",
+        "unit": "unit",
+    }
     rows = [
         (joint, quantity, *[found] * (len(columns) - 2))
         for joint in identification.known.joint_names

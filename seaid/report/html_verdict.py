@@ -25,7 +25,7 @@ from seaid.identification import Fit, Identification, verdict_with
 from seaid.identification.validation import compared
 from seaid.legged import FloatingRobot
 from seaid.log import row_samples
-from seaid.report.formats import BADLY_PREDICTED, seconds, share, short
+from seaid.report.formats import seconds, share, short
 from seaid.report.tables import ErrorRow, error_rows, place_name, side_name
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def notices_of(
         *(_notice(finding) for run in runs for finding in run.result.warnings),
         *(_notice(finding) for replay in replays for finding in replay.warnings),
         *(Notice("not-validated", "doubtful", (_sentence(text),)) for text in notes),
-        *_validation_notices(result, runs),
+        *_validation_notices(runs),
         *map(_notice, _notes(result)),
     ]
     together: dict[tuple[str, ...], Notice] = {}
@@ -162,30 +162,13 @@ def _notice(finding: Finding) -> Notice:
     )
 
 
-def _validation_notices(identification: Identification, runs: Sequence[Run]) -> Iterator[Notice]:
+def _validation_notices(runs: Sequence[Run]) -> Iterator[Notice]:
     if not any(run.is_unseen for run in runs):
         yield Notice("not-validated", "note", (NOT_VALIDATED,))
     for run in runs:
         if not run.is_unseen and run.name.startswith("validation"):
-            message = (
-                f"The {run.name} is of a motion that was used for identification: it is not an "
-                "unseen one."
-            )
+            message = f"The {run.name} is of a motion that was used for identification."
             yield Notice("not-validated", "doubtful", (message,))
-    for run in runs:
-        if run.is_unseen:
-            yield from _badly_predicted(identification, run)
-
-
-def _badly_predicted(identification: Identification, run: Run) -> Iterator[Notice]:
-    """Yield the notice of torques with a large error, of joints without a warning of their own."""
-    warned = {finding.joint for finding in run.result.warnings}
-    rows = [row for row in error_rows([run], identification.robot) if row.joint not in warned]
-    bad = [row for row in rows if row.relative_error > BADLY_PREDICTED]
-    if bad:
-        torques = [f"{row.joint} ({row.side} side) {share(row.relative_error)}" for row in bad]
-        message = f"Relative error of torques in the {run.name}: {_listed(torques)}."
-        yield Notice("badly-predicted", "doubtful", (message,), tuple(row.joint for row in bad))
 
 
 def _notes(result: Identification) -> Iterator[Finding]:
@@ -209,11 +192,6 @@ def _load_rows(result: Identification) -> int:
     if isinstance(robot, FloatingRobot):
         count += int(robot.floating_base.free_axes.sum())
     return count
-
-
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def _sentence(text: str) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import ParameterName, readable
 from seaid.estimation.qr_factor import first_term
-from seaid.report import formats
 from seaid.report.formats import (
     NONE,
     Column,
@@ -21,14 +20,11 @@ from seaid.report.formats import (
     Table,
     Where,
     change,
-    figures,
     is_partial,
     number,
-    numbers,
     powers_of_ten,
     short,
     table_of,
-    words,
 )
 from seaid.report.html_robot import center_of_mass
 from seaid.report.html_traces import SIDES, torque_units
@@ -45,25 +41,18 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
     from seaid.simulation import ReplayComparison
 
-_JOINT = words("joint")
-_PARAMETER = Column("parameter", formats.PARAMETER)
-_UNIT = Column("unit", formats.UNIT)
+_JOINT, _UNIT = Column("joint", "words"), Column("unit", "unit")
 _ESTIMATE = (
-    Column("nominal", formats.NOMINAL, is_optional=True),
-    Column("identified", formats.VALUE),
-    Column("std. error", formats.ERROR),
-    Column("95 % interval", formats.INTERVAL, "page"),
+    Column("nominal", "nominal", is_optional=True),
+    Column("identified", "value"),
+    Column("std. error", "error"),
+    Column("95 % interval", "interval", "page"),
     _UNIT,
-    Column("change", formats.CHANGE_OF_VALUE, is_optional=True),
-    Column("rel. s.e.", formats.RELATIVE),
-    Column("note", formats.NOTE, "page"),
+    Column("change", "change of value", is_optional=True),
+    Column("rel. s.e.", "relative error"),
+    Column("note", "note", "page"),
 )
-_VALUE = (
-    Column("value", formats.VALUE),
-    Column("std. error", formats.ERROR),
-    Column("95 % interval", formats.INTERVAL),
-    _UNIT,
-)
+_VALUE = {"value": "value", "std. error": "error", "95 % interval": "interval", "unit": "unit"}
 """Columns of one measured value: nominal and identified, and of a value that has no nominal one."""
 
 
@@ -89,7 +78,8 @@ def drive_table(identification: Identification, nominal: Robot | None = None) ->
         )
     ]
     caption = "Parameters of the drives; friction and rotor inertia are at the motor."
-    return table_of("drives", caption, (*_JOINT, _PARAMETER, *_ESTIMATE), rows)
+    columns = (_JOINT, Column("parameter", "parameter"), *_ESTIMATE)
+    return table_of("drives", caption, columns, rows)
 
 
 _GROUPINGS_ROOM, _LEAST_ROOM = 1_000_000, 64
@@ -105,8 +95,8 @@ def load_table(estimate: Estimate, nominal: Array | None = None, head: str = "gr
         (_fitting(name, room) if is_full else name, *[value] * (1 + len(_ESTIMATE)))
         for name, value in measured(estimate, before)
     ]
-    off = Column("off by", formats.OFF, "text", is_optional=True)
-    columns = (Column(head, formats.GROUPING), *_ESTIMATE, off)
+    off = Column("off by", "off", "text", is_optional=True)
+    columns = (Column(head, "grouping"), *_ESTIMATE, off)
     return table_of("base parameters", "Base parameters of the load.", columns, rows)
 
 
@@ -123,7 +113,8 @@ def calibration_table(calibration: StaticCalibration) -> Table:
     """Return the parameters of a calibration from statics."""
     rows = [(name, *[value] * len(_VALUE)) for name, value in measured(calibration.estimate)]
     caption = "Parameters of the law, and friction."
-    return table_of("calibration", caption, (_PARAMETER, *_VALUE), rows)
+    columns = {"parameter": "parameter", **_VALUE}
+    return table_of("calibration", caption, columns, rows)
 
 
 def response_table(response: FrequencyResponse) -> Table:
@@ -137,29 +128,21 @@ def response_table(response: FrequencyResponse) -> Table:
         "From the response of motor angles to motor torques; frequencies with all motors free "
         "(resonance) and held (antiresonance)."
     )
-    return table_of("response", caption, (*_JOINT, _PARAMETER, *_VALUE), rows)
+    columns = {"joint": "words", "parameter": "parameter", **_VALUE}
+    return table_of("response", caption, columns, rows)
 
 
 def whole_body_table(identification: Identification) -> Table:
     """Return mass and centre of mass of a robot with a floating base, and of its base alone."""
     from seaid.legged import whole_body
 
-    rows = [
-        (
-            quantity.name.capitalize(),
-            quantity.value if quantity.is_determined else "not determined",
-            quantity.standard_error if quantity.is_determined else "",
-            quantity.unit,
-        )
-        for quantity in whole_body(identification)
-    ]
+    rows = []
+    for quantity in whole_body(identification):
+        found = Measured(quantity.value, quantity.standard_error)
+        pair = (found, found) if quantity.is_determined else ("not determined", "")
+        rows.append((quantity.name.capitalize(), *pair, quantity.unit))
     caption = "The whole robot, in the frame of its base at the mean posture of the logs."
-    columns = (
-        *words("quantity"),
-        Column("identified", formats.FOUR_DIGITS),
-        Column("std. error", formats.DEVIATION),
-        _UNIT,
-    )
+    columns = {"quantity": "words", "identified": "value", "std. error": "error", "unit": "unit"}
     return table_of("whole", caption, columns, rows)
 
 
@@ -188,13 +171,15 @@ def contact_tables(runs: Sequence[Run]) -> list[Table]:
 def contact_table(name: str, forces: ContactForces) -> Table:
     """Return the predicted and measured contact forces of a validation of this name."""
     rows = zip(forces.links, forces.basis, *(getattr(forces, x) for x in _FORCES), strict=True)
-    columns = (
-        *words("contact", "parameters"),
-        *numbers("measured (rms)", "error (rms)"),
-        Column("error", formats.SHARE),
-        *numbers("normal (mean)", "normal (least)", "std. error"),
-        Column("friction used", formats.QUOTIENT),
-    )
+    columns = {
+        "contact": "words",
+        "parameters": "words",
+        "measured (rms)": "number",
+        "error (rms)": "number",
+        "error": "share",
+        **dict.fromkeys(("normal (mean)", "normal (least)", "std. error"), "number"),
+        "friction used": "two digits",
+    }
     sums = {
         "predicted": forces.vertical,
         "measured": forces.measured_vertical,
@@ -219,14 +204,16 @@ def bodies_table(identification: Identification, nominal: Robot) -> Table:
         )
         for name, both in zip(identification.robot.body_names, pairs, strict=True)
     ]
-    columns = (
-        *words("link"),
-        Column("mass in the file [kg]", formats.FOUR_DIGITS),
-        Column("mass identified [kg]", formats.FOUR_DIGITS),
-        Column("change", formats.CHANGE),
-        *words("centre in the file [m]", "centre identified [m]"),
-        *words("moments in the file [kg m²]", "moments identified [kg m²]"),
-    )
+    columns = {
+        "link": "words",
+        "mass in the file [kg]": "number",
+        "mass identified [kg]": "number",
+        "change": "change",
+        "centre in the file [m]": "words",
+        "centre identified [m]": "words",
+        "moments in the file [kg m²]": "words",
+        "moments identified [kg m²]": "words",
+    }
     caption = (
         "Links in the robot file and as exported: mass, centre of mass, principal moments of "
         "inertia about it."
@@ -285,10 +272,8 @@ def term_table(identification: Identification) -> Table:
         "Model comparison: growth of the residual without each term of the drives. The data "
         "support a term if the difference of the Bayesian information criterion is above zero."
     )
-    columns = (
-        *(Column("term", formats.TERM), Column("residual without", formats.FACTOR), Column("F")),
-        *(Column("p", formats.PROBABILITY), Column("BIC"), *figures("supported")),
-    )
+    tests = {"F": "number", "p": "probability", "BIC": "number", "supported": "figure"}
+    columns = {"term": "term", "residual without": "factor", **tests}
     return table_of("terms", caption, columns, rows)
 
 
@@ -307,9 +292,15 @@ def shared_table(identification: Identification) -> Table:
         "have alone. The joints differ if the difference of the Bayesian information criterion "
         "is above zero."
     )
-    value = Column("shared value", formats.VALUE_AND_ERROR)
-    columns = (*words("parameter", "joints"), value, *figures("alone"))
-    columns = (*columns, *numbers("F", "BIC"), *figures("differ"))
+    columns = {
+        "parameter": "words",
+        "joints": "words",
+        "shared value": "value and error",
+        "alone": "figure",
+        "F": "number",
+        "BIC": "number",
+        "differ": "figure",
+    }
     return table_of("shared", caption, columns, rows)
 
 
@@ -329,7 +320,7 @@ def correlation_table(identification: Identification) -> Table:
         "The strongest correlations of the estimates: such parameters are better identifiable in "
         "combination than individually."
     )
-    columns = (*words("parameter", "with"), Column("correlation", formats.CORRELATION))
+    columns = {"parameter": "words", "with": "words", "correlation": "number"}
     return table_of("correlations", caption, columns, rows[:_MOST_CORRELATED])
 
 
@@ -361,7 +352,12 @@ def residual_table(identification: Identification) -> Table:
         "complete model, which the standard errors account for; a Durbin-Watson number near 0 "
         "indicates a missing term."
     )
-    columns = (*words("joint", "side"), *numbers("autocorrelation", "Durbin-Watson"))
+    columns = {
+        "joint": "words",
+        "side": "words",
+        "autocorrelation": "number",
+        "Durbin-Watson": "number",
+    }
     return table_of("residuals", caption, columns, rows)
 
 
@@ -380,11 +376,8 @@ def condition_table(result: Identification) -> Table:
         "Each regression: condition number of its columns (unit norm), standard deviation of its "
         "residual below the cutoff, and excluded instants near standstill."
     )
-    columns = (
-        *words("regression"),
-        Column("condition number", formats.THREE_DIGITS),
-        *(Column("residual"), _UNIT, *figures("excluded")),
-    )
+    columns = {"regression": "words", "condition number": "three digits", "residual": "number"}
+    columns |= {"unit": "unit", "excluded": "figure"}
     return table_of("regressions", caption, columns, rows)
 
 
@@ -482,10 +475,10 @@ def error_table(rows: Sequence[ErrorRow]) -> Table:
     # Where all samples count, a terminal has no columns about those at standstill.
     where: Where = "both" if any(is_partial(row.counted_share) for row in rows) else "page"
     columns = (
-        *(Column("motion", formats.WORDS, is_optional=True), *words("joint", "side")),
-        *(Column("error", formats.SHARE), Column("counted", formats.SHARE, where)),
-        *(Column("with standstill", formats.SHARE, where), Column("unfiltered", formats.SHARE)),
-        *(Column("RMS error", formats.FIGURE, "page"), Column("R²", formats.CORRELATION, "page")),
+        *(Column("motion", "words", is_optional=True), _JOINT, Column("side", "words")),
+        *(Column("error", "share"), Column("counted", "share", where)),
+        *(Column("with standstill", "share", where), Column("unfiltered", "share")),
+        *(Column("RMS error", "figure", "page"), Column("R²", where="page")),
     )
     return table_of("predictions", "Prediction errors of the torques.", columns, cells)
 
@@ -508,11 +501,8 @@ def replay_error_table(result: ReplayComparison) -> Table:
             name = "all joints" if len(means) == 1 else _ALL[unit]
             rows.append((name, *(1e3 * error for error in mean), unit, ""))
     heads = ("mean absolute, before", "after", "rms, before", "after")
-    columns = (
-        *_JOINT,
-        *(Column(head, formats.THREE_DIGITS) for head in heads),
-        *(_UNIT, Column("after over noise", formats.TWO_DIGITS)),
-    )
+    errors_of = (Column(head, "three digits") for head in heads)
+    columns = (_JOINT, *errors_of, _UNIT, Column("after over noise", "two digits"))
     caption = "Errors of the replayed joint positions."
     return table_of("replay", caption, columns, rows)
 
@@ -534,15 +524,12 @@ def difference_table(result: Comparison) -> Table:
         for x in result.differences
     ]
     columns = (
-        *(*_JOINT, Column("parameter", formats.GROUPING)),
-        *(Column(name, formats.VALUE_AND_ERROR, is_name=True) for name in (first, second)),
-        *(_UNIT, Column("difference", formats.NUMBER, "text"), Column("change", formats.CHANGE)),
-        Column("std. error", formats.TWO_DIGITS, "text"),
-        *(
-            Column("change / s.e.", formats.SIGNIFICANCE),
-            Column("p", formats.PROBABILITY),
-            *words("note"),
-        ),
+        *(_JOINT, Column("parameter", "grouping")),
+        *(Column(name, "value and error", is_name=True) for name in (first, second)),
+        *(_UNIT, Column("difference", where="text"), Column("change", "change")),
+        Column("std. error", "two digits", "text"),
+        Column("change / s.e.", "significance"),
+        *(Column("p", "probability"), Column("note", "words")),
     )
     caption = "All parameters that both identifications have: value ± standard error."
     return table_of("comparison", caption, columns, rows)

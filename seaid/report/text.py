@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from io import StringIO
 from itertools import compress
@@ -15,20 +15,8 @@ import numpy as np
 from seaid._progress import counted, field_texts
 from seaid.drives import ParameterName
 from seaid.errors import Finding, listed
-from seaid.report import formats, tables
-from seaid.report.formats import (
-    Column,
-    Measured,
-    Table,
-    cut,
-    figures,
-    number,
-    numbers,
-    percent,
-    shares,
-    table_of,
-    words,
-)
+from seaid.report import tables
+from seaid.report.formats import Column, Measured, Table, cut, number, percent, table_of
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
@@ -112,7 +100,9 @@ def table_text(made: Table, title: str) -> Text:
     return table(title, *made.texts)
 
 
-def _listed(title: str, columns: Sequence[Column], rows: Iterable[Sequence[Any]]) -> Text:
+def _listed(
+    title: str, columns: Mapping[str, str] | Sequence[Column], rows: Iterable[Sequence[Any]]
+) -> Text:
     """Return a table that no page has."""
     return table_text(table_of("", "", columns, rows), title)
 
@@ -145,7 +135,7 @@ def robot_table(robot: Robot) -> Text:
     if isinstance(robot, FloatingRobot):
         kind = "free" if robot.floating_base.normal is None else "planar"
         rows.append(("", kind, "", robot.floating_base.link, robot.parameters[-10]))
-    columns = (*words("joint", "type", "drive", "body"), *numbers("mass [kg]"))
+    columns = {**dict.fromkeys(("joint", "type", "drive", "body"), "words"), "mass [kg]": "number"}
     return _listed(repr(robot), columns, rows)
 
 
@@ -157,9 +147,8 @@ def _mimic_text(joint: DependentJoint) -> str:
 def log_table(log: Log) -> Text:
     """Return the range of each sensor of a log."""
     rows = [(name, x.min(), x.max(), x.std()) for name, x in log.columns().items()]
-    return _listed(
-        repr(log), (*words("sensor"), *numbers("least", "largest", "std. deviation")), rows
-    )
+    columns = {"sensor": "words", **dict.fromkeys(("least", "largest", "std. deviation"), "number")}
+    return _listed(repr(log), columns, rows)
 
 
 def estimate_table(estimate: Estimate) -> Text:
@@ -175,7 +164,7 @@ def frequency_table(found: FrequencyResponse) -> Text:
     parts = [np.einsum("fii->fi", std) / size for std in (found.noise_std, found.total_std)]
     quality = zip(found.joints, *(np.median(part, axis=0) for part in parts), strict=True)
     text = "Response of each motor: standard deviation, median over frequencies"
-    columns = (*words("joint"), *shares("by noise", "with nonlinear distortion"))
+    columns = {"joint": "words", "by noise": "share", "with nonlinear distortion": "share"}
     return joined(
         [
             repr(found),
@@ -204,7 +193,7 @@ def cross_check_text(check: CrossCheck) -> Text:
 def excitation_table(plan: Excitation) -> Text:
     """Return the criterion of a planned motion and the expected standard errors."""
     rows = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
-    columns = (Column("parameter", formats.GROUPING), Column("expected std. error"), *words("unit"))
+    columns = {"parameter": "grouping", "expected std. error": "number", "unit": "words"}
     return joined([repr(plan), *condition_lines(plan), _listed("Parameters", columns, rows)])
 
 
@@ -266,7 +255,7 @@ def _details(identification: Identification, *drives: Text) -> list[str]:
         *(_whole_body_table(identification) if drives else []),
         load_table("Base parameters", identification),
         checks_table(identification),
-        *(_feasible_text(identification.feasible) if identification.feasible is not None else []),
+        *map(feasible_text, [] if identification.feasible is None else [identification.feasible]),
     ]
 
 
@@ -354,7 +343,7 @@ def _fit_tables(identification: Identification) -> list[Text]:
     ]
     heads = ("own logs", "excluded blocks", "motor equation", "identified bodies", "robot file")
     title = "Unexplained torque, of that without its mean (rms)"
-    made = _listed(title, (*words("joint"), *shares(*heads)), rows)
+    made = _listed(title, {"joint": "words", **dict.fromkeys(heads, "share")}, rows)
     return [made, *_residual_text(identification)] if rows else []
 
 
@@ -378,12 +367,12 @@ def setup_table(found: SetupCheck) -> Text:
         )
         for joint, setup in found.joints.items()
     ]
-    errors = shares("error by file", "by any bodies", "motor equation")
-    measured = (
-        Column(head, formats.VALUE_AND_ERROR, is_optional=True)
-        for head in ("gear ratio", "torque delay [ms]")
+    columns = (
+        *(Column("joint", "words"), Column("swing"), Column("encoder slope")),
+        *(Column(x, "share") for x in ("error by file", "by any bodies", "motor equation")),
+        Column("gear ratio", "value and error", is_optional=True),
+        Column("torque delay [ms]", "value and error", is_optional=True),
     )
-    columns = (*words("joint"), *numbers("swing", "encoder slope"), *errors, *measured)
     made = _listed("Torques that the set-up as given leaves unexplained", columns, rows)
     nothing = [] if found.warnings else ["nothing contradicts the set-up"]
     if rows and not np.any(np.isfinite([row[2:6] for row in rows])):
@@ -437,20 +426,16 @@ def checks_table(identification: Identification) -> Text:
     return joined([*(table_text(x, title) for title, x in made.items() if x.rows), *poorly])
 
 
-def feasible_text(found: FeasibleParameters) -> Text:
+def feasible_text(feasible: FeasibleParameters) -> Text:
     """Return the summary of the physically consistent parameters."""
-    return joined(_feasible_text(found))
-
-
-def _feasible_text(feasible: FeasibleParameters) -> list[str]:
-    """Return the summary of the physically consistent parameters."""
-    return [
+    lines = [
         f"physically consistent parameters: chi-square {feasible.chi_square:.3g} over "
         f"{len(feasible.values)} values (at least {feasible.nearest_chi_square:.3g}); weight of "
         f"the prior {feasible.weight:.2g}, {feasible.freedom:.1f} values determined by the data",
         *(f"  active bound: {text}" for text in feasible.active_bounds),
         *(f"  {note}" for note in feasible.notes),
     ]
+    return joined(lines)
 
 
 def validation_table(result: Validation) -> Text:
@@ -539,10 +524,8 @@ def sensitivity_table(result: CutoffSensitivity) -> Text:
             result.names, result.values.T, selected, result.moves, result.units, strict=True
         )
     ]
-    columns = (
-        *(*words("parameter"), *numbers(*marked), Column("std. error", formats.TWO_DIGITS)),
-        *(*figures("change"), Column("unit", formats.UNIT)),
-    )
+    of_cutoffs = {"parameter": "words", **dict.fromkeys(marked, "number")}
+    columns = {**of_cutoffs, "std. error": "two digits", "change": "figure", "unit": "unit"}
     title = "Estimates over the cutoff; change: largest between half and twice the selected one"
     refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
     return joined([_listed(title, columns, rows), *refused])
@@ -632,13 +615,12 @@ def conditions_table(together: Conditions) -> Text:
         if name not in together.differences
     ]
     title = f"{len(named)} conditions: {{}} parameters (value +- standard error)"
-    parameter = Column("parameter", formats.GROUPING)
-    value = Column("all conditions", formats.VALUE_AND_ERROR)
-    common = _listed(title.format("shared"), (parameter, value), shared)
+    columns = {"parameter": "grouping", "all conditions": "value and error"}
+    common = _listed(title.format("shared"), columns, shared)
     if not rows:
         return common
-    values = (Column(name, formats.VALUE_AND_ERROR) for name in named)
-    columns = (parameter, *values, *numbers("F", "BIC"), *figures("differ"))
+    columns = {"parameter": "grouping", **dict.fromkeys(named, "value and error")}
+    columns |= {"F": "number", "BIC": "number", "differ": "figure"}
     return joined([_listed(title.format("condition-specific"), columns, rows), "", common])
 
 
@@ -667,10 +649,8 @@ def statics_table(found: StaticCalibration) -> Text:
 
 def terms_table(selection: TermSelection) -> Text:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
-    columns = (
-        *(*words("joint: term"), *figures("step"), *numbers("F", "BIC")),
-        *figures("excluded blocks", "better", "supported"),
-    )
+    columns = {"joint: term": "words", "step": "figure", "F": "number", "BIC": "number"}
+    columns |= dict.fromkeys(("excluded blocks", "better", "supported"), "figure")
     rows = [_term_row(term) for term in selection.comparisons]
     notes = [f"! {_label(term)}: {term.reason}" for term in selection.comparisons if term.reason]
     title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"

@@ -62,8 +62,8 @@ def read(text: str) -> float:
     ("shown", "value", "text"),
     [
         *((share, 0.0123, "1.2 %"), (share, 0.00073, "0.073 %"), (share, 0.996, "100 %")),
-        *((share, 3.28, "328 %"), (share, 0.0, "0 %"), (share, 2.1e-6, "0.0002 %")),
-        *((share, 3e-7, "< 0.0001 %"), (share, math.nan, "–"), (share, 1e6, "> 10⁴ %")),
+        *((share, 3.28, "328 %"), (share, 0.0, "0 %"), (share, 2.1e-6, "0.00021 %")),
+        *((share, 3e-7, "3·10⁻⁵ %"), (share, math.nan, "–"), (share, 1e6, "1·10⁸ %")),
         *((short, math.inf, "–"), (short, -0.00012345, "−0.000123")),
         *((short, -1.2345e-7, "−1.23·10⁻⁷"), (probability, 0.0, "< 10⁻¹⁶")),
         *((probability, 0.034, "0.034"), (seconds, 10.0, "10 s"), (seconds, 600.0, "10 min")),

@@ -296,7 +296,6 @@ NOTICES = {
     "needless-term": ("note", "Viscous friction of wrist: not supported by the data (BIC -4)"),
     "residual": ("note", "wrist (load side)"),
     "standstill": ("note", ""),
-    "badly-predicted": ("doubtful", "shoulder (load side) 35\N{NO-BREAK SPACE}%."),
     "saturation": ("doubtful", "It ends. It ends here."),
     "unseen-motion": ("wrong", "The model fails."),
 }

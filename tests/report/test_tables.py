@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from seaid.legged import ContactForces
-from seaid.report import comparison_of, formats, tables
-from seaid.report.formats import Cell, Column, Measured, Table, figures, shares, table_of, words
+from seaid.report import comparison_of, tables
+from seaid.report.formats import Cell, Column, Measured, Table, table_of
 from seaid.report.html_traces import Run
 from tests.experiments import arm, arm_found, arm_result, leg
 from tests.report.test_comparison import made, of_loads
@@ -55,7 +55,7 @@ def test_a_terminal_and_a_page_show_the_same_numbers(name: str) -> None:
 
 
 def test_a_unit_is_the_last_column_of_a_terminal_and_stays_in_its_place_on_a_page() -> None:
-    columns = (*words("joint"), Column("unit", formats.UNIT), *shares("error"))
+    columns = {"joint": "words", "unit": "unit", "error": "share"}
     table = table_of("a", "", columns, [("knee", "kg m^2", 0.5)])
     assert table.texts == (["joint", "error", "unit"], [["knee", "50 %", "kg m^2"]])
     assert [column.page_head for column in table.on_page] == ["Joint", "Unit", "Error"]
@@ -66,11 +66,11 @@ def test_a_unit_is_the_last_column_of_a_terminal_and_stays_in_its_place_on_a_pag
 
 def test_columns_of_one_place_and_columns_without_a_value_are_left_out() -> None:
     columns = (
-        *words("joint"),
-        Column("nominal", formats.NOMINAL, is_optional=True),
-        Column("interval", formats.INTERVAL, "page"),
-        Column("off", formats.OFF, "text"),
-        *figures("note"),
+        Column("joint", "words"),
+        Column("nominal", "nominal", is_optional=True),
+        Column("interval", "interval", "page"),
+        Column("off", "off", "text"),
+        Column("note", "figure"),
     )
     unknown, known = Measured(2.0, 0.5, 1.0, 3.0), Measured(2.0, 0.5, 1.0, 3.0, nominal=1.0)
     bare = table_of("a", "", columns, [("knee", *[unknown] * 3, "–")])
