@@ -22,7 +22,7 @@ from seaid.identification import Identification, StaticCalibration, Validation
 from seaid.identification.validation import compared
 from seaid.report import figures, formats, html_experiment, tables
 from seaid.report.comparison import Difference, comparison_of
-from seaid.report.formats import is_partial, probability, rendered, share, short
+from seaid.report.formats import probability, rendered, share, short
 from seaid.report.html_charts import Axis, Layer, chart, traces_chart
 from seaid.report.html_robot import Label, Posture, posture_of, robot_picture
 from seaid.report.html_traces import Run, traces_of
@@ -115,7 +115,7 @@ def write_report(
         **{"tables": tables, "figures": figures},
         **{"experiment": html_experiment, "codes": CODES},
         "base": tables.load_table(identification.load, values.bodies),
-        **_fact_content(_checked_facts(facts or {})),
+        "facts": _checked_facts(facts or {}),
         **_motions(identification, runs, values, posture, moved, tuple(notes)),
         "replays": [_replay(identification, replay) for replay in moved],
         "parameters": _packed_parameters(identification, results),
@@ -200,29 +200,14 @@ def write_calibration(found: StaticCalibration, path: str | Path, *, name: str =
     >>> seaid.report.write_calibration(found, "weights.html", name="knee")
     """
     path = _page_path(path)
-    statics, law = found.statics, found.load_at(found.statics.reading)
-    estimate = found.estimate
-    friction = estimate.value("friction") if "friction" in estimate.names else 0.0
-    direction = np.asarray(statics.direction)
-    x = np.linspace(float(statics.reading.min()), float(statics.reading.max()), 161)
+    statics = found.statics
+    reading, load, direction = statics.reading, statics.load, np.asarray(statics.direction)
+    residual, ways = load - found.load_at(reading), {"up": direction >= 0, "down": direction < 0}
+    x = np.linspace(float(reading.min()), float(reading.max()), 161)
+    samples = [Layer(reading[of], load[of], f"sample {way}") for way, of in ways.items()]
+    curves = [*samples, Layer(x, found.load_at(x), "identified", "line")]
+    residuals = [Layer(load[of], residual[of], f"sample {way}") for way, of in ways.items()]
     axes = Axis("reading", statics.reading_unit), Axis("load", statics.load_unit)
-    residual = statics.load - law
-    up, down = direction >= 0, direction < 0
-    curves = [
-        Layer(statics.reading[up], statics.load[up], "sample up"),
-        Layer(statics.reading[down], statics.load[down], "sample down"),
-        Layer(x, found.load_at(x), "identified", "line"),
-    ]
-    residuals = [
-        Layer(statics.load[up], residual[up], "sample up"),
-        Layer(statics.load[down], residual[down], "sample down"),
-        *(
-            Layer(statics.load[of], np.full(int(of.sum()), level), "identified", "line")
-            # Load = law + friction sign(direction): what the law leaves is one level per direction.
-            for of, level in ((up, friction), (down, -friction))
-            if friction and of.any()
-        ),
-    ]
     page = rendered(
         "calibration.html.j2",
         robot=name,
@@ -326,12 +311,6 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
-def _fact_content(facts: Sequence[tuple[str, str]]) -> dict[str, Any]:
-    """Return the command of the facts, which is shown as code, and the others."""
-    command = [text for name, text in facts if name.lower() == "command"]
-    return {"command": command, "facts": [x for x in facts if x[0].lower() != "command"]}
-
-
 def _motions(
     identification: Identification,
     runs: Sequence[Run],
@@ -427,11 +406,10 @@ def _labels(
     flagged = {joint for n in notices if n.severity != "note" for joint in n.joints}
     # Rows of the load side come last, and replace those of the actuator side.
     errors = {row.joint: row.relative_error for row in tables.error_rows(pictured, result.robot)}
-    at_rest = set().union(*map(_standing_joints, pictured))
     return {
         joint: Label(
             joint,
-            f"{share(errors[joint])} error" if joint in errors else _NO_ERROR[joint in at_rest],
+            f"{share(errors[joint])} error" if joint in errors else "not compared",
             formats.explained_as(errors.get(joint, np.nan)),
             joint in flagged,
         )
@@ -439,41 +417,12 @@ def _labels(
     }
 
 
-def _standing_joints(run: Run) -> set[str]:
-    """Return the joints of which no sample counts on a side, as their motors stand still."""
-    shares = np.array([run.result.actuator.counted_share, run.result.load.counted_share])
-    return {joint for joint, x in zip(run.result.joints, shares.T, strict=True) if 0.0 in x}
-
-
-_NO_ERROR = {False: "no torque", True: "stands still"}
-
-
 def _bars(pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
-    """Return the errors before and after by side, the largest first, and that of a whole bar."""
+    """Return the errors before and after, the largest first, and that of a whole bar."""
     rows = [row for run in pictured for row in before_and_after(nominal, run)]
     rows.sort(key=lambda row: -row.relative_error)
     errors = [x for row in rows for x in (row.before, row.relative_error) if np.isfinite(x)]
-    return {
-        "full": min(max(errors, default=1.0), 1.0) or 1.0,
-        "has_rests": any(is_partial(row.counted_share) for row in rows),
-        "sides": [*_bars_by_side(rows)],
-    }
-
-
-def _bars_by_side(rows: Sequence[tables.ErrorRow]) -> Iterator[dict[str, Any]]:
-    """Yield title, reason and rows of each side that has errors."""
-    for side, title in _BAR_TITLES.items():
-        if of_side := [row for row in rows if row.side == side]:
-            yield {"name": title, "reason": _common_reason(of_side), "rows": of_side}
-
-
-_BAR_TITLES = {"load": "Torque on the load", "actuator": "Torque of the motor"}
-
-
-def _common_reason(rows: Sequence[tables.ErrorRow]) -> str:
-    """Return why the torques have no error before, if all have the same reason."""
-    reasons = {row.reason for row in rows}
-    return reasons.pop() if len(reasons) == 1 else ""
+    return {"rows": rows, "full": min(max(errors, default=1.0), 1.0) or 1.0}
 
 
 def _packed_parameters(identification: Identification, results: Sequence[Validation]) -> str:

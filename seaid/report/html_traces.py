@@ -59,10 +59,13 @@ def traces_of(identification: Identification, runs: Sequence[Run]) -> dict[str, 
     count = sum(map(_count, runs))
     room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
     lines = _LINES if count <= _MANY else _FEW_LINES
+    joints = list(identification.robot.joint_names)
     return {
-        "joints": list(identification.robot.joint_names),
+        "joints": joints,
         "units": {side: torque_units(identification.robot, side) for side in SIDES},
-        "sources": {side: _sources(identification, side) for side in SIDES},
+        "sources": {
+            side: [_source(identification, joint, side) for joint in joints] for side in SIDES
+        },
         "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
     }
 
@@ -91,43 +94,29 @@ def _joints_with_traces(fit: Fit) -> list[int]:
     return [int(i) for i in np.flatnonzero(np.any(np.isfinite(fit.measured), axis=0))]
 
 
-def _sources(identification: Identification, side: str) -> list[str]:
-    """Return for each joint the source of the measured torque."""
-    source = _motor_source if side == "actuator" else _load_source
-    return [source(identification, joint) for joint in identification.robot.joint_names]
+def _source(identification: Identification, joint: str, side: str) -> str:
+    """Return the source of the measured torque of a joint on a side."""
+    known = identification.known
+    source = _logged(identification, joint)
+    if side == "actuator" or known.drives[joint] == IDEAL_DRIVE:
+        return source
+    if joint in identification.springs:
+        return "the torque of the identified spring at its measured deflection, (4b)"
+    if joint in known.elastic_joints:
+        return "the torque of the sensor at the joint"
+    return f"{source}, at the joint, minus that of a known rotor"
 
 
-def _motor_source(identification: Identification, joint: str) -> str:
-    kind = identification.known.drives[joint].motor_input
+def _logged(identification: Identification, joint: str) -> str:
+    """Return what a log has of the torque of a motor."""
+    kind, index = identification.known.drives[joint].motor_input, identification.known.index(joint)
     if kind in COMMANDS:
         return "the torque that the controller gives for the logged command"
     if kind != "torque":
         return f"the motor's {kind} times the identified constant"
-    if not _has_motor_torque(identification, joint):
-        return "the spring torque by the sensor at the joint, reflected to the motor"
-    return "the logged motor torque"
-
-
-def _load_source(identification: Identification, joint: str) -> str:
-    drive = identification.known.drives[joint]
-    if joint in identification.springs:
-        return "the torque of the identified spring at its measured deflection, (4b)"
-    if joint in identification.known.elastic_joints:
-        return "the torque of the sensor at the joint"
-    if drive.motor_input in COMMANDS:
-        return "the torque that the controller gives for the logged command, at the joint"
-    if drive.motor_input != "torque":
-        return f"the motor's {drive.motor_input} times the identified constant, at the joint"
-    if drive == IDEAL_DRIVE:
-        return "the logged torque at the joint"
-    if not _has_motor_torque(identification, joint):
-        return "the logged torque at the joint, minus that of a known rotor"
-    return "the logged motor torque, reflected to the joint, minus that of a known rotor"
-
-
-def _has_motor_torque(result: Identification, joint: str) -> bool:
-    index = result.known.index(joint)
-    return all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in result.motions)
+    if all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in identification.motions):
+        return "the logged motor torque"
+    return "the torque of the sensor at the joint"
 
 
 _LONG_STAMP_S = 1e4
@@ -229,17 +218,10 @@ def _inside(result: Validation) -> slice:
 
 def _thinned_text(step: int, width: int, rate_hz: float, cutoff_hz: float) -> str:
     if width:
-        return (
-            f"Thinned to the smallest and largest sample of every {width} "
-            f"({1e3 * width / rate_hz:.3g} ms): peaks are preserved, details between them are "
-            "not in this page."
-        )
-    if step > 1:
-        return (
-            f"Every {step}th sample of {rate_hz:.4g} Hz is drawn, which shows all of a signal "
-            f"low-pass filtered at {cutoff_hz:.3g} Hz."
-        )
-    return "Every sample is drawn."
+        interval = f"{width} samples ({1e3 * width / rate_hz:.3g} ms)"
+        return f"Thinned to the smallest and largest sample of {interval}: peaks are preserved."
+    kept = f"every {step}th sample" if step > 1 else "every sample"
+    return f"Drawn is {kept} of {rate_hz:.4g} Hz, low-pass filtered at {cutoff_hz:.3g} Hz."
 
 
 def _packed_side(

@@ -260,7 +260,7 @@ def test_more_motions_than_there_is_room_for_are_counted(
 
 
 def test_what_a_validation_may_have_changes_its_page(tmp_path: Path) -> None:
-    """The temperature of one motor, and a joint whose motor never moves."""
+    """The temperature of one motor, and a joint without a sample that counts."""
     found, result = arm_found(), arm_result()
     warmth = np.full((len(result.motions[0].time), found.robot.n), np.nan)
     warmth[:, 0] = np.linspace(25.0, 60.0, len(warmth))
@@ -276,7 +276,7 @@ def test_what_a_validation_may_have_changes_its_page(tmp_path: Path) -> None:
     assert others == [None] * (found.robot.n - 1)
     assert unpacked(first)[[0, -1]] == pytest.approx([25.0, 60.0], abs=1.5)
     assert np.all(np.diff(unpacked(first)) >= 0)
-    assert "stands still" in page.words
+    assert "not compared" in page.words
 
 
 def test_hostile_names_are_text(tmp_path: Path) -> None:
