@@ -190,8 +190,8 @@ def setup_table(identification: Identification) -> Table:
         "found": "value",
         "95 % interval": "interval",
         "as given": "given",
-        "off by [s.e.]": "off",
         "unit": "unit",
+        "off by [s.e.]": "off",
     }
     rows = [
         (joint, quantity, *[found] * (len(columns) - 2))

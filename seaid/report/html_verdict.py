@@ -210,21 +210,25 @@ NO_BODIES = "the robot file has no inertial values"
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """The `result` with the values of the robot files in place of the estimates, zero without one.
+    """The `result` with the values of a robot's files in place of the estimates, zero without one.
 
-    `bodies` are the base parameters among them, None without inertial values; `absent`
-    {(side, joint): names} are the parameters without a value.
+    `bodies` are the base parameters among them, None without inertial values.
     """
 
     result: Identification
+    robot: Robot
     bodies: Array | None
-    absent: dict[tuple[str, str], list[str]]
 
     def lack(self, side: str, joint: str) -> tuple[str, bool]:
         """Return what a torque is without, and whether it can be predicted nevertheless."""
         if side == "load" and self.bodies is None:
             return NO_BODIES, False
-        names = self.absent.get((side, joint), [])
+        model = self.result.model
+        places = (*model.drives, *model.absorbed)
+        names = [name for of, name, _ in places if of == joint]
+        if side == "actuator":
+            names = list(self.result.drive_side[joint].names)
+        names = [name for name in names if name not in {*self.robot.drives[joint].values, *_ZEROS}]
         listed = ", ".join(name.replace("_", " ") for name in names)
         if _NEEDED & set(names):
             return f"no nominal {listed}", False
@@ -246,32 +250,12 @@ def nominal_values(result: Identification, robot: Robot) -> Nominal:
     load = load + model.absorption @ values[count:]
     load = np.concatenate([load, np.zeros(len(result.load_side.names) - len(load))])
     has_bodies = not np.any(np.isnan(robot.parameters))
+    load_side = replace(result.load_side, values=load)
     return Nominal(
-        replace(
-            result,
-            drive_side=FrozenMapping(drives),
-            load_side=replace(result.load_side, values=load),
-        ),
+        replace(result, drive_side=FrozenMapping(drives), load_side=load_side),
+        robot,
         load[: len(result.load.names)] if has_bodies else None,
-        _absent(result, robot),
     )
-
-
-def _absent(result: Identification, robot: Robot) -> dict[tuple[str, str], list[str]]:
-    """Return {(side, joint): parameters without a nominal value, which a file could have}."""
-    places: list[tuple[str, str, str]] = [
-        ("actuator", joint, name)
-        for joint, estimate in result.drive_side.items()
-        for name in estimate.names
-        if name not in _ZEROS
-    ]
-    model = result.model
-    places += [("load", joint, name) for joint, name, _ in (*model.drives, *model.absorbed)]
-    absent: dict[tuple[str, str], list[str]] = {}
-    for side, joint, name in places:
-        if name not in robot.drives[joint].values:
-            absent.setdefault((side, joint), []).append(name)
-    return absent
 
 
 def _drive_values(estimate: Estimate, drive: Drive) -> Array:

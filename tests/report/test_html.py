@@ -164,10 +164,10 @@ def test_delays_and_gear_ratios_stand_next_to_what_was_given() -> None:
     assert low < 20 < high
     assert telescope[2] == "20"
     assert [cell.text for cell in rows["wrist", "gear ratio"]] == [
-        *("49.900", "49.880 … 49.920", "50", "−10", "")
+        *("49.900", "49.880 … 49.920", "50", "", "−10")
     ]
     assert [cell.text for cell in rows["wrist", "delay of motor torque"]] == [
-        *("4.00", "3.02 … 4.98", "0", "8", "ms")
+        *("4.00", "3.02 … 4.98", "0", "ms", "8")
     ]
 
 
