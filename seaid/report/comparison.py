@@ -127,17 +127,14 @@ class Comparison(Result):
     dependence: Dependence
 
     def _in_short(self) -> str:
-        significant = sum(d.is_significant for d in self.differences)
-        total = counted(len(self.differences), "parameter")
-        return f"{self.names[0]}, {self.names[1]}: {significant} of {total} differ significantly"
+        return f"{self.names[0]}, {self.names[1]}: {self.sentence.partition('. ')[0]}"
 
     @property
     def sentence(self) -> str:
         """How many parameters differ, and what the standard errors of the differences assume."""
-        significant = [d.text for d in self.differences if d.is_significant]
+        significant = sum(difference.is_significant for difference in self.differences)
         total = counted(len(self.differences), "parameter")
-        count = f"{len(significant)} of {total} differ significantly"
-        return f"{count}. {_SENTENCES[self.dependence]}"
+        return f"{significant} of {total} differ significantly. {_SENTENCES[self.dependence]}"
 
 
 @checked(IdentificationError)

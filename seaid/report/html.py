@@ -288,17 +288,14 @@ def _checked(
     identification: Identification, results: Validation | Iterable[Validation]
 ) -> list[Validation]:
     every = [results] if isinstance(results, Validation) else list(results)
+    joints = identification.robot.joint_names
     for validation in every:
         if not isinstance(validation, Validation):
             kind = type(validation).__name__
             raise SeaidError(f"validations= must be Validations, found {kind}")
-        if validation.joints != identification.robot.joint_names:
-            raise SeaidError(
-                f"validations: a validation of the joints {', '.join(validation.joints)}, but the "
-                f"identified robot '{identification.robot.name}' has "
-                f"{', '.join(identification.robot.joint_names)}: validate the identification of "
-                "the report"
-            )
+        if validation.joints != joints:
+            remedy = "a validation of the identification of the report"
+            raise _other_joints("validations=", validation.joints, joints, remedy)
     return every
 
 

@@ -223,16 +223,19 @@ class Nominal:
         """Return what a torque is without, and whether it can be predicted nevertheless."""
         if side == "load" and self.bodies is None:
             return NO_BODIES, False
-        model = self.result.model
-        places = (*model.drives, *model.absorbed)
-        names = [name for of, name, _ in places if of == joint]
-        if side == "actuator":
-            names = list(self.result.drive_side[joint].names)
-        names = [name for name in names if name not in {*self.robot.drives[joint].values, *_ZEROS}]
-        listed = ", ".join(name.replace("_", " ") for name in names)
-        if _NEEDED & set(names):
+        known = {*self.robot.drives[joint].values, *_ZEROS}
+        absent = [name for name in self._names(side, joint) if name not in known]
+        listed = ", ".join(name.replace("_", " ") for name in absent)
+        if _NEEDED & set(absent):
             return f"no nominal {listed}", False
-        return f"without {listed}" if names else "", True
+        return f"without {listed}" if absent else "", True
+
+    def _names(self, side: str, joint: str) -> Sequence[str]:
+        """Return the parameters of the drive of a joint in the equation of a side."""
+        if side == "actuator":
+            return self.result.drive_side[joint].names
+        model = self.result.model
+        return [name for of, name, _ in (*model.drives, *model.absorbed) if of == joint]
 
 
 def nominal_values(result: Identification, robot: Robot) -> Nominal:

@@ -526,7 +526,12 @@ LIST = "validations= must be a Validation or a list of Validations, found "
         ("page.html", [1], None, f"{LIST}a list with 1"),
         ("page.html", iter([1]), None, "validations= must be Validations, found int"),
         ("page.html", None, None, "found None; make one with seaid.validate(identification, log)"),
-        ("page.html", [OTHER], None, "a validation of the joints other, but the identified robot"),
+        (
+            "page.html",
+            [OTHER],
+            None,
+            "validations=: the joints other, but the identified robot has",
+        ),
         ("page.html", [], {"a": [1]}, "found a dict with a list, which must be a name"),
         ("page.html", [], {1: "a"}, "facts= must be {name: text or number}, found"),
         ("page.html", [], ["a"], "facts= must be a mapping, found"),
