@@ -106,20 +106,17 @@ def posture_of(identification: Identification) -> Posture:
     data, order = model.createData(), list(robot.model_order)
     # Columns (linear, angular) in the frame of the base: a prismatic axis is the linear part.
     jacobian = pin.computeJointJacobians(model, data, robot.to_model(q)).reshape(6, -1)
-    (origins, axes), turns = np.empty((2, model.nv, 3)), np.empty((model.nv, 3, 3))
-    parents = [-1] * model.nv
-    frames, joints, links = data.oMi, model.joints, list(model.parents)  # each is made anew
-    for place, index in enumerate(order):
-        frame = frames[place + 1]
-        origins[index], turns[index] = frame.translation, frame.rotation
-        column = jacobian[:, joints[place + 1].idx_v]
-        axes[index] = column[:3] if robot.all_prismatic[index] else column[3:]
-        above = links[place + 1]
-        parents[index] = order[above - 1] if above else -1
+    slides = np.array(robot.all_prismatic, dtype=bool)[order]
+    axes = np.where(slides, jacobian[:3], jacobian[3:]).T
+    frames = np.array([frame.homogeneous for frame in data.oMi.tolist()[1:]]).reshape(-1, 4, 4)
+    parents = [order[above - 1] if above else -1 for above in list(model.parents)[1:]]
+    # From the order of Pinocchio's model to that of the robot.
+    places = np.argsort(order)
+    origins, turns = frames[places, :3, 3], frames[places, :3, :3]
     gravity = model.gravity.linear
     size = float(np.linalg.norm(gravity))
     up = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    return Posture(robot, origins, axes, turns, tuple(parents), up)
+    return Posture(robot, origins, axes[places], turns, tuple(parents[k] for k in places), up)
 
 
 def center_of_mass(parameters: Array) -> Array | None:

@@ -190,12 +190,11 @@ def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
 
 def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
-    from scipy import fft
+    from scipy.signal import correlate
 
     centred = np.nan_to_num(trace - np.nanmean(trace))
-    # Padded to twice the length: a shorter transform would add the correlation of the wrapped ends.
-    spectrum = np.abs(fft.rfft(centred, fft.next_fast_len(2 * len(centred)))) ** 2
-    correlation = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
+    # Of all lags from -T + 1 to T - 1, that of zero is in the middle.
+    correlation = correlate(centred, centred, method="fft")[lags + len(centred) - 1]
     return np.asarray(correlation / max(float(centred @ centred), 1e-300))
 
 
@@ -219,7 +218,7 @@ def _inside(result: Validation) -> slice:
 def _thinned_text(step: int, width: int, rate_hz: float, cutoff_hz: float) -> str:
     if width:
         interval = f"{width} samples ({1e3 * width / rate_hz:.3g} ms)"
-        return f"Thinned to the smallest and largest sample of {interval}: peaks are preserved."
+        return f"Thinned to the smallest and largest of every {interval}: peaks are preserved."
     kept = f"every {step}th sample" if step > 1 else "every sample"
     return f"Drawn is {kept} of {rate_hz:.4g} Hz, low-pass filtered at {cutoff_hz:.3g} Hz."
 
