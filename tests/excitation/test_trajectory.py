@@ -90,9 +90,9 @@ def test_set_points_have_their_units_in_the_header(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
 def test_a_rate_must_be_more_than_zero(tmp_path: Path, rate: float) -> None:
-    with pytest.raises(ExcitationError, match="rate_hz must be more than 0, found"):
+    with pytest.raises(ExcitationError, match="rate_hz must be finite and more than 0, found"):
         resting().save_set_points(tmp_path / "motion.csv", rate_hz=rate)
-    with pytest.raises(ExcitationError, match="rate_hz must be more than 0, found"):
+    with pytest.raises(ExcitationError, match="rate_hz must be finite and more than 0, found"):
         resting().joint_trajectory(rate)
     assert not list(tmp_path.iterdir())
 
