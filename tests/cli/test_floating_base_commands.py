@@ -52,7 +52,9 @@ def test_a_saved_run_and_its_report_have_the_floating_base(tmp_path: Path) -> No
     assert np.max(again.load.relative_error) < 0.01
     page = tmp_path / "go2.html"
     done("report", "--run", run, "--validate", tmp_path / "sway.csv", "-o", page)
-    assert "base, identified: " in page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    assert '<th scope="row">base</th>' in text  # among the links, and forces of the feet
+    assert all(f'<th scope="row">{foot}</th>' in text for foot in FEET.split(","))
     done("export", "--run", run, "-o", tmp_path / "go2.xml")
     assert "freejoint" in (tmp_path / "go2.xml").read_text(encoding="utf-8")
 
