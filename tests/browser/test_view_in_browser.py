@@ -158,6 +158,8 @@ def test_small_page_has_its_controls_below_the_robot(
     plots.scroll_into_view_if_needed()
     plots.click()
     chart = small.locator(".uplot canvas").first
+    chart.wait_for()
+    small.wait_for_timeout(1000)  # the plot is drawn anew in the width of the open panel
     chart.scroll_into_view_if_needed()
     small.wait_for_timeout(500)
     wide = chart.bounding_box()
