@@ -21,6 +21,7 @@ from seaid.errors import (
     IdentificationError,
     SeaidError,
     UnknownNameError,
+    checked,
     listed,
     shortened,
     unknown_name,
@@ -150,6 +151,7 @@ class Estimate(Result):
         np.fill_diagonal(correlation, 1.0)
         return correlation
 
+    @checked(SeaidError)
     def interval(self, level: float = 0.95) -> Array:
         """Return the lower and upper bounds (p, 2) of the confidence intervals.
 

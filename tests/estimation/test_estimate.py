@@ -53,6 +53,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
         (partial(FOUND.interval, level), "level must be between 0 and 1")
         for level in (0.0, 1.0, 95)
     ),
+    (lambda: FOUND.interval("a"), "level= must be a number, found the text 'a'"),  # type: ignore[arg-type]
     (partial(FOUND.value, "d"), "no parameter is named 'd'; allowed: a, b, c"),
     (partial(of_shapes, np.zeros(2), np.eye(1)), "values must have shape"),
     (partial(of_shapes, np.zeros(1), np.eye(2)), "covariance must have shape"),
