@@ -22,7 +22,7 @@ from seaid.errors import Finding, listed
 from seaid.estimation.qr_factor import deleted_residual, scaled_svd
 from seaid.log import Log, Processing
 from seaid.log.description import as_toml, changed_source
-from seaid.log.repair.channels import held_over, wrap_period
+from seaid.log.repair.channels import held_over, saturated, wrap_period
 from seaid.log.usable_parts import REST
 from seaid.regressor.regression import INPUT_FIELDS
 from seaid.robot import Robot
@@ -367,29 +367,25 @@ def _saturated(logged: Logged) -> Iterator[Finding]:
     """Yield the channels that stay at their extremes: of each the log that does so longest."""
     longest: dict[tuple[str, str], tuple[float, str, float]] = {}
     for name, log in logged.named:
-        for channel in channels_of(log, logged.used, *INPUT_FIELDS.values()):
-            share, key = _share_at_limit(channel.values), (channel.quantity, channel.joint)
+        for channel in channels_of(log, logged.used, *INPUT_FIELDS.values(), "joint_torque"):
+            stuck, key = saturated(channel.values), (channel.quantity, channel.joint)
+            share = float(np.mean(stuck))
             if share > longest.get(key, (tol.FEW,))[0]:
-                longest[key] = share, name, channel.largest
+                longest[key] = share, name, float(np.max(np.abs(channel.values[stuck])))
     for (quantity, joint), (share, name, limit) in longest.items():
+        text, remedy = "a command there is not what the motor gave", "log the measured current"
+        if quantity == "joint_torque":
+            text = "its sensor does not measure the torques beyond it"
+            remedy = "leave the column of this sensor out of the description of the log"
         yield CODES["saturation"].finding(
             f"the {quantity.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
-            f"{share:.1%} of the time of {name}: a command there is not what the motor gave",
+            f"{share:.1%} of the time of {name}: {text}",
             joint,
-            "doubtful" if quantity == "motor_torque" else "note",
-            {"share at the limit": share},
-            "record a slower motion, or log the measured current",
+            "doubtful" if quantity.endswith("torque") else "note",
+            {"share at the limit": share, "limit": limit},
+            f"record a slower motion, or {remedy}",
             "certain",
         )
-
-
-def _share_at_limit(values: Array) -> float:
-    """Return the share of samples (T,) in runs at the largest or smallest value."""
-    if len(np.unique(values)) < tol.LEVELS:
-        return 0.0
-    at_limit = (values == np.max(values)) | (values == np.min(values))
-    # EVENTS samples in a row: noise alone reaches an extreme for a sample.
-    return float(np.mean(np.convolve(at_limit, np.ones(tol.EVENTS), mode="same") >= tol.EVENTS))
 
 
 def _locked(logged: Logged) -> Iterator[Finding]:

@@ -92,9 +92,6 @@ LONGEST_M = 20.0
 STRONGEST_M_PER_S2 = 30.0
 """Gravity [m/s^2] that no planet has: that of Jupiter is 25."""
 
-LEVELS = 50
-"""Least number of different values of a channel whose extremes and zeros mean something."""
-
 EVENTS = 8
 """Least number of events that chance does not make: a signed torque is below zero after half of
 its returns to it, so that none of eight is has a probability of 1/256."""

@@ -394,6 +394,23 @@ def _servo_with_payload() -> tuple[Robot, Log]:
     return replace(robot, effort_limits=np.array([np.inf])), log
 
 
+@pytest.mark.parametrize("case", ["leg", "arm"])
+@pytest.mark.parametrize("channel", ["motor_torque", "joint_torque"])
+def test_a_torque_that_ends_at_a_limit_is_named_with_its_level(case: str, channel: str) -> None:
+    robot, log = ROBOTS[case][0](), ROBOTS[case][1]()
+    right = replace(log, joint_torque=10 * log.motor_torque)
+    assert log_findings(robot, [right]) == []
+    torque = getattr(right, channel).copy()
+    limit = float(np.quantile(torque[:, 1], 0.8))
+    torque[:, 1] = np.minimum(torque[:, 1], limit)
+    changed: dict[str, Any] = {channel: torque}
+    (finding,) = log_findings(robot, [replace(right, **changed)])
+    assert (finding.code, finding.joint) == ("saturation", robot.joint_names[1])
+    assert (finding.severity, channel.replace("_", " ") in finding.message) == ("doubtful", True)
+    assert finding.evidence["limit"] == pytest.approx(abs(limit))
+    assert finding.evidence["share at the limit"] == pytest.approx(0.2, abs=0.01)
+
+
 def stopped(case: str, joint: str, share: float, size: float) -> tuple[Robot, Log, Log]:
     """Return a robot whose joint meets an elastic stop in a share of its samples, and its logs.
 
