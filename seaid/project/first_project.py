@@ -19,7 +19,7 @@ from seaid._files import PROJECT_FILE, from_template, read_toml, write_whole
 from seaid._progress import Display
 from seaid.checks import JointCheck
 from seaid.checks.commands import is_unsigned, no_measurements
-from seaid.checks.tolerances import BODY, POOR
+from seaid.checks.tolerances import BODY, LARGEST_RATIO, POOR
 from seaid.drives import COMMANDS, Controller, SeriesElasticDrive, drive_table, read_drives
 from seaid.drives.terms import MotorInput
 from seaid.drives.toml import drives_from_mapping
@@ -532,11 +532,8 @@ mean step that is no change, where larger steps count more."""
 _SPRING = 0.5
 """Part of the difference of the encoders that follows the torque from which it is a spring."""
 
-_MOVES_RAD, _MOVES_M = 0.05, 0.005
-"""Least range of a joint that shows a gear ratio."""
-
-_STANDS = 1e-3
-"""Motion of a locked output over that of its motor before the gear."""
+_MOVES = {False: 0.05, True: 0.005}
+"""{whether a joint slides: least range [rad or m] that shows a gear ratio}."""
 
 _BAND_HZ, _WIDTH = 5.0, 0.05
 """Low pass of the signals from which a gear ratio is inferred, in which robots move and encoders
@@ -658,11 +655,15 @@ def _input(sensors: Set[str]) -> MotorInput | Literal[""]:
     return next((kind for kind in _INPUTS if f"motor_{kind}" in sensors), "")
 
 
-def _has_locked_output(log: Log, index: int) -> bool:
-    """Return whether the position of a joint is logged and hardly changes while its motor moves."""
+def _has_locked_output(log: Log, index: int, slides: bool) -> bool:
+    """Return whether the position of a joint is logged and hardly changes while its motor moves.
+
+    That is by more than any gear or screw explains.
+    """
     motor, joint = log.motor_position[:, index], log.joint_position[:, index]
     has_both = bool(np.all(np.isfinite(joint)) and np.all(np.isfinite(motor)))
-    return has_both and float(np.ptp(joint)) < min(_MOVES_RAD, _STANDS * float(np.ptp(motor)))
+    least = min(_MOVES[slides], float(np.ptp(motor)) / LARGEST_RATIO[slides])
+    return has_both and float(np.ptp(joint)) < least
 
 
 def _unscaled(
@@ -734,7 +735,7 @@ def _spring_without_gear(
     # The spring of a joint that slides is behind a pulley or a screw, whose radius is its ratio.
     key = "motor_pulley_radius_m" if robot.is_prismatic[index] else "gear_ratio"
     table: _Table = {"type": "series_elastic", "gear_ratio": 1.0, key: 1.0}
-    if log is not None and _has_locked_output(log, index):
+    if log is not None and _has_locked_output(log, index, robot.is_prismatic[index]):
         return _Drive({**table, key: _GAP}, _doubt("locked_output", key=key))
     if robot.drives[robot.joint_names[index]].is_elastic and "deflection" not in channels:
         return _Drive(table, _doubt("of_deflection", key=key))
@@ -816,19 +817,19 @@ def _drive_of_encoders(
 ) -> _Drive:
     """Return the drive of a joint with two encoders, and the doubt about it."""
     motor, joint = sensors["motor_position"], sensors["joint_position"]
-    unit, least = ("m", _MOVES_M) if robot.is_prismatic[index] else ("rad", _MOVES_RAD)
+    slides = robot.is_prismatic[index]
     if np.array_equal(motor, joint):
         return _Drive(None, _doubt("same_values"))
-    if np.ptp(joint) < least:
+    if np.ptp(joint) < _MOVES[slides]:
         return _Drive(None, _doubt("hardly_moves"))
     ratio, explained, error = _ratio_with_drift(time, sensors)
     spread = float(np.std(motor / ratio - joint))
-    values = {"spread": spread, "unit": unit, "explained": explained}
+    values = {"spread": spread, "unit": "m" if slides else "rad", "explained": explained}
     values["backwards"] = _doubt("backwards") * (ratio < -error)
     key, ratio = _ratio_key(robot, index), abs(ratio)
     table: _Table = {"type": "stiff", key: float(f"{ratio:.5g}"), f"{key}_std": error}
     explains = explained > _SPRING or "deflection" in sensors
-    if explains and robot.is_prismatic[index]:  # behind a screw, as behind a pulley
+    if explains and slides:  # behind a screw, as behind a pulley
         key, radius = "motor_pulley_radius_m", float(f"{1 / ratio:.5g}")
         table = {"gear_ratio": 1.0, key: radius, f"{key}_std": radius * error / ratio}
     if explains:

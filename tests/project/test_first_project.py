@@ -24,7 +24,7 @@ from tests import experiments
 from tests.legged.test_floating_base import base_of, swayed
 from tests.measured import LOGS
 from tests.one_joint import chain, one_joint
-from tests.plants import write_columns
+from tests.plants import log_with, write_columns
 
 MODELS = experiments.MODELS
 
@@ -49,6 +49,22 @@ def test_gear_ratios_and_springs_come_from_both_encoders(tmp_path: Path) -> None
     assert any(one.startswith("knee_pitch: gear_ratio = ") for one in made.doubts)
     text = (tmp_path / "seaid.toml").read_text()
     assert text.count("# unsure: ") == len(made.doubts)
+
+
+def test_a_slide_that_moves_by_millimetres_is_not_locked(tmp_path: Path) -> None:
+    """A screw with a lead of 4 mm turns 1571 rad/m: 44 mm are little next to 69 rad only."""
+    time = np.arange(4000) / 200
+    q = 0.015 * np.sin(time) + 0.007 * np.sin(3.1 * time)
+    torque = 0.001 * np.sign(np.cos(time)) + 0.002 * np.sin(2.3 * time)
+    columns = {"motor_position": 1571 * (q + 0.02 * torque), "joint_position": q}
+    log = log_with(
+        one_joint(tmp_path, "prismatic").joint_names, time, motor_torque=torque, **columns
+    )
+    tables, doubts = inferred_drives(one_joint(tmp_path, "prismatic"), [log])
+    assert not any("locked" in doubt for doubt in doubts)
+    (table,) = tables.values()
+    ratio = table.get("gear_ratio_rad_per_m") or 1 / table["motor_pulley_radius_m"]
+    assert ratio == pytest.approx(1571, rel=0.02)
 
 
 @pytest.mark.slow  # 2.3 s
