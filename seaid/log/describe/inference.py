@@ -74,8 +74,9 @@ _LOOP_SLOPE, _SMOOTH, _LEAST_LOOP = 1.6, 5, 100
 ten robots: 0.95 to 1.11; a weight adds its stiffness over the gain); samples of the moving averages
 before derivatives; least samples."""
 
-_UNIT_SPREAD = 0.05
-"""Relative error of the scale between a position and an integrated velocity, for a unit."""
+SCALE_SPREAD = 0.05
+"""Relative error of the scale between a position and an integrated velocity, by noise, or between
+two encoders, by the deflection of a spring."""
 
 _TURNS_FAR_RAD = 0.5
 """A motion this far, if it were in degrees, is none that anybody identifies a robot from."""
@@ -280,7 +281,7 @@ def unit_by_velocity(inference: Inference, column: str, joint: str) -> str | Non
             continue
         for unit in ("rad", "deg", "turn", "mrad"):
             # q = scale x integral, in the numbers of the file: in SI units the scale is 1.
-            if abs(abs(scale) * UNIT_FACTORS["rad"][unit] / rate - 1) < _UNIT_SPREAD:
+            if abs(abs(scale) * UNIT_FACTORS["rad"][unit] / rate - 1) < SCALE_SPREAD:
                 return unit
     return None
 

@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.drives import total_ratio
 from seaid.errors import listed
 from seaid.log.channels import OF_JOINTS, UNIT_FACTORS
 from seaid.log.describe.inference import (
     POSITION_FACTORS,
+    SCALE_SPREAD,
     Inference,
     correlation,
     efforts_of,
@@ -300,10 +302,6 @@ class _Columns:
         """Return the meaning of a column."""
         return self.inference.meanings[column]
 
-    def finite(self, column: str) -> Array:
-        """Return the samples of a column that are finite."""
-        return self.inference.finite(column)
-
     def note(self, about: str, doubt: str, /, *, is_usual: bool = False, **values: Any) -> None:
         """Note what is in doubt about a column."""
         self.inference.note(about, doubt, is_usual=is_usual, **values)
@@ -326,10 +324,6 @@ class _Columns:
         self.sources[quantity] = replace(like or Source(), columns=(column,), **more)
         self.note(column, doubt)
 
-    def change(self, quantity: str, **changes: Any) -> None:
-        """Change the source of a quantity."""
-        self.sources[quantity] = replace(self.sources[quantity], **changes)
-
     def note_others(self, what: str, columns: Sequence[str]) -> None:
         """Note that the first of several columns was taken."""
         if len(columns) > 1:
@@ -344,17 +338,18 @@ class _Columns:
             if columns:
                 self.take(quantity, columns[0])
                 self.note_others("positions", columns)
-        for quantity in reversed([*self.sources]):
-            self.change(quantity, **self._position_unit(self.sources[quantity].column, quantity))
+        for quantity, source in reversed([*self.sources.items()]):
+            unit = self._position_unit(source.column, quantity)
+            self.sources[quantity] = replace(source, **unit)
         if [source.unit for source in self.sources.values()] == [None, "deg"]:
-            self.change("motor_position", unit="deg")
+            self.sources["motor_position"] = replace(self.sources["motor_position"], unit="deg")
             self.note(motor[0], "also_degrees")
         if [*self.sources] == ["joint_position"]:
             self._note_side(self.sources["joint_position"])
 
     def _sides_by_range(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Return motor positions and joint positions, if no name states the motor's side."""
-        ranges = {name: float(np.ptp(self.finite(name))) for name in names}
+        ranges = {name: float(np.ptp(self.inference.finite(name))) for name in names}
         small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
         # Gears of robots reduce, so that the motor moves farther than the joint, in the same unit.
         if len(names) == 2 and ranges[large] > 5 * ranges[small] and not self.meaning(large).side:
@@ -372,7 +367,7 @@ class _Columns:
 
     def _position_unit(self, column: str, quantity: str) -> dict[str, Any]:
         """Return the arguments for the unit of a position, none for rad."""
-        values, unit = self.finite(column), self.meaning(column).unit
+        values, unit = self.inference.finite(column), self.meaning(column).unit
         is_whole = np.ptp(values) > 100 and np.all(values == np.round(values))
         if unit == "counts" or (unit is None and is_whole):
             # Encoders have 2^k counts per turn: the least power above all counts, if they reach a
@@ -402,7 +397,7 @@ class _Columns:
 
     def _unit_by_range(self, column: str) -> str | None:
         """Return the unit of an angle by how far it moves, None for a prismatic joint."""
-        inference, moves = self.inference, float(np.ptp(self.finite(column)))
+        inference, moves = self.inference, float(np.ptp(self.inference.finite(column)))
         if inference.is_prismatic(self.joint):
             return None
         lower, upper = inference.limits(self.joint) or (-np.inf, np.inf)
@@ -431,7 +426,7 @@ class _Columns:
         data, drives = self.inference.data, self.having("torque") or self.having("current")
         # By (4a) the torque of the spring grows with its deflection, motor side less joint side.
         pulls = sum(correlation(data[drive], data[name]) for drive in drives[:1])
-        if self.meaning(name).unit is None and np.ptp(self.finite(name)) > _FAR:
+        if self.meaning(name).unit is None and np.ptp(self.inference.finite(name)) > _FAR:
             self.note(name, "far_deflection")
         self.take("deflection", name, sign=-1 if pulls < 0 else 1)
         self.note(name, "deflection_by" if pulls else "deflection_sign", drive=listed(drives[:1]))
@@ -519,7 +514,7 @@ class _Columns:
         self.note(f"{duty} times {supply}" if supply else duty, "voltage" if supply else "duty")
 
     def turn_motor_side(self) -> None:
-        """Note the gear ratio if motor position and joint position (plus deflection) correlate.
+        """Note a ratio of positions (plus deflection) in proportion that is not that of the drive.
 
         Where it is negative, the motor's side of the gear gets the opposite sign.
         """
@@ -537,7 +532,10 @@ class _Columns:
         # Least squares of the motor's position over the joint's: the slope is N, and is negative
         # for encoders that count against each other.
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        self.note(self.joint, "gear_ratio", ratio=ratio)
+        robot = self.inference.robot
+        known = 1.0 if robot is None else total_ratio(robot.drives[self.joint])
+        if abs(abs(ratio / known) - 1) > SCALE_SPREAD:
+            self.note(self.joint, "gear_ratio", ratio=ratio)
         if ratio < 0:
             self._turn()
 
@@ -546,8 +544,7 @@ class _Columns:
         # Position and effort of the motor turn together, so that their power keeps its sign; a
         # torque that was converted to the joint has the joint's sign already.
         sides = {x: y for x, y in self.sources.items() if x in _MOTOR_SIDE and y.side != "joint"}
-        for quantity, source in sides.items():
-            self.change(quantity, sign=-source.sign)
+        self.sources |= {x: replace(source, sign=-source.sign) for x, source in sides.items()}
         self.note(listed(source.column for source in sides.values()), "turns_against")
 
     def _in_si(self, source: Source) -> Array:
@@ -573,11 +570,11 @@ class _Columns:
     def _commands(self, kind: str) -> list[str]:
         """Return the commands of a quantity; those of many drives but positions are all zero."""
         names = self.inference.commands(self.joint, kind)
-        return [x for x in names if kind == "position" or np.any(self.finite(x))]
+        return [x for x in names if kind == "position" or np.any(self.inference.finite(x))]
 
     def _is_driven(self, *, may_be: bool) -> bool:
         """Return whether an effort of the joint has both signs, or whether there may be one."""
-        efforts = [self.finite(source.column) for source in efforts_of(self.sources)]
+        efforts = [self.inference.finite(source.column) for source in efforts_of(self.sources)]
         # Efforts that are never negative are magnitudes or limits: no joint is driven one way only.
         return any(np.any(values < 0) for values in efforts) or (may_be and bool(efforts))
 
@@ -601,8 +598,7 @@ class _Columns:
             return
         name = next((x for x in names if self.meaning(x).side == "motor"), names[0])
         self.take("motor_temperature", name)
-        if self.meaning(name).unit is None and np.median(self.finite(name)) > _KELVIN:
-            self.change("motor_temperature", unit="K")
-            self.note(name, "kelvin")
+        if self.meaning(name).unit is None and np.median(self.inference.finite(name)) > _KELVIN:
+            self.take("motor_temperature", name, "kelvin", unit="K")
         if self.meaning(name).side != "motor":
             self.note(name, "temperature", is_usual=len(names) == 1)

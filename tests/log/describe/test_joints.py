@@ -141,6 +141,18 @@ def test_counts_of_a_joint_that_slides_are_read(tmp_path: Path) -> None:
     assert np.max(log.joint_position) == pytest.approx(900 / 1024, rel=1e-2)
 
 
+@pytest.mark.parametrize(("given", "is_said"), [(100.0, False), (50.0, True), (None, True)])
+def test_a_ratio_of_the_encoders_is_said_where_it_is_not_that_of_the_drive(
+    tmp_path: Path, given: float | None, is_said: bool
+) -> None:
+    """A spring makes it three per cent larger than that of the gear."""
+    drive = None if given is None else {"type": "series_elastic", "gear_ratio": given}
+    columns = {"t": TIME, "q_motor_rad": 103 * GOAL, "q_joint_rad": GOAL, "tau_Nm": wave(0.9)}
+    guess = describe_log(columns, one_joint(tmp_path, drive=drive))
+    said = [text for text in guess.unsure if "times as far" in text]
+    assert len(said) == is_said
+
+
 def test_names_of_the_user_say_what_the_columns_of_a_file_are(tmp_path: Path) -> None:
     """A name stands for a column, or for one of each joint; what cannot be divided is refused."""
     rows = np.column_stack([TIME, GOAL, wave(0.7), RATE, RATE, 3 * GOAL, 3 * wave(0.7)])
