@@ -56,9 +56,8 @@ class Commanded:
 
     @property
     def units(self) -> tuple[str, str]:
-        """The units of position and torque, or of the force of a sliding joint."""
-        slides = self.robot.is_prismatic[self.robot.index(self.joint)]
-        return ("m", "N") if slides else ("rad", "N m")
+        """The units of torque, or of the force of a sliding joint, and position."""
+        return self.robot.drives[self.joint].joint_units
 
 
 def command_findings(robot: Robot, log: Log) -> Iterator[Finding]:
@@ -186,7 +185,7 @@ def _repeats(commanded: Commanded) -> Iterator[Finding]:
 
 def _at_stop(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint that is commanded beyond its limits and does not follow there."""
-    robot, joint, unit = commanded.robot, commanded.joint, commanded.units[0]
+    robot, joint, unit = commanded.robot, commanded.joint, commanded.units[1]
     lower, upper = robot.position_range(joint)
     command_beyond, position_beyond = (
         np.abs(angle - np.clip(angle, lower, upper))
@@ -215,7 +214,7 @@ def _limited(commanded: Commanded) -> Iterator[Finding]:
     if not has_limit and robot.drives[joint].is_up_to_scale:
         return  # its gains are in other units than the limit
     limit = limit if has_limit else float(robot.effort_limits[robot.index(joint)])
-    asked, unit = np.abs(commanded.asked), commanded.units[1]
+    asked, unit = np.abs(commanded.asked), commanded.units[0]
     share = float(np.mean(asked > limit)) if limit > 0 else 0.0
     if share < tol.FEW:
         return
@@ -263,7 +262,7 @@ def _ignored(commanded: Commanded) -> Iterator[Finding]:
         line = f"command_velocity_gain_Nms_per_rad = {gain:g}"
         yield codes.CODES["unused-command"].finding(
             f"the log has velocity commands of {joint}, of up to {largest:.3g} "
-            f"{commanded.units[0]}/s, and its controller has no gain for them: they are not used",
+            f"{commanded.units[1]}/s, and its controller has no gain for them: they are not used",
             joint,
             evidence={"largest velocity command": largest},
             remedy=codes.in_drives({(joint, "controller"): line}, only="if the drive gets them"),
@@ -286,7 +285,7 @@ def _encoder_noise(position: Array) -> float:
 def _too_close(commanded: Commanded) -> Iterator[Finding]:
     """Yield a joint whose tracking error is mostly the noise of its encoder."""
     joint, size = commanded.joint, float(np.std(commanded.command - commanded.position))
-    noise, unit = _encoder_noise(commanded.position), commanded.units[0]
+    noise, unit = _encoder_noise(commanded.position), commanded.units[1]
     if size > tol.SURE * noise or is_constant(commanded.position):
         return
     yield codes.CODES["unidentifiable"].finding(

@@ -174,9 +174,7 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
         is_linear = experiment.robot.is_prismatic[j]
         is_per_m = is_linear and not experiment.robot.drives[joint].is_elastic
         key = "gear_ratio_rad_per_m" if is_per_m else "gear_ratio"
-        slope, evidence = other_slope(experiment, j) or 1.0, {"given ratio": ratio}
-        if experiment.both[j]:
-            evidence["slope between the encoders over the gear ratio"] = slope
+        slope = other_slope(experiment, j) or 1.0
         for factor, error, penalty in _other_ratios(experiment, j, slope):
             value, std = ratio * factor, ratio * factor * error
             if value <= tol.LARGEST_RATIO[is_linear]:
@@ -186,27 +184,50 @@ def gear_ratios(experiment: Experiment) -> Iterator[Transform]:
                     _with_ratio(j, experiment, math.log(factor)),
                     joint,
                     codes.in_drives({(joint,): f"{key} = {value:.6g}\n{key}_std = {std:.2g}"}),
-                    evidence=evidence | {"standard error": std},
+                    evidence={"given ratio": ratio, "standard error": std},
                     penalty=penalty,
                 )
 
 
+def can_move(experiment: Experiment, joints: Sequence[int], factor: float) -> bool:
+    """Whether joints can have moved `factor` times as far, by the median of several.
+
+    A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
+    would hardly move. Two turns are the range of a wrist. A joint that slides moves over a part of
+    the range in the robot file.
+    """
+    # In a radian, or the range in the robot file: one without an end is infinite.
+    ranges = np.maximum(experiment.robot.upper_limits - experiment.robot.lower_limits, _ROUNDING)
+    units = np.where(experiment.robot.is_prismatic, ranges, 1.0)
+    moved = np.median((np.ptp(experiment.joint[0], axis=0) / units)[list(joints)])
+    return tol.POOR < factor * float(moved) < 4 * math.pi
+
+
 def geared_encoders(experiment: Experiment) -> Iterator[Transform]:
-    """Yield encoders of motors and joints with equal angles: one side is at the other's place."""
-    slopes = {j: other_slope(experiment, j) for j in np.flatnonzero(experiment.both).tolist()}
-    factors = {
-        j: 1 / float(experiment.lever[j])
-        for j, slope in slopes.items()
-        if slope and abs(math.log(slope * experiment.lever[j])) < 3 * tol.SLIGHT
-    }
-    if not factors:
-        return
-    joints = listed([experiment.robot.joint_names[j] for j in factors])
-    at_motor = f"the joint encoders of {joints} have the angles of the motors, before the gear"
-    at_joint = f"the motor encoders of {joints} have the angles of the joints, behind the gear"
-    levers = {j: 1 / factor for j, factor in factors.items()}
-    yield multiplied(codes.CODES["unit"], experiment, factors, "q", at_motor)
-    yield multiplied(codes.CODES["unit"], experiment, levers, "m", at_joint)
+    """Yield encoders at the other side of their gears than described, of each joint and of all."""
+    robot, lever = experiment.robot, experiment.lever
+    for side, channel, other in (("joint", "q", "motor"), ("motor", "m", "joint")):
+        factors = (1 / lever if side == "joint" else lever).tolist()
+        joints = [j for j in range(robot.n) if _may_be_geared(experiment, j, side, factors[j])]
+        for places in dict.fromkeys([(*joints,), *((j,) for j in joints)]) if joints else ():
+            yield multiplied(
+                codes.CODES["unit"],
+                experiment,
+                {j: factors[j] for j in places},
+                channel,
+                f"the {side} encoders of {listed([robot.joint_names[j] for j in places])} have the "
+                f"angles of the {other}s, on the other side of the gear",
+                remedy=f'# that is the gear: or, in place of the scale, side = "{other}"',
+            )
+
+
+def _may_be_geared(experiment: Experiment, j: int, side: str, factor: float) -> bool:
+    """Whether the encoder of a side may be at the other: it has equal angles there, or is alone."""
+    if experiment.both[j]:
+        slope = other_slope(experiment, j)
+        return bool(slope) and abs(math.log(slope * experiment.lever[j])) < 3 * tol.SLIGHT
+    is_alone = j in experiment.used and experiment.logged(j, "q") == [f"{side}_position"]
+    return is_alone and max(factor, 1 / factor) > tol.TWICE and can_move(experiment, [j], factor)
 
 
 def _between_encoders(experiment: Experiment) -> list[int]:

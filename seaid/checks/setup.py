@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, product
+from itertools import chain, permutations, product
 from operator import attrgetter
 
 import numpy as np
@@ -51,6 +51,7 @@ from seaid.checks.experiment import (
 from seaid.checks.verdict import JointCheck
 from seaid.errors import Certainty, Finding, listed
 from seaid.log import Log, Motion
+from seaid.log.channels import UNIT_FACTORS
 from seaid.robot import Robot
 from seaid.robot.transmission import group_of
 
@@ -335,7 +336,11 @@ def _signs(experiment: Experiment) -> Iterator[Transform]:
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
-_LENGTHS = {"mm": 1e-3, "cm": 1e-2}
+_METRES = {unit: UNIT_FACTORS["m"][unit] for unit in ("m", "cm", "mm")} | {"inch": 0.0254}
+
+_LENGTHS = {
+    f"{unit}, read as {other}": x / y for (unit, x), (other, y) in permutations(_METRES.items(), 2)
+}
 """{unit of the position of a sliding joint: the factor that repairs it}."""
 
 
@@ -343,13 +348,14 @@ def _units_by(slope: float, is_length: bool) -> dict[str, float]:
     """Return units of positions: with a slope between encoders, also counts of a power of two.
 
     The unit may be another number of counts: an encoder counts one, two or four edges of each of
-    its lines, and of the bits of an absolute one some may be missing.
+    its lines, and of the bits of an absolute one, per turn, some may be missing.
     """
     units = _LENGTHS if is_length else _ANGLES
     if not slope:
         return units
     power, of_turn = (round(math.log2(x)) for x in (slope, 2 * math.pi * max(slope, 1 / slope)))
-    steps = {f"steps, {2.0**k:g} times as many per turn": 2.0**-k for k in {power, -power} - {0}}
+    powers = set() if is_length and abs(power) > 2 else {power, -power} - {0}
+    steps = {f"steps, {2.0**k:g} times as many as described": 2.0**-k for k in powers}
     is_count = 2**of_turn >= tol.FEWEST_COUNTS and not is_length
     raw = {f"counts, {2**of_turn} per turn": 2 * math.pi / 2**of_turn} if is_count else {}
     return units | steps | raw
@@ -358,30 +364,25 @@ def _units_by(slope: float, is_length: bool) -> dict[str, float]:
 def _in_units(
     experiment: Experiment, joints: Sequence[int], channels: str, words: str, slope: float = 0.0
 ) -> Iterator[Transform]:
-    """Yield units of the positions of joints in which they can be, or which explain a slope.
-
-    A range in degrees is 57 times smaller than it seems: a joint that seems to move by a radian
-    would hardly move. Two turns are the range of a wrist.
-    """
-    is_length = "q" in channels and experiment.robot.is_prismatic[joints[0]]
+    """Yield units of the positions of joints in which they can be, or which explain a slope."""
+    logged, slides = experiment.logged(joints[0], channels[0]), experiment.robot.is_prismatic
+    is_length = "joint_position" in logged and slides[joints[0]]
     for unit, factor in _units_by(slope, is_length).items():
-        moved = factor * float(np.median(np.ptp(experiment.joint[0][:, joints], axis=0)))
-        if channels == "qm" and not tol.POOR < moved < 4 * math.pi:
+        if channels == "qm" and not gears.can_move(experiment, joints, factor):
             continue
         # The slope is motor over joint: a factor on the joint encoder divides it.
         effect = factor if channels == "m" else 1 / factor
         if slope and abs(math.log(slope * effect)) >= 3 * tol.SLIGHT:
             continue
-        evidence = {"slope between the encoders over the gear ratio": slope} if slope else {}
         message, factors = f"the {words} in {unit}", dict.fromkeys(joints, factor)
-        yield multiplied(CODES["unit"], experiment, factors, channels, message, evidence=evidence)
+        yield multiplied(CODES["unit"], experiment, factors, channels, message)
 
 
 def _positions(experiment: Experiment) -> Iterator[Transform]:
     """Yield units of a joint's positions, at both sides or at the one that the slope suggests."""
     for j in experiment.used:
         joint, slope = experiment.robot.joint_names[j], gears.other_slope(experiment, j)
-        if not experiment.robot.is_prismatic[j]:
+        if not (experiment.robot.is_prismatic[j] and experiment.both[j]):
             yield from _in_units(experiment, [j], "qm", f"positions of {joint} are")
         for channel in "mq" if slope else "":
             words = f"{_words(experiment, j, channel)} of {joint} is"
@@ -853,8 +854,7 @@ def log_findings(
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
     """Yield what is wrong with torques and commands, see `commands`."""
-    looks = commands.no_measurements, commands.command_findings
-    for log, look in product(logged.logs, looks):
+    for log, look in product(logged.logs, (commands.no_measurements, commands.command_findings)):
         yield from (x for x in look(logged.robot, log) if x.joint in logged.used)
 
 

@@ -454,7 +454,7 @@ def scale_of_bodies(joints: Sequence[str]) -> Iterator[Finding]:
         )
 
 
-def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> Iterator[Finding]:
+def unknown_scales(robot: Robot, joints: Sequence[str]) -> Iterator[Finding]:
     """Yield the finding of `joints` whose gains have a scale that nothing determines."""
     if not joints:
         return
@@ -466,25 +466,11 @@ def unknown_scales(robot: Robot, load_side: Estimate, joints: Sequence[str]) -> 
         "delays and the replay of logs do not depend on it",
         only_joint(joints),
         "doubtful",
-        {name: x for joint in robot.joint_names for name, x in _ratios(load_side, joint).items()},
-        "known bodies (known_bodies=), logs with and without a payload (identify_conditions), or "
+        remedy="known bodies (known_bodies=), logs with and without a payload "
+        "(identify_conditions), or "
         + in_drives({(joints[0],): 'gain_scale = 1.0  # write yours\nknown = ["gain_scale"]'}),
-        "certain",
+        certainty="certain",
     )
-
-
-def _ratios(load_side: Estimate, joint: str) -> dict[str, float]:
-    """Return the parameters of a joint over the best known one, which have no unknown scale."""
-    without_scale = ("command_delay", "gain_scale", *_CONSTANTS)
-    errors = dict(zip(load_side.names, load_side.relative_standard_errors, strict=True))
-    names = [x for x in load_side.names if x.owner == joint]
-    names = [name for name in names if name.quantity not in without_scale]
-    names.sort(key=errors.__getitem__)
-    return {
-        f"{name.quantity} over {names[0].quantity} of {joint}": load_side.value(name)
-        / load_side.value(names[0])
-        for name in names[1:]
-    }
 
 
 # Bodies

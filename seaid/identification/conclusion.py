@@ -99,7 +99,7 @@ def _with_free_scales(problem: Problem, name: str, result: Identification) -> Id
     with guarded(CODES["command-delay"], findings):
         findings += delay_estimate_findings(case.logs.experiment.robot, result.load_side)
     with guarded(CODES["gain-scale"], findings):
-        findings += unknown_scales(result.robot, result.load_side, problem.unscaled)
+        findings += unknown_scales(result.robot, problem.unscaled)
     robot, nominal = result.robot, problem.nominals.get(name, case.nominal)
     scaled = with_free_scale(robot, problem.unscaled)
     return replace(result, robot=scaled, nominal=nominal, findings=tuple(findings))

@@ -4,9 +4,10 @@ import ast
 import inspect
 import re
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +23,14 @@ from seaid.checks.experiment import (
     experiment_of,
     multiplied,
 )
-from seaid.checks.setup import _all_torque_scales, log_findings, mistakes, setup_findings
+from seaid.checks.setup import (
+    MISTAKES,
+    _all_torque_scales,
+    log_findings,
+    mistakes,
+    setup_findings,
+    transforms,
+)
 from seaid.errors import Finding
 from seaid.legged import load_robot
 from seaid.log import Log
@@ -124,6 +132,109 @@ def test_a_clock_in_another_unit_needs_no_nominal_bodies(case: str) -> None:
     robot, log = CASES[case][0]().without_nominal(), CASES[case][1]()
     finding = the_mistake(robot, replace(log, time=0.1 * log.time))
     assert (finding.code, finding.evidence["factor"]) == ("time-unit", 0.1)
+
+
+SLIDE = (
+    '<robot name="lift"><link name="base"/><link name="cart"><inertial><origin xyz="0 0 0.1"/>'
+    '<mass value="3"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
+    '</link><joint name="lift" type="prismatic"><parent link="base"/><child link="cart"/>'
+    '<axis xyz="0 0 1"/><limit lower="-0.1" upper="0.1" velocity="1" effort="200"/></joint></robot>'
+)
+SCREW = 2 * np.pi / 0.016
+"""Turns of a motor [rad/m] before a screw with a lead of 16 mm."""
+
+
+def lift(folder: Path, drive: Mapping[str, float | str]) -> tuple[Robot, Log]:
+    """Return a joint that slides up and down behind a screw, and its log without noise.
+
+    A stiff one has no encoder of its joint.
+    """
+    (folder / "lift.urdf").write_text(SLIDE)
+    given = {"motor_inertia_kg_m2": 8e-6, **drive}
+    robot = load_robot(folder / "lift.urdf", {"lift": given})
+    time = np.arange(6000) / 500
+    rates = [(0.03, 1.7), (0.025, 4.1), (0.015, 7.3)]
+    q = np.sum([a * np.sin(w * time) for a, w in rates], axis=0)
+    acceleration = np.sum([-a * w**2 * np.sin(w * time) for a, w in rates], axis=0)
+    force = 3.0 * (acceleration + 9.81)
+    deflection = force / 5e4 if "pulley" in str(drive) else 0.0 * q
+    motor = SCREW * (q + deflection)
+    speed, rotor = np.gradient(motor, time), np.gradient(np.gradient(motor, time), time)
+    friction = 9e-5 * speed + 0.011 * np.sign(speed)
+    torque = force / SCREW + 8e-6 * rotor + friction
+    columns = {"motor_position": motor, "motor_torque": torque}
+    if "pulley" in str(drive):
+        columns["joint_position"] = q
+    return robot, log_with("lift", time, **columns)
+
+
+SPRUNG_LIFT: dict[str, float | str] = {
+    "type": "series_elastic",
+    "gear_ratio": 1.0,
+    "motor_pulley_radius_m": 1 / SCREW,
+}
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1, 1000.0, 1e-3, 100.0, 1 / 0.0254])
+def test_an_encoder_of_a_slide_in_another_unit_is_no_clock_and_no_steps(
+    tmp_path: Path, factor: float
+) -> None:
+    robot, log = lift(tmp_path, SPRUNG_LIFT)
+    finding = the_mistake(robot, replace(log, joint_position=factor * log.joint_position))
+    assert (finding.code, finding.severity, finding.joint) == ("unit", "wrong", "lift")
+    scale = lines_of(finding, "lift")["joint_position"]["scale"]
+    assert scale == pytest.approx(1 / factor, rel=1e-6)
+
+
+@pytest.mark.parametrize(("side", "factor"), [("motor", 180 / np.pi), ("joint", 1000.0)])
+def test_an_only_encoder_of_a_slide_in_another_unit_has_its_scale(
+    tmp_path: Path, side: str, factor: float
+) -> None:
+    """Nothing but a single mass of any size contradicts it: here it is among what is tried."""
+    robot, log = lift(tmp_path, {"type": "stiff", "gear_ratio_rad_per_m": SCREW})
+    positions = factor * log.motor_position / (1.0 if side == "motor" else SCREW)
+    log = replace(log, motor_position=np.full_like(positions, np.nan))
+    columns: dict[str, Any] = {f"{side}_position": positions}
+    given = experiment(robot, replace(log, **columns))
+    units = [x for x in transforms(given, MISTAKES, []) if x.code is CODES["unit"]]
+    scales = {float(x.changed.nominal[0]): x.sources["lift"] for x in units if x.channels == "qm"}
+    assert min(scales) < 1e-3 < 0.5 < given.nominal[0]
+    (source,) = scales[min(scales)].values()
+    assert source["scale"] == pytest.approx(1 / factor, rel=1e-6)  # type: ignore[index]
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+@pytest.mark.parametrize("joints", quick_first([range(6), [2]]))
+def test_an_only_encoder_at_the_other_side_of_the_gear_is_named(
+    side: str, joints: Iterable[int]
+) -> None:
+    """It was said to be a clock that is ten times too slow."""
+    robot, log, ratio = true_geared_arm(), geared_arm_log(), 80.0
+    drives = {
+        joint: replace(
+            drive,
+            gear_ratio=ratio,
+            motor_inertia_kg_m2=(drive.motor_inertia_kg_m2 or 0.0) / ratio**2,
+        )
+        for joint, drive in robot.drives.items()
+    }
+    robot = robot.with_drives(drives)
+    factors = np.where(np.isin(np.arange(robot.n), [*joints]), ratio, 1.0)
+    torques = log.motor_torque / ratio
+    if side == "joint":
+        log = replace(log, joint_position=factors * log.joint_position, motor_torque=torques)
+    else:
+        positions = ratio * log.joint_position / factors
+        nothing = np.full_like(positions, np.nan)
+        log = replace(log, motor_position=positions, joint_position=nothing, motor_torque=torques)
+    finding = the_mistake(robot, log)
+    assert (finding.code, finding.severity) == ("unit", "wrong")
+    names = [log.joint_names[j] for j in joints]
+    assert f"the {side} encoders of {', '.join(names)} have the angles" in finding.message
+    other = {"motor": "joint", "joint": "motor"}[side]
+    assert f'side = "{other}"' in finding.remedy
+    scale = lines_of(finding, names[0])[f"{side}_position"]["scale"]
+    assert scale == pytest.approx(1 / ratio if side == "joint" else ratio)
 
 
 def resting_arm_log(seed: int) -> Log:
