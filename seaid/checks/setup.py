@@ -122,6 +122,10 @@ def _trial(before: Experiment, transform: Transform) -> _Trial:
     kinds, rows = [*before.misfits], before.independent_rows
     # misfits (kinds, n), of which nothing is less than a hundredth
     x, y = (np.maximum([*each.misfits.values()], tol.FEW) for each in (before, changed))
+    if transform.code == CODES["swapped-joints"]:
+        # a misfit that moves from one joint to the other is no less: the larger ones are compared
+        pair = [before.robot.index(joint) for joint in transform.joints]
+        x[:, pair], y[:, pair] = np.sort(x[:, pair]), np.sort(y[:, pair])
     # n log(rms before / rms after): the gain of Gaussian residuals of unknown size.
     gains, is_less = rows * np.log(x / y), y < tol.MOST * x
     falls = {
@@ -845,11 +849,9 @@ def log_findings(
     Those of torques and commands are of the `torque_joints`, by default of all.
     """
     used = robot.joint_names if torque_joints is None else torque_joints
-    others = (
-        Observation(CODES["no-measurement"], _unmeasured),
-        Observation(CODES["geometry"], _sizes),
-    )
-    return observed((*channels.OF_LOGS, *others), channels.Logged(robot, logs, used))
+    unmeasured = Observation(CODES["no-measurement"], _unmeasured)
+    sizes = Observation(CODES["geometry"], _sizes)
+    return observed((*channels.OF_LOGS, unmeasured, sizes), channels.Logged(robot, logs, used))
 
 
 def _unmeasured(logged: channels.Logged) -> Iterator[Finding]:
