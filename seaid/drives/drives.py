@@ -202,13 +202,13 @@ def _check_controller(drive: Drive) -> None:
     needed = _GAIN_OF[kind]
     if not getattr(law, needed):
         raise RobotError(
-            f'controller: {needed} is missing or zero, which motor_input = "{kind}" needs'
+            f'controller: {needed} is missing or zero, which motor_input = "{kind}" needs; '
+            '"velocity_command" takes velocity commands alone, "position_command" both kinds'
         )
     if kind == "velocity_command" and law.position_gain_Nm_per_rad:
         raise RobotError(
-            "controller: found position_gain_Nm_per_rad with motor_input = "
-            '"velocity_command": write motor_input = "position_command", which takes velocity '
-            "commands too, or a position gain of zero"
+            'controller: found position_gain_Nm_per_rad with motor_input = "velocity_command": '
+            'write "position_command", which takes velocity commands too, or a gain of zero'
         )
 
 
