@@ -190,7 +190,17 @@ def _identify_from_motors(
         proposed_hz = cutoff_of(robot, logs, joints, options.cutoff_hz)
         attempt = partial(_result_below, robot, logs, joints)
         cutoffs = (replace(steps, cutoff_hz=part * proposed_hz) for part in fractions)
-        result = next(successes(partial(attempt, x, k > 0) for k, x in enumerate(cutoffs)))
+        try:
+            result = next(successes(partial(attempt, x, k > 0) for k, x in enumerate(cutoffs)))
+        except IdentificationError as problem:
+            raise IdentificationError(
+                f"the motor alone does not determine the stiffness of {', '.join(joints)} "
+                f"({problem.reason}). Either the motion, with a band of {proposed_hz:.3g} Hz, "
+                "stays too far below the antiresonance of the load for the motor to feel the "
+                "spring, or the load has a spring of its own: record a multisine with a larger "
+                "band (seaid excite --basis multisine), log the joint position, or leave the "
+                'springs out (type = "stiff")'
+            ) from None
     return consistent_bodies(result) if options.feasible else result
 
 
@@ -241,17 +251,7 @@ def _refined_from_motors(
     second: Identification, logs: list[Log], joints: Sequence[str], encoder_offset_std: float
 ) -> Identification:
     """Return the refinement of a second regression, with what hides the springs of joints."""
-    try:
-        refined = output_error.refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
-    except IdentificationError as problem:
-        raise IdentificationError(
-            f"the motor alone does not determine the stiffness of {', '.join(joints)} "
-            f"({problem.reason}). "
-            f"Either the motion, with a band of {second.cutoff_hz:.3g} Hz, stays too far below the "
-            "antiresonance of the load for the motor to feel the spring, or the load has a spring "
-            "of its own: record a multisine with a larger band (seaid excite --basis multisine), "
-            "or log the joint position"
-        ) from None
+    refined = output_error.refined_by_motors(second, logs, encoder_offset_std, _MOST_STEPS)
     rate_hz = min((len(log.time) - 1) / float(log.time[-1] - log.time[0]) for log in logs)
     findings = (*refined.findings, *hidden_spring_findings(refined, joints, rate_hz))
     return replace(refined, findings=findings)

@@ -83,8 +83,9 @@ def runs_of(layout: Layout, log: Log, window_s: float = WINDOW_S) -> list[Run]:
     block = decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
     length = len(motion.time) - 2 * transient
-    windows = max(1, round(length / motion.rate_hz / window_s))
-    # Windows are whole numbers of blocks, since a row is the mean of a block in one window.
+    # Windows are whole numbers of blocks, since a row is the mean of a block in one window. The
+    # torque has to show more than the two numbers of the initial state of a joint there.
+    windows = max(1, min(round(length / motion.rate_hz / window_s), length // (3 * block)))
     window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
     compared = (*layout.simulated, *layout.followed)

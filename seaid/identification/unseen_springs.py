@@ -145,10 +145,15 @@ def with_rigid_angles(robot: Robot, log: Log, joints: Sequence[str]) -> Log:
     return replace(log, joint_position=position)
 
 
+_DIVERGED_RAD = 1e6
+"""Angle or length that only a simulation that diverges comes to."""
+
+
 def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Sequence[str]) -> Log:
     """Return the log with the positions that joints have in its motions, at their times.
 
-    At other times they are those of the motor, over the gear ratio.
+    At other times they are those of the motor, over the gear ratio. Raises IdentificationError if
+    they diverge.
     """
     position = with_rigid_angles(robot, log, joints).joint_position.copy()
     for motion in motions:
@@ -157,6 +162,8 @@ def with_angles(robot: Robot, log: Log, motions: Sequence[Motion], joints: Seque
             angle = motion.joint_position[:, robot.index(joint)]
             place = log.joint_names.index(joint)
             position[inside, place] = np.interp(log.time[inside], motion.time, angle)
+    if not np.all(np.abs(np.nan_to_num(position)) < _DIVERGED_RAD):
+        raise IdentificationError("the simulated angles behind the springs diverge")
     return replace(log, joint_position=position)
 
 

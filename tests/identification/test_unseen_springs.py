@@ -27,6 +27,7 @@ from seaid.identification import Identification, identify, refine
 from seaid.identification.unseen_springs import (
     joint_angle,
     joints_sensed_by_motor_only,
+    with_angles,
     with_motor_side_findings,
     with_rigid_angles,
 )
@@ -260,6 +261,24 @@ def test_a_spring_that_the_motor_does_not_show_is_said(robot: Robot) -> None:
     message = r"does not determine the stiffness of arm \(the refinement did not converge .*\)\."
     with pytest.raises(IdentificationError, match=message):
         identify(robot, simulated(stiff, 5.0))
+
+
+def test_windows_have_more_rows_than_initial_states(robot: Robot) -> None:
+    """Below a low cutoff a row is longer than the short windows of the first estimates."""
+    slow = replace(ANYDRIVE, highest_hz=0.8)
+    result = identify(robot, simulated(slow, 12.0), cutoff_hz=0.95)
+    estimate = result.drives["arm"]
+    assert estimate.standard_error("stiffness") > abs(estimate.value("stiffness"))
+    (finding,) = [one for one in result.warnings if one.code == "hidden-resonance"]
+    assert finding.severity != "note"
+
+
+def test_simulated_angles_that_diverge_are_no_fault_of_a_column(robot: Robot) -> None:
+    log = simulated(replace(ANYDRIVE, highest_hz=0.8), 12.0)
+    motion = reconstruct_motion(robot, with_rigid_angles(robot, log, ["arm"]), 2.0)
+    far = replace(motion, joint_position=1e14 + motion.joint_position)
+    with pytest.raises(IdentificationError, match="simulated angles behind the springs diverge"):
+        with_angles(robot, log, [far], ["arm"])
 
 
 @pytest.mark.slow  # a search for a stiffness behind a motor
