@@ -14,7 +14,7 @@ be rationals or polynomials.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -39,9 +39,13 @@ _ANGLE_NOISE = 1e-14
 
 _HALF_TANGENT_ERROR = 1e-16
 
-IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
-_HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
-_NO_SHIFT = fmpq_mat(3, 1)
+
+def _diagonal(*entries: int) -> fmpq_mat:
+    """Return a diagonal matrix."""
+    return fmpq_mat([[x if i == j else 0 for j, x in enumerate(entries)] for i in range(3)])
+
+
+IDENTITY, _HALF_TURN, _NO_SHIFT = _diagonal(1, 1, 1), _diagonal(1, -1, -1), fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,15 +380,20 @@ def _squared(parts: Mapping[Powers, _Square], terms: Sequence[tuple[Powers, Powe
 
 TURNING, SLIDING = _turning(), _sliding()
 
-# 2 K = m v^T v + 2 h^T (v x w) + w^T I w.
-TWICE_KINETIC: Sum = (
-    *((0, PAIR[i, i], 1) for i in range(3)),
-    *((1, PAIR[1, 5], 2), (1, PAIR[2, 4], -2)),
-    *((2, PAIR[2, 3], 2), (2, PAIR[0, 5], -2)),
-    *((3, PAIR[0, 4], 2), (3, PAIR[1, 3], -2)),
-    *((4, PAIR[3, 3], 1), (5, PAIR[3, 4], 2), (6, PAIR[4, 4], 1)),
-    *((7, PAIR[3, 5], 2), (8, PAIR[4, 5], 2), (9, PAIR[5, 5], 1)),
-)
+INERTIA = tuple((j, i) for i in range(3) for j in range(i + 1))
+"""Row and column of xx, xy, yy, xz, yz and zz in the rotational inertia (3, 3)."""
+
+
+def _twice_kinetic() -> Iterator[tuple[int, int, int]]:
+    # 2 K = m v^T v + 2 h^T (v x w) + w^T I w, with h in the rows 1 to 3 and I in 4 to 9.
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        yield from ((0, PAIR[i, i], 1), (1 + i, PAIR[j, 3 + k], 2), (1 + i, PAIR[k, 3 + j], -2))
+    for row, (i, j) in enumerate(INERTIA, 4):
+        yield row, PAIR[3 + i, 3 + j], 1 if i == j else 2
+
+
+TWICE_KINETIC: Sum = tuple(_twice_kinetic())
 """2 K of a body from the 21 entries of v v^T, one row per inertial parameter."""
 
 
@@ -431,9 +440,6 @@ def inertia_transform(
     entries = (stacked * T.transpose()).tolist()
     columns = [_from_pseudo(entries[at : at + 4]) for at in range(0, len(entries), 4)]
     return fmpq_mat(fmpz_mat(columns).transpose()) * fmpq(1, 2 * d * d)
-
-
-INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def _twice_pseudo(parameters: Sequence[Any]) -> list[list[Any]]:
