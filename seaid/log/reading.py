@@ -30,7 +30,7 @@ from seaid.log.log import (
 )
 from seaid.log.readers.opening import files_of, open_tables
 from seaid.log.readers.table import Block
-from seaid.log.repair import FEWEST, Channel, Repair, Repairs
+from seaid.log.repair import FEWEST, Channel, Repair, Repairs, Report
 from seaid.log.repair.channels import bridged_s, in_gap, on_time, repaired_channel, resampled
 from seaid.log.repair.clocks import (
     clock_lines,
@@ -253,35 +253,33 @@ def repaired(
     clock without faults is returned unchanged. Raises LogError, naming channel and place, beyond
     the limits.
     """
-    limits = Repairs() if limits is None else limits
+    report = Report(Repairs() if limits is None else limits)
     if not channels:
         raise LogError("no channels to repair: a log needs one at least")
     clocks = clocks_of(channels)
-    repairs: list[Repair] = []
     if len(clocks) == 1:
-        channels = with_regular_clock(channels, limits, repairs)
-        clocks = [channels]
-    usable = _repaired_channels(clocks, limits, repairs)
+        clocks = [channels := with_regular_clock(channels, report)]
+    usable = _repaired_channels(clocks, report)
     # Bit by bit as logged: a resampling that nothing needs would still round.
-    if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
-        time, values_of = channels[0].time, {channel.name: channel.values for channel in channels}
-        return time, values_of, tuple(repairs)
-    time, sampled = _on_grid(usable, limits)
+    if len(clocks) == 1 and report.limits.rate_hz is None and not _changed(channels, usable):
+        time, sampled = channels[0].time, {channel.name: channel.values for channel in channels}
+    else:
+        time, sampled = _on_grid(usable, report)
     nothing = np.full(len(time), np.nan)
-    return time, {x.name: sampled.get(x.name, nothing) for x in channels}, tuple(repairs)
+    return time, {x.name: sampled.get(x.name, nothing) for x in channels}, tuple(report.repairs)
 
 
 def _repaired_channels(
-    clocks: Sequence[Sequence[Channel]], limits: Repairs, repairs: list[Repair]
+    clocks: Sequence[Sequence[Channel]], report: Report
 ) -> dict[str, tuple[Array, Array]]:
     """Return {channel: times and samples}, on the first clock, of channels with enough samples."""
-    repaired: dict[str, tuple[Array, Array]] = {}
-    for group, line in zip(clocks, clock_lines(clocks, limits, repairs), strict=True):
-        clock, kept = repaired_group(group, limits, repairs)
+    usable: dict[str, tuple[Array, Array]] = {}
+    for group, line in zip(clocks, clock_lines(clocks, report), strict=True):
+        clock = repaired_group(group, report)
         for channel in group:
-            time, values = repaired_channel(channel, clock, kept, limits, repairs)
-            repaired[channel.name] = (time if line is None else line.to_reference(time), values)
-    usable = {name: pair for name, pair in repaired.items() if len(pair[0]) >= FEWEST}
+            time, values = repaired_channel(channel, clock, report)
+            if len(time) >= FEWEST:
+                usable[channel.name] = line.to_reference(time) if line else time, values
     if not usable:
         raise LogError("no channel of the log has as many as four samples that are numbers")
     return usable
@@ -300,7 +298,7 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
 
 
 def _on_grid(
-    usable: dict[str, tuple[Array, Array]], limits: Repairs
+    usable: dict[str, tuple[Array, Array]], report: Report
 ) -> tuple[Array, dict[str, Array]]:
     """Return the channels on a uniform grid over their common time, without their holes.
 
@@ -308,9 +306,9 @@ def _on_grid(
     """
     times = {name: time for name, (time, _) in usable.items()}
     measured = [name for name in usable if not quantity_of(name).is_command] or list(usable)
-    start, end = _common_time(times, measured, limits)
+    start, end = _common_time(times, measured, report)
     rates = {name: 1.0 / typical_step(time) for name, time in times.items()}
-    rate_hz = limits.rate_hz or max(rates.values())
+    rate_hz = report.limits.rate_hz or max(rates.values())
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
     # Rounding may put the last instant behind `end`, where a spline would extrapolate.
     grid = np.minimum(grid, end)
@@ -322,23 +320,23 @@ def _on_grid(
     for name in measured:
         # By the stamps of the channel itself: what is a hole for a fast sensor is a step of a slow
         # one.
-        in_hole |= in_gap(times[name], grid, bridged_s(times[name], limits))
+        in_hole |= in_gap(times[name], grid, bridged_s(times[name], report.limits))
     return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}
 
 
 def _common_time(
-    times: Mapping[str, Array], measured: Sequence[str], limits: Repairs
+    times: Mapping[str, Array], measured: Sequence[str], report: Report
 ) -> tuple[float, float]:
     """Return start and end of what all channels share. Raises LogError if that is too little."""
     late = max(times, key=lambda name: times[name][0])
     early = min(measured, key=lambda name: times[name][-1])
     start, end = float(times[late][0]), float(times[early][-1])
     longest = max(time[-1] - time[0] for time in times.values())
-    if end - start < (1.0 - limits.most_missing) * longest:
-        raise LogError(
-            f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts "
-            f"at {start:.6g} s and '{early}' ends at {end:.6g} s; allowed to miss "
-            f"{limits.most_missing:.1%} (Repairs.most_missing): check that their clocks have the "
-            "same unit and the same zero"
-        )
+    report.check(
+        "most_missing",
+        1.0 - (end - start) / longest,
+        f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts at "
+        f"{start:.6g} s and '{early}' ends at {end:.6g} s",
+        "check that their clocks have the same unit and the same zero",
+    )
     return start, end

@@ -442,7 +442,7 @@ REFUSED: dict[str, list[Channel]] = {
     r"goes backwards at sample 4000 .* two recordings in one": position(
         np.tile(T, 2), np.concatenate([angle(T), angle(T, 1.5)])
     ),
-    r"'knee.joint_position_rad' lacks 2000 of 4000 samples .* allowed 25\.0%": position(T, ENDS),
+    r"'knee.joint_position_rad' lacks 2000 of 4000 samples .* allowed 0\.25 ": position(T, ENDS),
     r"wraps around every 6\.28319: the number of wraps is ambiguous": position(
         T, ANY_TURN, period=2 * np.pi
     ),
@@ -452,7 +452,7 @@ REFUSED: dict[str, list[Channel]] = {
     "no channel of the log has as many as four samples": position(T, np.full(4000, np.nan)),
 }
 BEYOND: dict[str, tuple[dict[str, float], list[Channel]]] = {
-    r"gap of 0\.602 s at t = 2\.998 s, allowed 0\.1 s": (
+    r"gap of 0\.602 s at t = 2\.998 s; allowed 0\.1 ": (
         {"longest_gap_s": 0.1},
         [*pair(kept(T, (1500, 1800)))],
     ),

@@ -1,16 +1,16 @@
-"""The repair of logged channels: its limits (`Repairs`), its report (`Repair`), and a `Channel`.
+"""The repair of logged channels: its limits (`Repairs`), its report of `Repair`, and a `Channel`.
 
 Clocks are repaired in `clocks`; gaps, wraps of encoders and dropouts in `channels`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
 import numpy as np
 
-from seaid._arrays import Array, frozen
+from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._progress import Display
 from seaid.errors import LogError
 from seaid.log.channels import Quantity, quantity_of
@@ -125,6 +125,28 @@ class Repair(Display):
         time = f"{self.time_s:.6g}" if abs(self.time_s) < 1e5 else f"{self.time_s:.2f}"
         fault = f"{self.kind}, {self.count} found, the first at t = {time} s"
         return f"{self.channel}: {fault}: {self.action}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """The limits of a repair, and the faults that were found so far."""
+
+    limits: Repairs
+    repairs: list[Repair] = field(default_factory=list)
+
+    def add(
+        self, channel: str, kind: Fault, time: Array, where: BoolArray | IndexArray, action: str
+    ) -> None:
+        """Add a fault of the samples of a mask or with these numbers, if there are any."""
+        rows = np.flatnonzero(where) if where.dtype == bool else where
+        if len(rows):
+            self.repairs.append(Repair(channel, kind, len(rows), float(time[rows[0]]), action))
+
+    def check(self, limit: str, size: float, fault: str, advice: str) -> None:
+        """Raise LogError for a fault whose size is beyond one of the limits."""
+        allowed = getattr(self.limits, limit)
+        if size > allowed:
+            raise LogError(f"{fault}; allowed {allowed:.3g} (Repairs.{limit}): {advice}")
 
 
 FEWEST = 4

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, is_constant, resolution, runs, white_noise
+from seaid._arrays import (
+    Array,
+    BoolArray,
+    IndexArray,
+    is_constant,
+    resolution,
+    runs,
+    white_noise,
+)
 from seaid.errors import LogError
 from seaid.log.channels import OF_CONTACTS, Interpolation, quantity_of
 from seaid.log.filtering import low_pass
-from seaid.log.repair import FEWEST, Channel, Fault, Repair, Repairs
+from seaid.log.repair import FEWEST, Channel, Fault, Repairs, Report
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
@@ -130,15 +139,13 @@ def resampled(
     return low_pass(dense[:, None], rate_hz * finer, 0.4 * rate_hz)[::finer, 0]
 
 
-def gap_error(
-    time: Array, values: Array, longest_step_s: float, longest_bridge_s: float
-) -> float | None:
+def gap_error(time: Array, values: Array, longest_step_s: float, longest_bridge_s: float) -> float:
     """Return the rms error of interpolating the gaps of a position (T,) over its deviation.
 
     Gaps are steps above `longest_step_s`; steps above `longest_bridge_s` are holes. Known stretches
     of the gaps' lengths are removed and interpolated. The error of the channel is
-    max(rms difference - 2 noise, 0) sqrt(share of the time in gaps) / standard deviation. None if
-    the log is too short for five test windows.
+    max(rms difference - 2 noise, 0) sqrt(share of the time in gaps) / standard deviation;
+    infinite if the log is too short for five test windows.
     """
     steps, spread = np.diff(time), float(np.std(values))
     gaps = np.sort(steps[(steps > longest_step_s) & (steps <= longest_bridge_s)])[::-1]
@@ -147,7 +154,7 @@ def gap_error(
     duration = float(time[-1] - time[0])
     count = min(_WINDOWS, int(duration / (3.0 * gaps[0])) - 1)
     if count < _FEWEST_WINDOWS:
-        return None
+        return math.inf
     starts = time[0] + duration * (np.arange(count) + 0.5) / count
     window = np.searchsorted(starts, time, side="right") - 1
     lengths = np.resize(gaps, count)[window]
@@ -195,9 +202,11 @@ def wrap_period(time: Array, values: Array) -> float | None:
     exceed. A period close to one, a half or a quarter turn, or to a power of two of the encoder's
     resolution (4096 counts), is rounded to that value.
     """
-    steps = np.diff(values)
+    steps, durations = np.diff(values), np.diff(time)
     jumps = np.flatnonzero(np.abs(steps) > 0.5 * np.ptp(values))
     inner = jumps[(jumps > 0) & (jumps < len(steps) - 1)]
+    # At a gap the step is that of several samples, so the neighbouring speeds do not predict it.
+    inner = inner[durations[inner] < _GAP * np.median(durations)]
     if not len(inner):
         return None
     # noise at the end of a turn wraps a position forth and back, from one end of it to the other
@@ -206,18 +215,12 @@ def wrap_period(time: Array, values: Array) -> float | None:
     # The neighbours of a wrap may be wraps themselves, back and forth: their steps modulo the
     # period.
     near = steps - size * np.rint(steps / size) if is_whole else steps
-    rates = near / np.diff(time)
+    rates = near / durations
     before, after = rates[inner - 1], rates[inner + 1]
-    usual = np.maximum(np.abs(before), np.abs(after)) * np.diff(time)[inner]
-    # At a gap the step is that of several samples, so the neighbouring speeds do not predict it.
-    clear = np.diff(time)[inner] < _GAP * np.median(np.diff(time))
-    if not np.any(clear):
-        return None
-    inner = inner[clear]
-    before, after, usual = before[clear], after[clear], usual[clear]
+    usual = np.maximum(np.abs(before), np.abs(after)) * durations[inner]
     if np.mean(np.abs(steps[inner]) < _FARTHER * usual) > _STRAY:
         return None
-    expected = 0.5 * (before + after) * np.diff(time)[inner]
+    expected = 0.5 * (before + after) * durations[inner]
     # The jump is the period plus the motion during that step, which the speeds about it give.
     periods = np.abs(steps[inner] - expected)
     period = float(np.median(periods))
@@ -232,8 +235,8 @@ def wrap_period(time: Array, values: Array) -> float | None:
     return period if is_wrap else None
 
 
-def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Array, int, int]:
-    """Return a position (T,) without wraps, the number of wraps, and the sample of the first.
+def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Array, IndexArray]:
+    """Return a position (T,) without wraps, and the samples behind them.
 
     Each sample is shifted by whole periods to be nearest to the position extrapolated with the last
     speed, so a position in motion may move by more than half a period between samples. Raises
@@ -246,51 +249,38 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
     if np.max(np.abs(nearest), initial=0.0) > period / 4:
         nearest = _predicted_steps(name, time, nearest, period)
     turns = np.round((nearest - steps) / period)
-    wraps = np.flatnonzero(turns)
     whole = values + period * np.concatenate([[0.0], np.cumsum(turns)])
-    return whole, len(wraps), int(wraps[0]) + 1 if len(wraps) else 0
+    return whole, np.flatnonzero(turns) + 1
 
 
 def _predicted_steps(name: str, time: Array, nearest: Array, period: float) -> Array:
     """Return steps shifted by whole periods to be nearest to the speed around them."""
-    durations, steps = np.diff(time).tolist(), nearest.tolist()
-    long = _GAP * float(np.median(durations))
-    rate = steps[0] / durations[0]
-    for place in range(1, len(steps)):
-        duration = durations[place]
-        expected, doubt = rate * duration, 0.0
-        if duration > long and place + 1 < len(steps):
-            before = sum(steps[max(0, place - _MEAN) : place])
-            before /= time[place] - time[max(0, place - _MEAN)]
-            follows = _speed_after(steps, durations, place + 1, before, period)
-            # The trapezoidal rule over the gap; the speeds before and after bound what is
-            # uncertain.
-            expected, doubt = 0.5 * (before + follows) * duration, 0.5 * abs(follows - before)
-        steps[place] += period * round((expected - steps[place]) / period)
-        off = max(abs(steps[place] - expected), doubt * duration)
-        if off > _CLEAR * period and abs(steps[place]) > period / 4:
-            raise LogError(
-                f"'{name}' moves by {abs(steps[place]):.3g} from t = {time[place]:.6g} s to the "
-                f"next sample, {duration:.3g} s later, and wraps around every "
-                f"{period:.6g}: the number of wraps is ambiguous (the position must be within "
-                f"{_CLEAR:g} of a period of its extrapolation); log at a higher rate, or exclude "
-                "this time"
-            )
-        rate = steps[place] / duration
-    return np.array(steps)
-
-
-def _speed_after(
-    steps: list[float], durations: list[float], start: int, rate: float, period: float
-) -> float:
-    """Return the mean speed of the steps from `start` on, of which the first is near `rate`."""
-    end, total = min(start + _MEAN, len(steps)), 0.0
-    for place in range(start, end):
-        expected = rate * durations[place]
-        step = steps[place] + period * round((expected - steps[place]) / period)
-        rate = step / durations[place]
-        total += step
-    return total / sum(durations[start:end])
+    steps, durations = nearest.copy(), np.diff(time)
+    gap = durations > _GAP * np.median(durations)
+    rate, doubt, expected = steps[0] / durations[0], np.zeros(len(steps)), steps.copy()
+    for place in np.flatnonzero(~gap[1:]) + 1:
+        expected[place] = rate * durations[place]
+        steps[place] += period * np.round((expected[place] - steps[place]) / period)
+        rate = steps[place] / durations[place]
+    for place in np.flatnonzero(gap[1:]) + 1:
+        sides = slice(max(0, place - _MEAN), place), slice(place + 1, place + 1 + _MEAN)
+        speeds = [
+            np.sum(steps[side]) / np.sum(durations[side]) for side in sides if len(steps[side])
+        ]
+        # The trapezoidal rule over the gap; the speeds before and after bound what is uncertain.
+        expected[place] = np.mean(speeds) * durations[place]
+        doubt[place] = 0.5 * np.ptp(speeds) * durations[place]
+        steps[place] += period * np.round((expected[place] - steps[place]) / period)
+    off = np.maximum(np.abs(steps - expected), doubt)
+    unclear = np.flatnonzero((off > _CLEAR * period) & (np.abs(steps) > period / 4))
+    for place in unclear[:1]:
+        raise LogError(
+            f"'{name}' moves by {abs(steps[place]):.3g} from t = {time[place]:.6g} s to the next "
+            f"sample, {durations[place]:.3g} s later, and wraps around every {period:.6g}: the "
+            f"number of wraps is ambiguous (the position must be within {_CLEAR:g} of a period of "
+            "its extrapolation); log at a higher rate, or exclude this time"
+        )
+    return steps
 
 
 def _turn(period: float, values: Array) -> float | None:
@@ -412,135 +402,130 @@ def saturated(values: Array) -> BoolArray:
     return stuck
 
 
-def repaired_channel(
-    channel: Channel, clock: RepairedClock, kept: BoolArray, limits: Repairs, repairs: list[Repair]
-) -> tuple[Array, Array]:
+@dataclass
+class _Remaining:
+    """The samples of a channel that are valid so far, and how many are lost."""
+
+    channel: Channel
+    time: Array
+    values: Array
+    report: Report
+    lost: int = 0
+
+    def add(self, kind: Fault, where: BoolArray | IndexArray, action: str) -> None:
+        """Report a fault of some samples."""
+        self.report.add(self.channel.name, kind, self.time, where, action)
+
+    def exclude(self, kind: Fault, bad: BoolArray) -> None:
+        """Exclude and report the samples of a mask (T,)."""
+        self.add(kind, bad, "excluded and interpolated")
+        self.time, self.values = self.time[~bad], self.values[~bad]
+        self.lost += int(np.sum(bad))
+
+
+def repaired_channel(channel: Channel, clock: RepairedClock, report: Report) -> tuple[Array, Array]:
     """Return stamps and values of the valid samples of a channel, without wraps."""
-    time, values = clock.time, channel.values[clock.rows]
+    values = channel.values[clock.rows]
     if np.all(np.isnan(values)):
         return np.empty(0), np.empty(0)
-    time, values = time[kept], values[kept]
-    total = len(values)
-    time, values, missing = _without(
-        channel, time, values, ~np.isfinite(values), "values that are no number", repairs
+    samples = _Remaining(channel, clock.time, values, report)
+    samples.exclude("values that are no number", ~np.isfinite(values))
+    if channel.quantity.is_command:  # zeros and repeated values are what was sent, and no faults
+        _unwrap(samples)
+    elif channel.quantity.name not in OF_CONTACTS:
+        _repair_measured(samples)
+    return samples.time, samples.values
+
+
+def _repair_measured(samples: _Remaining) -> None:
+    """Exclude what a sensor did not measure. Raises LogError for too much of it."""
+    channel, total = samples.channel, samples.lost + len(samples.values)
+    if is_constant(samples.values):
+        action = f"it is {samples.values[0]:.6g} all the time; not changed"
+        samples.add("constant channel", np.zeros(1, dtype=np.intp), action)
+    samples.exclude("sudden zeros", zero_dropouts(samples.values))
+    if channel.quantity.is_slow:  # so that neither repeats nor gaps are faults
+        return
+    _unwrap(samples)
+    _exclude_held(samples)
+    samples.report.check(
+        "most_missing",
+        samples.lost / total,
+        f"'{channel.name}' lacks {samples.lost} of {total} samples (no numbers, sudden zeros or "
+        "held values)",
+        "take a part of the log in which the sensor works, or exclude the column",
     )
-    if channel.quantity.name in OF_CONTACTS:
-        return time, values
-    if channel.quantity.is_command:
-        return time, _without_wraps(channel, time, values, repairs)
-    if is_constant(values):
-        action = f"it is {values[0]:.6g} all the time; not changed"
-        repairs.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))
-    time, values, lost = _without(
-        channel, time, values, zero_dropouts(values), "sudden zeros", repairs
-    )
-    if channel.quantity.is_slow:  # it is slow, so that neither repeats nor gaps are faults
-        return time, values
-    if len(values) >= FEWEST:
-        values = _without_wraps(channel, time, values, repairs)
-    time, values, held = _without_held(channel, time, values, repairs)
-    missing += lost + held
-    if missing > limits.most_missing * total:
-        raise LogError(
-            f"'{channel.name}' lacks {missing} of {total} samples (no numbers, sudden zeros or "
-            f"held values), allowed {limits.most_missing:.1%} (Repairs.most_missing): take a part "
-            "of the log in which the sensor works, or exclude the column"
-        )
-    if len(values) >= FEWEST:
-        _check_saturation(channel, time, values, limits, repairs)
-        _check_gap(channel, time, values, limits)
-    return time, values
+    if len(samples.values) >= FEWEST:
+        _check_saturation(samples)
+        _check_gap(samples)
 
 
-def _without(
-    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: Fault, repairs: list[Repair]
-) -> tuple[Array, Array, int]:
-    """Return a channel without the `bad` samples, and their number."""
-    count = int(bad.sum())
-    if count:
-        at = float(time[np.argmax(bad)])
-        repairs.append(Repair(channel.name, kind, count, at, "excluded and interpolated"))
-    return time[~bad], values[~bad], count
-
-
-def _without_held(
-    channel: Channel, time: Array, values: Array, repairs: list[Repair]
-) -> tuple[Array, Array, int]:
-    """Return a channel without samples that repeat the last one, and the number of lost ones."""
+def _exclude_held(samples: _Remaining) -> None:
+    """Exclude the samples that repeat the last one while the signal moves."""
     # A noisy torque repeats a value now and then; two equal ones in a row are no fault. A motor may
     # get torques that are held throughout: whether these are late the motion shows, see `checks`.
-    held = held_dropouts(values, 2 if channel.quantity.is_position else 3)
-    held &= channel.quantity.is_position or held_over(time, values) == 1
-    is_slower = len(held) > 0 and float(np.mean(held)) > SLOWER
-    kind: Fault = "values of a slower sensor" if is_slower else "held values"
-    time, values, lost = _without(channel, time, values, held, kind, repairs)
-    # A slow sensor lacks nothing: its samples are simply fewer than those of its log.
-    return time, values, 0 if is_slower else lost
+    is_position, lost = samples.channel.quantity.is_position, samples.lost
+    held = held_dropouts(samples.values, 2 if is_position else 3)
+    held &= is_position or held_over(samples.time, samples.values) == 1
+    is_slower = np.sum(held) > SLOWER * len(held)
+    samples.exclude("values of a slower sensor" if is_slower else "held values", held)
+    if is_slower:  # its samples are simply fewer than those of its log
+        samples.lost = lost
 
 
-def _without_wraps(channel: Channel, time: Array, values: Array, repairs: list[Repair]) -> Array:
+def _unwrap(samples: _Remaining) -> None:
+    channel, time, values = samples.channel, samples.time, samples.values
     # The angle of a base is in rad by its name, so that its turn is known.
     known = 2 * math.pi if channel.quantity.kind == "angle" else channel.period
     period = known
     if period is None and channel.quantity.is_position:
         period = wrap_period(time, values)
-    if period is None:
-        return values
-    whole, count, first = unwrapped(channel.name, time, values, period)
-    if count:
+    if period is not None and len(values) >= FEWEST:
+        samples.values, wraps = unwrapped(channel.name, time, values, period)
         origin = "as given" if known else "estimated from the jumps"
-        action = f"by {period:.6g} ({origin}), unwrapped"
-        repairs.append(Repair(channel.name, "wraps", count, float(time[first]), action))
-    return whole
+        samples.add("wraps", wraps, f"by {period:.6g} ({origin}), unwrapped")
 
 
-def _check_saturation(
-    channel: Channel, time: Array, values: Array, limits: Repairs, repairs: list[Repair]
-) -> None:
+def _check_saturation(samples: _Remaining) -> None:
     """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
+    stuck = saturated(samples.values)
     # A position has no end of its range, and what an estimator computes of a base repeats at rest.
-    if channel.quantity.interpolation == "spline":
+    if samples.channel.quantity.interpolation == "spline" or not np.any(stuck):
         return
-    stuck = saturated(values)
-    if not np.any(stuck):
-        return
-    count, at = int(stuck.sum()), float(time[np.argmax(stuck)])
-    level = values[np.argmax(stuck)]
+    level = samples.values[np.argmax(stuck)]
     action = f"saturated at {level:.4g}, cannot be repaired: not changed"
-    repairs.append(Repair(channel.name, "saturated samples", count, at, action))
-    if count > limits.most_saturated * len(values):
-        raise LogError(
-            f"'{channel.name}' is saturated ({level:.4g}) in {count} of {len(values)} samples, the "
-            f"first at t = {at:.6g} s; allowed {limits.most_saturated:.1%} "
-            "(Repairs.most_saturated): reduce the torques of the motion, or widen the range of the "
-            "sensor"
-        )
+    samples.add("saturated samples", stuck, action)
+    samples.report.check(
+        "most_saturated",
+        float(np.mean(stuck)),
+        f"'{samples.channel.name}' is saturated ({level:.4g}) in {np.sum(stuck)} of {len(stuck)} "
+        f"samples, the first at t = {samples.time[np.argmax(stuck)]:.6g} s",
+        "reduce the torques of the motion, or widen the range of the sensor",
+    )
 
 
-def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) -> None:
+def _check_gap(samples: _Remaining) -> None:
     """Raise LogError for a gap that cannot be interpolated; holes are excluded elsewhere."""
-    steps = np.diff(time)
-    hint = "take the parts before and after it as two logs"
-    limit, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
-    if limit is not None and np.max(steps) > longest:
-        place = int(np.argmax(steps))
-        raise LogError(
-            f"'{channel.name}' has a gap of {steps[place]:.3g} s at t = {time[place]:.6g} s, "
-            f"allowed {longest:.3g} s (Repairs.longest_gap_s): {hint}"
-        )
-    bridged = np.where(steps <= longest, steps, 0.0)
-    place = int(np.argmax(bridged))
-    if limit is not None or bridged[place] <= usual or not channel.quantity.is_position:
+    time, report, hint = samples.time, samples.report, "take the parts before and after it as logs"
+    steps, longest, usual = np.diff(time), bridged_s(time, report.limits), longest_step(time)
+    is_limited = report.limits.longest_gap_s is not None
+    gap = float(np.max(steps if is_limited else np.where(steps <= longest, steps, 0.0)))
+    if gap <= usual or not (is_limited or samples.channel.quantity.is_position):
         return
-    error = gap_error(time, values, usual, longest)
-    if error is None or error > limits.most_gap_error:
-        known = "cannot be estimated, the log is too short" if error is None else f"is {error:.1%}"
-        raise LogError(
-            f"'{channel.name}' has a gap of {bridged[place]:.3g} s at t = {time[place]:.6g} s: the "
-            f"relative error of interpolating such gaps {known} (rms error over standard "
-            f"deviation, from known stretches), allowed {limits.most_gap_error:.1%} "
-            f"(Repairs.most_gap_error; longest_gap_s sets a length instead): {hint}"
-        )
+    at = f"at t = {time[np.argmax(steps == gap)]:.6g} s"
+    fault = f"'{samples.channel.name}' has a gap of {gap:.3g} s {at}"
+    if is_limited:
+        report.check("longest_gap_s", gap, fault, hint)
+        return
+    error = gap_error(time, samples.values, usual, longest)
+    known = f"is {error:.1%}" if error < np.inf else "cannot be estimated, the log is too short"
+    report.check(
+        "most_gap_error",
+        error,
+        f"{fault}: the relative error of interpolating such gaps {known} (rms error over standard "
+        "deviation, from known stretches)",
+        f"{hint}, or set a length of gaps, longest_gap_s, in its place",
+    )
 
 
 def bridged_s(time: Array, limits: Repairs) -> float:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair import FEWEST, Channel, Fault, Repair, Repairs
+from seaid.log.repair import FEWEST, Channel, Fault, Report
 
 _LATE_RUN = 5
 """Most late samples in a row."""
@@ -240,6 +239,8 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     The line has the median slope through the medians of blocks (Theil 1950, Sen 1968), so late and
     repeated stamps do not affect it.
     """
+    from scipy.stats import theilslopes
+
     known = np.isfinite(clock) & np.isfinite(reference)
     clock, reference = clock[known], reference[known]
     if len(clock) < 2:
@@ -247,36 +248,16 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     difference = clock - reference
     blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at, apart = (np.array([np.median(x[part]) for part in blocks]) for x in (reference, difference))
-    drift, error = _median_slope(at, apart)
+    drift, _, low, high = theilslopes(apart, at)
     middle = float(np.median(reference))
     detrended = difference - drift * (reference - middle)
     # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
     offset = float(np.median(detrended))
     jitter = float(np.median(np.abs(detrended - offset)))
-    return ClockLine(offset, drift, error, middle, jitter)
+    return ClockLine(offset, float(drift), float(high - low) / 2, middle, jitter)
 
 
-def _median_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Return the median slope of y over x, and half of its confidence interval of 95 %.
-
-    The same as `scipy.stats.theilslopes`, of which the import takes half a second.
-    """
-    step = x[:, None] - x
-    slopes = np.sort((y[:, None] - y)[step > 0] / step[step > 0])
-    if not len(slopes):
-        return np.nan, np.nan
-    # (2.6) of Sen (1968): the variance of Kendall's sum, less that of equal values of x and of y.
-    ties = [np.unique(values, return_counts=True)[1] for values in (x, y)]
-    every, *equal = (np.sum(n * (n - 1) * (2 * n + 5)) for n in (np.array([len(x)]), *ties))
-    reach = NormalDist().inv_cdf(0.975) * np.sqrt(max(every - sum(equal), 0) / 18)
-    low, high = np.round((len(slopes) + np.array([-reach, reach])) / 2).astype(int)
-    ends = slopes[max(low - 1, 0)], slopes[min(high, len(slopes) - 1)]
-    return float(np.median(slopes)), float(ends[1] - ends[0]) / 2
-
-
-def with_regular_clock(
-    group: Sequence[Channel], limits: Repairs, repairs: list[Repair]
-) -> list[Channel]:
+def with_regular_clock(group: Sequence[Channel], report: Report) -> list[Channel]:
     """Return channels with a regular clock if their stamps have too few digits, and it is plain.
 
     The stamp changes at the first sample behind each multiple of its resolution. If samples are
@@ -288,7 +269,9 @@ def with_regular_clock(
     repeats = np.diff(time) == 0
     # Only the first sample of each stamp is near the time that it states.
     changes = np.flatnonzero(~repeats) + 1
-    is_coarse = np.sum(repeats) > limits.most_disordered * len(time) and np.all(np.diff(time) >= 0)
+    is_coarse = np.sum(repeats) > report.limits.most_disordered * len(time) and np.all(
+        np.diff(time) >= 0
+    )
     if not is_coarse or len(changes) < _FEWEST_CHANGES:
         return list(group)
     # without a change within a stamp, each sample is there several times
@@ -299,10 +282,7 @@ def with_regular_clock(
     if np.max(live) < _LIVE or np.ptp(off) > _EVEN * step:
         return list(group)
     text = f"replaced by a regular clock of {1 / step:.6g} Hz, by the number of samples per stamp"
-    first = float(time[np.argmax(repeats)])
-    repairs.append(
-        Repair(_clock_name(group), "stamps with too few digits", int(np.sum(repeats)), first, text)
-    )
+    report.add(_clock_name(group), "stamps with too few digits", time, repeats, text)
     regular = time[0] + start + step * np.arange(len(time))
     return [replace(channel, time=regular) for channel in group]
 
@@ -320,20 +300,16 @@ def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
     return clocks
 
 
-def clock_lines(
-    clocks: Sequence[Sequence[Channel]], limits: Repairs, repairs: list[Repair]
-) -> list[ClockLine | None]:
+def clock_lines(clocks: Sequence[Sequence[Channel]], report: Report) -> list[ClockLine | None]:
     """Return the line of each clock over the first one; None: the clock is not changed.
 
     A line is determined only for clocks with the same number of samples that run in step. An offset
     below one step without a drift stays: it cannot be distinguished from sequential sampling.
     """
-    return [None, *(_line(group, clocks[0], limits, repairs) for group in clocks[1:])]
+    return [None, *(_line(group, clocks[0], report) for group in clocks[1:])]
 
 
-def _line(
-    group: Sequence[Channel], first: Sequence[Channel], limits: Repairs, repairs: list[Repair]
-) -> ClockLine | None:
+def _line(group: Sequence[Channel], first: Sequence[Channel], report: Report) -> ClockLine | None:
     """Return the line of a group's clock over that of the first group; None: not changed."""
     clock, reference = group[0].time, first[0].time
     line = clock_line(clock, reference) if len(clock) == len(reference) else None
@@ -351,20 +327,20 @@ def _line(
         return None
     line = replace(line, drift=line.drift * drifts)
     name, name_first = _clock_name(group), _clock_name(first)
-    if abs(line.drift) > limits.largest_drift:
-        raise LogError(
-            f"the clock of {name} drifts by {line.drift:.3g} s/s from that of {name_first}, "
-            f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): check its unit, and that "
-            "its rows belong to those of the other clock"
-        )
+    report.check(
+        "largest_drift",
+        abs(line.drift),
+        f"the clock of {name} drifts by {line.drift:.3g} s/s from that of {name_first}",
+        "check its unit, and that its rows belong to those of the other clock",
+    )
     faults: list[tuple[Fault, float, str]] = [
         ("clock offset", line.offset_s, f"{line.offset_s:.6g} s"),
         ("clock drift", line.drift, f"{line.drift * 1e6:.4g} us/s"),
     ]
     for kind, size, text in faults:
         if size:
-            action = f"{text} relative to {name_first}, removed"
-            repairs.append(Repair(name, kind, 1, float(np.nanmin(clock)), action))
+            start = np.array([np.nanargmin(clock)])
+            report.add(name, kind, clock, start, f"{text} relative to {name_first}, removed")
     return line
 
 
@@ -373,62 +349,53 @@ def _clock_name(group: Sequence[Channel]) -> str:
     return f"'{group[0].name}'" + (f" and {others} more" if others else "")
 
 
-def repaired_group(
-    group: Sequence[Channel], limits: Repairs, repairs: list[Repair]
-) -> tuple[RepairedClock, BoolArray]:
-    """Return the repaired clock of channels, and the mask of the samples to keep."""
-    name = _clock_name(group)
-    raw = group[0].time
+def repaired_group(group: Sequence[Channel], report: Report) -> RepairedClock:
+    """Return the repaired clock of channels, of the first sample of each stamp."""
+    name, raw = _clock_name(group), group[0].time
     values = np.column_stack([channel.values for channel in group])
     finite = raw[np.isfinite(raw)]
     if len(finite) < FEWEST:
         raise LogError(
             f"the clock of {name} has {len(finite)} finite stamps, at least {FEWEST} are needed"
         )
-    clock = repaired_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
+    longest_s = report.limits.longest_gap_s or longest_step(finite)
+    clock = repaired_clock(name, raw, values, longest_s)
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
-    _report_disorder(name, raw, clock, repeats, repairs)
-    # Repeated stamps with equal values are copies; those with other values are samples at a time
-    # that is not known, and only these count for the limit.
-    changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
-    _check_disorder(name, raw, clock, repeats & ~np.all(changes == 0, axis=1), limits)
-    _report_steps(name, clock.time[~repeats], limits, repairs)
-    return clock, ~repeats
-
-
-def _report_disorder(
-    name: str, raw: Array, clock: RepairedClock, repeats: BoolArray, repairs: list[Repair]
-) -> None:
-    """Report the faults in the order of a clock's stamps."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
-    jumped = np.array([row for row, _ in clock.jumps], dtype=np.intp)
-    faults: list[tuple[Fault, IndexArray, str]] = [
+    faults: list[tuple[Fault, Sequence[int] | IndexArray, str]] = [
         ("stamps that are not finite", clock.unknown, "their samples were excluded"),
         ("late samples", clock.late, "sorted into place"),
         ("repeated stamps", clock.rows[repeats], "the first sample of each was kept"),
-        ("clock jumps", jumped, f"of {jumps}, removed: the values are continuous"),
+        (
+            "clock jumps",
+            [row for row, _ in clock.jumps],
+            f"of {jumps}, removed: the values are continuous",
+        ),
     ]
-    for kind, places, action in faults:
-        if len(places):
-            before = float(raw[max(int(places[0]) - 1, 0)])
-            repairs.append(Repair(name, kind, len(places), before, action))
+    for kind, rows, action in faults:
+        before = np.maximum(np.asarray(rows, dtype=np.intp) - 1, 0)
+        report.add(name, kind, raw, before, action)
+    # Repeated stamps with equal values are copies; those with other values are samples at a time
+    # that is not known, and only these count for the limit.
+    changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
+    unlike = repeats & ~np.all(changes == 0, axis=1)
+    _check_order(name, raw, np.concatenate([clock.unknown, clock.late, clock.rows[unlike]]), report)
+    _report_steps(name, clock.time[~repeats], report)
+    return replace(clock, rows=clock.rows[~repeats], time=clock.time[~repeats])
 
 
-def _check_disorder(
-    name: str, raw: Array, clock: RepairedClock, repeated: BoolArray, limits: Repairs
-) -> None:
-    """Raise LogError for too many stamps out of order; `repeated`: with other values."""
-    rows = np.concatenate([clock.unknown, clock.late, clock.rows[repeated]])
-    if len(rows) > limits.most_disordered * len(raw):
-        first = float(raw[max(int(np.min(rows)) - 1, 0)])
-        raise LogError(
-            f"the clock of {name}: {len(rows)} of {len(raw)} stamps are late, repeated with other "
-            f"values or not finite, the first near t = {first:.6g} s; "
-            f"allowed is a share of {limits.most_disordered:g} (Repairs.most_disordered): check "
-            "that the time has all its digits, log finer stamps, sort the log, or, if the samples "
-            "are equidistant, give their rate in the description of the log: "
-            f"time = {{ rate_hz = {_mean_rate(raw)} }}"
-        )
+def _check_order(name: str, raw: Array, rows: IndexArray, report: Report) -> None:
+    """Raise LogError for too many stamps that are out of order."""
+    first = float(raw[max(int(np.min(rows, initial=len(raw))) - 1, 0)])
+    report.check(
+        "most_disordered",
+        len(rows) / len(raw),
+        f"the clock of {name}: {len(rows)} of {len(raw)} stamps are late, repeated with other "
+        f"values or not finite, the first near t = {first:.6g} s",
+        "check that the time has all its digits, log finer stamps, sort the log, or, if the "
+        "samples are equidistant, give their rate in the description of the log: "
+        f"time = {{ rate_hz = {_mean_rate(raw)} }}",
+    )
 
 
 def _mean_rate(raw: Array) -> str:
@@ -439,27 +406,23 @@ def _mean_rate(raw: Array) -> str:
     return f"{(len(finite) - 1) / float(np.ptp(finite)):.4g}"
 
 
-def _report_steps(name: str, time: Array, limits: Repairs, repairs: list[Repair]) -> None:
+def _report_steps(name: str, time: Array, report: Report) -> None:
     """Report irregular steps and gaps of a clock. Raises LogError for too much time in gaps."""
     steps = np.diff(time)
-    gaps = np.flatnonzero(steps > longest_step(time))
-    irregular = np.flatnonzero(irregular_steps(time))
-    if len(irregular) > len(gaps):
+    gaps, irregular = steps > longest_step(time), irregular_steps(time)
+    if np.sum(irregular) > np.sum(gaps):
         action = f"steps of {np.min(steps):.3g} to {np.max(steps):.3g} s, resampled"
-        repairs.append(
-            Repair(name, "irregular steps", len(irregular), float(time[irregular[0]]), action)
-        )
-    if not len(gaps):
-        return
+        report.add(name, "irregular steps", time, irregular, action)
     lost = float(np.sum(steps[gaps]) / (time[-1] - time[0]))
-    longest = limits.longest_gap_s or longest_bridge(time)
+    longest = report.limits.longest_gap_s or longest_bridge(time)
     over = int(np.sum(steps > longest))
     done = f"bridged, {over} above {longest:.3g} s excluded" if over else "bridged"
     action = f"of up to {np.max(steps):.3g} s, {done}: {lost:.1%} of the time"
-    repairs.append(Repair(name, "gaps", len(gaps), float(time[gaps[0]]), action))
-    if lost > limits.most_missing:
-        raise LogError(
-            f"the clock of {name} has {len(gaps)} gaps with {lost:.1%} of the time in them, the "
-            f"first at t = {time[gaps[0]]:.6g} s; allowed {limits.most_missing:.1%} "
-            "(Repairs.most_missing): take a part of the log without them"
-        )
+    report.add(name, "gaps", time, gaps, action)
+    report.check(
+        "most_missing",
+        lost,
+        f"the clock of {name} has {np.sum(gaps)} gaps with {lost:.1%} of the time in them, the "
+        f"first at t = {time[np.argmax(gaps)]:.6g} s",
+        "take a part of the log without them",
+    )
