@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, counted
-from seaid.errors import LogError, checked, shown
+from seaid.errors import LogError, checked
 from seaid.log.description import LogDescription
 from seaid.log.filtering import decimation, filter_overlap
 from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Log
@@ -41,8 +41,7 @@ _SHORTEST_RECORD = 10.0
 """Shortest log that can be reconstructed, in periods of the cutoff."""
 
 
-@dataclass(frozen=True, eq=False)
-class LogPart:
+class LogPart(NamedTuple):
     """A part of a long log: its own samples have start_s <= time < end_s.
 
     The other samples overlap with the neighbours and take the filter transients.
@@ -92,23 +91,15 @@ class LongLog(Display):
         """The motion of the first piece, which has the sensors of all of them."""
         return next(self.motions())[0]
 
-    def parts(self) -> Iterator[LogPart]:
-        """Yield the parts of the log, which overlap."""
-        return iterate_log(
-            self.path,
-            self.robot,
-            chunk_samples=self.chunk_samples,
-            overlap_samples=self.overlap_samples,
-        )
-
-    def motions(self) -> Iterator[tuple[Motion, LogPart]]:
-        """Yield the reconstructed motion of each part, overlap included."""
-        start_s = None
-        for part in self.parts():
-            _check_even(self.path, part)
-            start_s = part.start_s if start_s is None else start_s
-            motion = motion_of(self.robot, part.log, self.cutoff_hz)
-            yield replace(motion, fastest=self.fastest, start_s=start_s), part
+    def motions(self) -> Iterator[tuple[Motion, float, float]]:
+        """Yield the motion of each part, overlap included, and its time span, as `pieces` does."""
+        first_s = None
+        samples = self.chunk_samples, self.overlap_samples
+        for part, start_s, end_s in iterate_log(self.path, self.robot, *samples):
+            _check_even(self.path, part, start_s)
+            first_s = start_s if first_s is None else first_s
+            motion = motion_of(self.robot, part, self.cutoff_hz)
+            yield replace(motion, fastest=self.fastest, start_s=first_s), start_s, end_s
 
 
 @checked(LogError)
@@ -147,8 +138,13 @@ def open_long_log(
     >>> log = seaid.open_long_log("day.parquet", robot, cutoff_hz=8.0)
     >>> found = seaid.identify(robot, log)
     """
+    if not MINIMUM_SAMPLES <= chunk_samples <= _MOST_SAMPLES:
+        raise LogError(
+            f"chunk_samples must be a whole number from {MINIMUM_SAMPLES} to {_MOST_SAMPLES:,}, "
+            f"found {chunk_samples:,}"
+        )
     path = Path(path)
-    first = next(iterate_log(path, robot, chunk_samples=chunk_samples)).log
+    first = next(iterate_log(path, robot, chunk_samples)).log
     processing = None
     if cutoff_hz is None:
         motion = reconstruct_motion(robot, first)
@@ -174,25 +170,13 @@ def open_long_log(
 
 
 def iterate_log(
-    path: str | Path,
-    robot: Robot,
-    *,
-    chunk_samples: int = CHUNK_SAMPLES,
-    overlap_samples: int = 0,
+    path: Path, robot: Robot, chunk_samples: int, overlap_samples: int = 0
 ) -> Iterator[LogPart]:
     """Yield a log file (CSV, NPZ, Parquet, HDF5) in parts that overlap on both sides.
 
-    Memory holds one part of `chunk_samples`. Each part is checked as in `read_log`, and all must
-    have the same sensors. Raises LogError.
+    Memory holds one part of `chunk_samples`, which are not fewer than those of an overlap. Each
+    part is checked as in `read_log`, and all must have the same sensors. Raises LogError.
     """
-    _check_count("chunk_samples", chunk_samples, MINIMUM_SAMPLES)
-    _check_count("overlap_samples", overlap_samples, 0)
-    if overlap_samples > chunk_samples:
-        raise LogError(
-            f"overlap_samples must be between 0 and chunk_samples, {chunk_samples}, found "
-            f"{overlap_samples}"
-        )
-    path = Path(path)
     table = open_table(path)
     if table.blocks is None:
         raise LogError(
@@ -215,15 +199,6 @@ def iterate_log(
         end = before + length
         end_s = float(log.time[end]) if end < len(log.time) else math.inf
         yield LogPart(log, float(log.time[before]), end_s)
-
-
-def _check_count(name: str, value: Any, least: int) -> None:
-    """Raise LogError unless a number of samples is an integer of at least `least`."""
-    is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (is_count and least <= value <= _MOST_SAMPLES):
-        raise LogError(
-            f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found {shown(value)}"
-        )
 
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
@@ -258,32 +233,26 @@ def _cut(block: Block, samples: slice) -> Block:
     return {name: values[samples] for name, values in block.items()}
 
 
-def _check_even(path: Path, part: LogPart) -> None:
+def _check_even(path: Path, log: Log, start_s: float) -> None:
     """Raise LogError for frozen channels and unequal time steps, naming the first hole, if any."""
-    frozen = without_frozen(part.log).report
-    if frozen:
-        raise LogError(
-            f"'{path}': {frozen[0]}; a log that is read in pieces must not have that: cut it "
-            "there, or use read_log"
-        )
-    if is_regular(part.log.time):
+    frozen, gaps = without_frozen(log).report, holes(log.time)
+    if not frozen and is_regular(log.time):
         return
-    gaps = holes(part.log.time)
-    what = f"the time steps around {part.start_s:.6g} s are not equal"
-    if gaps:
-        what = f"the log has a hole of {gaps[0]}"
-    raise LogError(
-        f"'{path}': {what}; a log that is read in pieces must be sampled evenly: resample it, cut "
-        "it there, or use read_log"
-    )
+    remedy = "must be sampled evenly: resample it, cut it there, or use read_log"
+    fault = f"the time steps around {start_s:.6g} s are not equal"
+    if frozen:
+        fault, remedy = str(frozen[0]), "must not have that: cut it there, or use read_log"
+    elif gaps:
+        fault = f"the log has a hole of {gaps[0]}"
+    raise LogError(f"'{path}': {fault}; a log that is read in pieces {remedy}")
 
 
 def _extremes(long_log: LongLog) -> tuple[Array, Array | None]:
     """Return the largest speeds (2, n) of motors and joints, and the range of temperatures."""
     fastest, ends = np.zeros((2, long_log.robot.n)), []
-    for motion, part in long_log.motions():
+    for motion, *span in long_log.motions():
         # Without the overlap, in which the filter's transient may exceed the true speeds.
-        first, last = np.searchsorted(motion.time, [part.start_s, part.end_s])
+        first, last = np.searchsorted(motion.time, span)
         piece = motion.samples(slice(first, last))
         fastest = np.maximum(fastest, piece.largest_speeds)
         if (warmth := piece.motor_temperature) is not None:

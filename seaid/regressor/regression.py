@@ -432,9 +432,9 @@ def regressions_of_parts(
     long_log: LongLog, equations: Mapping[str, Regress]
 ) -> Iterator[tuple[str, Regression]]:
     """Yield (name, rows) of the parts of each equation, reading a long log once."""
-    for motion, part in long_log.motions():
+    for motion, start_s, end_s in long_log.motions():
         for name, regress in equations.items():
-            yield name, _rows_within(regress(motion), motion, part.start_s, part.end_s)
+            yield name, _rows_within(regress(motion), motion, start_s, end_s)
 
 
 def rows_by_pieces(motion: Motion, regress: Regress, samples: int = PIECE_SAMPLES) -> Regression:
