@@ -29,7 +29,7 @@ from seaid.log.motion import (
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks, joined
 from seaid.log.sources import completed, selected
-from seaid.log.usable_parts import holes, without_frozen
+from seaid.log.usable_parts import hole_text, holes, without_frozen
 from seaid.robot import Robot
 
 CHUNK_SAMPLES = 16_000
@@ -242,8 +242,8 @@ def _check_even(path: Path, log: Log, start_s: float) -> None:
     fault = f"the time steps around {start_s:.6g} s are not equal"
     if frozen:
         fault, remedy = str(frozen[0]), "must not have that: cut it there, or use read_log"
-    elif gaps:
-        fault = f"the log has a hole of {gaps[0]}"
+    elif len(gaps):
+        fault = f"the log has a hole of {hole_text(gaps[0])}"
     raise LogError(f"'{path}': {fault}; a log that is read in pieces {remedy}")
 
 

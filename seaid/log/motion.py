@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray, connected_groups, safely
 from seaid._progress import Display, sampled_text
 from seaid.drives import DEAD_ZONES, is_dry
 from seaid.errors import LogError, checked, listed
@@ -29,7 +29,7 @@ from seaid.log.filtering import (
 from seaid.log.repair.channels import in_gap, interpolated
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
 from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
-from seaid.robot import at_drives, coupled_groups
+from seaid.robot import at_drives
 
 if TYPE_CHECKING:
     from seaid.log.log import Log
@@ -296,7 +296,7 @@ def reconstruct_motions(
     state. Raises LogError if holes and excluded stretches are more than half of the log.
     """
     start_s, log = float(log.time[0]), usable(log, _shortest_s(cutoff_hz))
-    if not holes(log.time):
+    if not len(holes(log.time)):
         return (replace(motion_of(robot, log, cutoff_hz), start_s=start_s),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
@@ -543,43 +543,31 @@ def _bridged(logged: Array, time: Array) -> BoolArray | None:
     return inside if np.any(inside) else None
 
 
+def _seen_stiff(robot: Robot, motor: Array) -> BoolArray:
+    """Return the mask (n,) of stiff drives that have an encoder at the motor."""
+    is_elastic = [robot.drives[joint].is_elastic for joint in robot.joint_names]
+    return np.asarray(~np.isnan(motor[0]) & ~np.array(is_elastic))
+
+
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
     """Raise LogError for joints whose motion the positions of both sides do not determine."""
-    unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    groups = coupled_groups(robot.transmission)
-    for group in groups:
-        _check_coupled(robot, group, unseen, blind)
-    coupled = {index for group in groups for index in group}
-    for index, name in enumerate(robot.joint_names):
-        is_unseen = bool(unseen[index]) and index not in coupled
-        if robot.drives[name].is_elastic:
-            _check_elastic(name, is_unseen, bool(blind[index]))
-        elif is_unseen and blind[index]:
-            raise LogError(f"joint '{name}' has no position in the log")
-
-
-def _lacking_and_stiff(
-    robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray
-) -> tuple[list[int], list[int]]:
-    """Return the joints of a group without an encoder, and its stiff drives with one at the motor.
-
-    `unseen` and `blind` (n,) are the joints without an encoder at the joint and at the motor.
-    """
-    stiff = [i for i in group if not robot.drives[robot.joint_names[i]].is_elastic]
-    return [i for i in group if unseen[i]], [i for i in stiff if not blind[i]]
-
-
-def _check_coupled(robot: Robot, group: Sequence[int], unseen: BoolArray, blind: BoolArray) -> None:
-    """Raise LogError if stiff drives do not determine the joints of a group without an encoder."""
-    lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
-    slopes, names = robot.transmission[np.ix_(drives, lacking)], robot.joint_names
-    rank = safely(np.linalg.matrix_rank, slopes, what=_TURNS) if slopes.size else 0
-    if rank < len(lacking):
-        raise LogError(
-            f"the drives of {listed(names[i] for i in group)} are coupled, and the log has no "
-            f"joint position of {listed(names[i] for i in lacking)}; the motor positions of stiff "
-            f"drives in the log do not replace it: {listed(names[i] for i in drives) or 'none'}"
-        )
+    unseen, blind, stiff = np.isnan(joint[0]), np.isnan(motor[0]), _seen_stiff(robot, motor)
+    names = np.array(robot.joint_names)
+    for group in connected_groups(robot.transmission != 0):
+        for index in group:
+            if robot.drives[names[index]].is_elastic:
+                _check_elastic(names[index], bool(unseen[index]) and len(group) == 1, blind[index])
+        lacking, drives = (np.array(group)[mask[group]] for mask in (unseen, stiff))
+        slopes = robot.transmission[np.ix_(drives, lacking)]
+        rank = safely(np.linalg.matrix_rank, slopes, what=_TURNS) if slopes.size else 0
+        if rank < len(lacking) == len(group) == 1:
+            raise LogError(f"joint '{names[group[0]]}' has no position in the log")
+        if rank < len(lacking):
+            raise LogError(
+                f"the drives of {listed(names[group])} are coupled, and the log has no joint "
+                f"position of {listed(names[lacking])}; the motor positions of stiff drives in the "
+                f"log do not replace it: {listed(names[drives]) or 'none'}"
+            )
 
 
 _TURNS = "the positions of coupled joints"
@@ -602,15 +590,10 @@ def _both_sides(robot: Robot, signal: Array) -> tuple[Array, Array]:
     """Return joint and motor side, each (T, n), also of rigid drives that have no encoder there."""
     joint, motor = np.hsplit(signal.copy(), 2)
     C, ratio = robot.transmission, np.array([robot.drives[x].ratio for x in robot.joint_names])
-    unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
-    for group in coupled_groups(C):
-        lacking, drives = _lacking_and_stiff(robot, group, unseen, blind)
-        if lacking:
-            # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
-            rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
-            inverse = safely(np.linalg.pinv, C[np.ix_(drives, lacking)], what=_TURNS)
-            joint[:, lacking] = rest @ inverse.T
-    joint = np.where(np.isnan(joint), motor / ratio, joint)  # C = 1 for all others
+    unseen, blind, drives = np.isnan(joint[0]), np.isnan(motor[0]), _seen_stiff(robot, motor)
+    # theta_M / N = C q of the stiff drives, solved for the joints without an encoder.
+    rest = motor[:, drives] / ratio[drives] - np.nan_to_num(joint) @ C[drives].T
+    joint[:, unseen] = rest @ safely(np.linalg.pinv, C[np.ix_(drives, unseen)], what=_TURNS).T
     motor[:, blind] = (at_drives(C, joint) * ratio)[:, blind]
     return joint, motor
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import compress, pairwise
 from typing import Final
 
@@ -205,35 +205,24 @@ MOST_EXCLUDED = 0.5
 """A log is refused if more than this share of its time lies in holes and too short stretches."""
 
 
-@dataclass(frozen=True)
-class Hole:
-    """An interval without samples, between two samples [s], too long to be interpolated."""
-
-    start_s: float
-    end_s: float
-
-    @property
-    def length_s(self) -> float:
-        """Length of the interval."""
-        return self.end_s - self.start_s
-
-    def __str__(self) -> str:
-        return f"{self.length_s:.3g} s at t = {self.start_s:.6g} s"
-
-
-def holes(time: Array) -> list[Hole]:
-    """Return the holes of increasing time stamps (T,) [s]: steps too long to be bridged."""
+def holes(time: Array) -> Array:
+    """Return start and end (H, 2) [s] of the steps of stamps (T,) that are too long to bridge."""
     before = np.flatnonzero(np.diff(time) > longest_bridge(time))
-    return [Hole(float(time[row]), float(time[row + 1])) for row in before]
+    return np.column_stack([time[before], time[before + 1]])
+
+
+def hole_text(hole: Array) -> str:
+    """Return the length and the start of a hole as text."""
+    return f"{hole[1] - hole[0]:.3g} s at t = {hole[0]:.6g} s"
 
 
 def check_whole(log: Log) -> None:
     """Raise LogError naming the first hole of a log, if it has any."""
     gaps = holes(log.time)
-    if gaps:
+    if len(gaps):
         raise LogError(
-            f"the log has holes in time ({len(gaps)} found, the first of {gaps[0]}), in which "
-            "the motion is unknown: take a part without one, log.between(start_s, end_s)"
+            f"the log has holes in time ({len(gaps)} found, the first of {hole_text(gaps[0])}), in "
+            "which the motion is unknown: take a part without one, log.between(start_s, end_s)"
         )
 
 
@@ -245,16 +234,16 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     share is above one half.
     """
     gaps = holes(log.time)
-    if not gaps:
+    if not len(gaps):
         return [log]
     # The first sample behind a hole is at its end, and starts the next stretch.
-    edges = [-np.inf, *(hole.end_s for hole in gaps), np.inf]
+    edges = [-np.inf, *gaps[:, 1], np.inf]
     places = np.searchsorted(log.time, edges)
     spans = [log.time[slice(*span)] for span in pairwise(places)]
     is_used = [len(x) >= MINIMUM_SAMPLES and x[-1] - x[0] >= shortest_s for x in spans]
     whole = float(log.time[-1] - log.time[0])
     excluded = 1.0 - sum(float(x[-1] - x[0]) for x in compress(spans, is_used)) / whole
-    worst = max(gaps, key=lambda hole: hole.length_s)
+    worst = hole_text(gaps[np.argmax(np.diff(gaps)[:, 0])])
     if excluded > MOST_EXCLUDED:
         raise LogError(
             f"the log has holes in time ({len(gaps)} found, the longest of {worst}): they and the "
@@ -269,7 +258,7 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
         f"of up to {worst}; {excluded:.1%} of the log's time is excluded{stubs}, and so are the "
         "filter transients around them"
     )
-    repair = Repair("time_s", HOLES, len(gaps), gaps[0].start_s, action)
+    repair = Repair("time_s", HOLES, len(gaps), float(gaps[0, 0]), action)
     first, *others = parts
     report = (*log.report, repair)
     return [replace(first, report=report), *(replace(part, report=()) for part in others)]

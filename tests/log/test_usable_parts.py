@@ -189,7 +189,7 @@ def test_rows_over_a_bridged_gap_are_excluded(gap_s: float, excluded: bool) -> N
     plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
     kept = (plain.time <= 2.0) | (plain.time >= 2.0 + gap_s)
     motion = reconstruct_motion(leg(), plain.at(kept), 4.0)
-    assert not holes(plain.time[kept])
+    assert not len(holes(plain.time[kept]))
     assert motion.bridged is not None
     rows = motion.time[row_samples(motion)]
     near = np.min(np.abs(rows - (2.0 + gap_s / 2)))
@@ -212,7 +212,7 @@ def test_a_temperature_that_steps_and_drifts_decides_nothing_of_what_is_used(
     seaid.write_log(warm, tmp_path / "log.csv")
     back = seaid.read_log(tmp_path / "log.csv", leg(), repair=seaid.Repairs())
     assert len(back.time) == len(log.time)
-    assert not holes(back.time)
+    assert not len(holes(back.time))
     motion = reconstruct_motion(leg(), back)
     assert motion.motor_temperature is not None
     assert np.all(np.isfinite(motion.motor_temperature))
