@@ -10,8 +10,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from itertools import islice, zip_longest
+from functools import partial
+from itertools import islice, takewhile, zip_longest
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
@@ -34,9 +34,8 @@ from seaid.log.readers.table import (
 LONGEST_LINE = 1_000_000
 """Most characters of a line of a CSV file: 100 for each of the most columns."""
 
-_LINES, _TEXT = 50_000, 50_000_000
-"""Most lines, and characters in them, that are held as text at a time."""
-
+_CELLS = 500_000
+"""Cells that are held as text at a time."""
 
 _MOST_HEAD = 200
 """Most lines of comments and blank lines before the column names."""
@@ -82,24 +81,17 @@ class _Header:
     names: list[str]
     delimiter: str
     decimal: str
-    skipped: int
-    has_names: bool
     width: int
+    skipped: int
+    has_names: bool = True
     items: _Items = field(default_factory=dict)
-
-    @cached_property
-    def places(self) -> dict[str, int]:
-        """The place of each column."""
-        return {name: place for place, name in enumerate(self.names)}
 
     def places_of(self, wanted: list[str]) -> list[int]:
         """Return the places of columns. Raises LogError for a duplicate name."""
-        if len(self.places) < len(self.names):
-            counts = Counter(self.names)
-            twice = sorted(name for name in wanted if counts[name] > 1)
-            if twice:
-                raise LogError(f"'{self.path}': column named twice: {listed(twice)}")
-        return [self.places[name] for name in wanted]
+        places, counts = {x: place for place, x in enumerate(self.names)}, Counter(self.names)
+        if twice := sorted(name for name in wanted if counts[name] > 1):
+            raise LogError(f"'{self.path}': column named twice: {listed(twice)}")
+        return [places[name] for name in wanted]
 
     def cleaned(self, lines: list[str]) -> list[str]:
         """Return lines with decimal points, and with single spaces if these delimit the cells."""
@@ -124,12 +116,8 @@ def open_csv(path: Path) -> Table:
     def blocks(wanted: list[str], size: int) -> Blocks:
         check_memory(path, path.stat().st_size * (size == sys.maxsize))
         with _opened(path) as file:
-            lines, line = _lines(path, file), header.skipped + 1
-            list(islice(lines, header.skipped))
-            while batches := _batches(header, lines, wanted, line, size):
-                line += sum(count for count, _ in batches)
-                if parts := [part for _, part in batches if part]:
-                    yield joined(parts)
+            lines = islice(_lines(path, file), header.skipped, None)
+            yield from _blocks(header, lines, wanted, size)
 
     return in_pieces(header.names, blocks, "" if header.has_names else _NUMBERED)
 
@@ -191,32 +179,26 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
         yield line
 
 
-def _batches(
-    header: _Header, lines: Iterator[str], wanted: list[str], first: int, most: int
-) -> list[tuple[int, Block]]:
-    """Return the next `most` lines in batches: the number of lines, and their columns."""
-    batches, count = list[tuple[int, Block]](), 0
-    while batch := _next_lines(lines, min(most - count, _LINES)):
-        batches.append((len(batch), _columns(header, batch, wanted, first + count)))
-        count += len(batch)
-        check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
-    if first == header.skipped + 1 and not any(part for _, part in batches):
+def _blocks(header: _Header, lines: Iterator[str], wanted: list[str], size: int) -> Blocks:
+    """Yield the wanted columns of lines, `size` of them at a time."""
+    line, has_samples, at_once = header.skipped + 1, False, _CELLS // len(header.names) + 1
+    while True:
+        parts, first = list[Block](), line
+        while batch := list(islice(lines, min(size - line + first, at_once))):
+            parts += filter(None, [_columns(header, batch, wanted, line)])
+            line += len(batch)
+            count = 8.0 * (line - first) * len(wanted)
+            check_memory(header.path, count, pieces=size < sys.maxsize)
+        if parts:
+            has_samples = True
+            yield joined(parts)
+        elif line == first:
+            break
+    if not has_samples:
         raise LogError(
             f"'{header.path}' has column names but no samples: the recording wrote none, or the "
             "file was cut off; record or copy it again"
         )
-    return batches
-
-
-def _next_lines(lines: Iterator[str], most: int) -> list[str]:
-    """Return the next lines, limited in number and size."""
-    batch, size = list[str](), 0
-    for line in islice(lines, most):
-        batch.append(line)
-        size += len(line)
-        if size > _TEXT:
-            break
-    return batch
 
 
 def _header(path: Path, lines: Iterator[str]) -> _Header:
@@ -225,24 +207,23 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
     numbers = _format_of(first)
     if not first or (comments and numbers):
         header = _named(path, comments[-1], first, line - 1, is_comment=True)
-        has_names = numbers is None or numbers.fits(header)
-        return header if has_names else _numbered(path, first, line - 1)
-    if numbers and not _counts_from_zero(first):
-        return _numbered(path, first, line - 1)
+        if numbers is None or numbers.fits(header):
+            return header
+    if numbers and (comments or not _counts_from_zero(first)):
+        names = [str(number) for number in range(1, numbers.cells + 1)]
+        return _Header(path, names, *numbers, line - 1, has_names=False)
     header = _named(path, first, second, line)
-    units = _units(path, second, header)
-    return _with_units(_named(path, first, third, line_below), units) if units else header
-
-
-def _with_units(header: _Header, units: list[str]) -> _Header:
-    """Return a header whose names have their units in brackets."""
-    pairs = zip_longest(header.names, units, fillvalue="")
-    return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
+    if units := _units(path, second, header):
+        header = _named(path, first, third, line_below)
+        pairs = zip_longest(header.names, units, fillvalue="")
+        names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+        header = replace(header, names=names)
+    return header
 
 
 def _units(path: Path, line: str, header: _Header) -> list[str]:
     """Return the units in a line below the names, without brackets; [] for a line of samples."""
-    _, cells = next(_cells(path, header.cleaned([line]), header.delimiter, 1), (1, []))
+    cells = _row(path, header.cleaned([line])[0], header.delimiter)
     filled = [cell.strip() for cell in cells if cell.strip()]
     if not filled or len(cells) != header.width or any(map(_is_sample, filled)):
         return []
@@ -257,20 +238,16 @@ def _is_sample(cell: str) -> bool:
 
 def _head(path: Path, lines: Iterator[str]) -> tuple[list[str], list[str], list[int]]:
     """Return comments, three other lines from the names on, and the numbers of the first two."""
-    comments, others, number = list[str](), dict[int, str](), 0
-    for number, line in enumerate(islice(lines, _MOST_HEAD), 1):
-        is_mark = bool(_EXCEL.fullmatch(line))
-        if line.strip() and (others or not (is_mark or line[0] in "#%")):
-            others[number] = line.rstrip("\r\n")
-        elif not is_mark:
-            comments.append(line.rstrip("\r\n").lstrip("#% "))
-        if len(others) == 3:
-            if not _has_title(path, [*others.values()]):
-                break
-            del others[min(others)]
-    comments, texts = list(filter(None, comments)), [*others.values()]
-    _check_head(path, "".join(comments), texts)
-    return comments, [*texts, "", "", ""][:3], [*others, number + 1, number + 1][:2]
+    head = {number: line.rstrip("\r\n") for number, line in enumerate(islice(lines, _MOST_HEAD), 1)}
+    filled = {x: line for x, line in head.items() if line.strip() and not _EXCEL.fullmatch(line)}
+    comments = [*takewhile(lambda line: line[0] in "#%", filled.values())]
+    others = dict(islice(filled.items(), len(comments), None))
+    comments = [*filter(None, (line.lstrip("#% ") for line in comments))]
+    while len(others) > 2 and _has_title(path, [*others.values()][:3]):
+        del others[min(others)]
+    _check_head(path, "".join(comments), [*others.values()])
+    end = len(head) + 1
+    return comments, [*others.values(), "", "", ""][:3], [*others, end, end][:2]
 
 
 def _check_head(path: Path, comments: str, lines: Sequence[str]) -> None:
@@ -289,12 +266,10 @@ def _has_title(path: Path, lines: list[str]) -> bool:
     # Of two titles the second has no delimiter.
     names = lines[1] if re.search(r"[,;\t|]", lines[1]) else lines[2]
     delimiter = _delimiter(names, lines[2], is_comment=False)
-    if delimiter == " ":
-        lines = [" ".join(line.split()) for line in lines]
-    rows = [cells for _, cells in _cells(path, lines, delimiter, 1)]
-    widths = [*map(len, rows), 0, 0]  # fewer than three, if a quotation goes on
+    rows = [_row(path, line, delimiter) for line in lines]
+    widths = [*map(len, rows)]
     # A title has one cell, or another number than the table; samples do not stand below it.
-    is_other = widths[2] > 1 and (widths[0] == 1 or widths[0] not in widths[1:3])
+    is_other = widths[2] > 1 and (widths[0] == 1 or widths[0] not in widths[1:])
     return is_other and not any(map(_is_sample, filter(str.strip, rows[1])))
 
 
@@ -338,29 +313,25 @@ def _counts_from_zero(line: str) -> bool:
     return len(cells) > 2 and [cell.strip() for cell in cells] == [*map(str, range(len(cells)))]
 
 
-def _numbered(path: Path, line: str, skipped: int) -> _Header:
-    """Return the header of a file without one."""
-    delimiter, decimal, count = _format_of(line) or _Format(",", ".", 0)
-    names = [str(number) for number in range(1, count + 1)]
-    return _Header(path, names, delimiter, decimal, skipped, has_names=False, width=count)
-
-
 def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool = False) -> _Header:
     """Return the header in a line of names; the first sample helps to find the delimiter."""
     delimiter = _delimiter(header, sample, is_comment)
-    if delimiter == " ":
-        header = " ".join(header.split())
-    _, cells = next(_cells(path, [header], delimiter, 1), (1, []))
-    names = [name.strip() for name in cells]
-    _, cells = next(_cells(path, [sample], delimiter, 1), (1, []))
+    names = [name.strip() for name in _row(path, header, delimiter)]
+    cells = _row(path, sample, delimiter)
     has_more = len(cells) == len(names) + 1 and all(map(_is_sample, filter(None, cells)))
     if has_more and not is_comment:
         # R has no name for the column of the names of rows, which is the first, and quotes it.
         names.insert(0 if _ROW_NAME.match(sample) else len(names), "unnamed")
     texts = [] if delimiter == "," else map(str.strip, sample.split(delimiter))
     decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
-    named = _Header(path, names, delimiter, decimal, skipped, True, len(names))
+    named = _Header(path, names, delimiter, decimal, len(names), skipped)
     return named if decimal == "," else _with_lists(named, cells)
+
+
+def _row(path: Path, line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, of which spaces that delimit them count as one."""
+    line = " ".join(line.split()) if delimiter == " " else line
+    return next(_cells(path, [line], delimiter), [])
 
 
 def _delimiter(header: str, sample: str, is_comment: bool) -> str:
@@ -406,6 +377,7 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter
     lines = header.cleaned(lines)
+    values: Array = np.empty((0, 0))
     # NumPy parses far faster than cell by cell, but its errors have no column and line: whatever it
     # refuses is parsed again below.
     if not header.items and all(line.count(delimiter) == header.width - 1 for line in lines):
@@ -413,19 +385,14 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
             values = np.loadtxt(
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
             )
-            if len(values) == len(lines):
-                return dict(zip(wanted, values.T.copy(), strict=True))
-    return _parsed_cells(header, lines, places, first)
-
-
-def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: int) -> Block:
-    path, names, rows = header.path, header.names, []
-    for line, cells in _cells(path, lines, header.delimiter, first):
-        if cells:
-            texts = _texts(header, cells, line)
-            rows.append([_number(path, line, names[place], texts[place]) for place in places])
-    values: Array = np.array(rows)
-    return {names[place]: values[:, column] for column, place in enumerate(places)}
+    if len(values) != len(lines):
+        numbered = enumerate(_cells(header.path, lines, delimiter), first)
+        rows = [(line, _texts(header, cells, line)) for line, cells in numbered if cells]
+        named = [(place, header.names[place]) for place in places]
+        values = np.array(
+            [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
+        )
+    return dict(zip(wanted, values.T.copy(), strict=True))
 
 
 def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
@@ -463,12 +430,10 @@ def _check_width(header: _Header, cells: list[str], line: int) -> None:
     )
 
 
-def _cells(
-    path: Path, lines: list[str], delimiter: str, first: int
-) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the cells of each line."""
+def _cells(path: Path, lines: list[str], delimiter: str) -> Iterator[list[str]]:
+    """Yield the cells of each line."""
     try:
-        yield from enumerate(csv.reader(lines, delimiter=delimiter), first)
+        yield from csv.reader(lines, delimiter=delimiter)
     except csv.Error as problem:
         raise LogError(f"'{path}' is not a table: {problem}") from None
 

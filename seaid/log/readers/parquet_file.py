@@ -21,7 +21,6 @@ from seaid.log.readers.table import (
     in_pieces,
     no_numbers,
     optional,
-    samples,
 )
 
 _KIND = "a Parquet file"
@@ -30,6 +29,7 @@ _KIND = "a Parquet file"
 def open_parquet(path: Path) -> Table:
     """Return a Parquet file's columns; nulls are NaN, timestamps count [s] from the first."""
     parquet = optional("pyarrow.parquet", "parquet", path)
+    arrow = optional("pyarrow", "parquet", path)
     with damaged(path, _KIND), parquet.ParquetFile(path) as file:
         check_columns(path, len(file.schema_arrow))
         names = list(file.schema_arrow.names)
@@ -37,12 +37,12 @@ def open_parquet(path: Path) -> Table:
     def blocks(wanted: list[str], size: int) -> Blocks:
         starts: dict[str, Any] = {}
         with damaged(path, _KIND), parquet.ParquetFile(path) as file:
-            _check_kinds(path, file, wanted)
+            _check_kinds(path, file, wanted, arrow.types)
             rows = min(size, max(file.metadata.num_rows, 1))
             check_memory(path, 8.0 * rows * len(wanted), pieces=size < sys.maxsize)
             batch = None
             for batch in file.iter_batches(rows, columns=wanted):
-                yield {name: _samples(path, name, batch[name], starts) for name in wanted}
+                yield {name: _samples(name, batch[name], starts, arrow.types) for name in wanted}
             # A file without rows has no batch, and a reader in pieces needs the names of one.
             if batch is None:
                 yield {name: np.zeros(0) for name in wanted}
@@ -58,9 +58,8 @@ def write_parquet(path: Path, data: Mapping[str, Array]) -> None:
         parquet.write_table(arrow.table(dict(data)), file)
 
 
-def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
+def _check_kinds(path: Path, file: Any, wanted: Sequence[str], types: Any) -> None:
     """Raise LogError for columns that are not numbers, booleans or timestamps."""
-    types = optional("pyarrow", "parquet", path).types
     numbers = ("integer", "floating", "boolean", "timestamp", "date", "decimal", "null")
     schema = file.schema_arrow  # every access builds a new schema
     for name in wanted:
@@ -73,16 +72,14 @@ def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
             raise no_numbers(path, name, kind, (file.metadata.num_rows,))
 
 
-def _samples(path: Path, name: str, column: Any, starts: dict[str, Any]) -> Array:
+def _samples(name: str, column: Any, starts: dict[str, Any], types: Any) -> Array:
     """Return a column as numbers; timestamps since the first one, which `starts` keeps."""
-    types = optional("pyarrow", "parquet", path).types
     if types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
-    if types.is_decimal(column.type) or types.is_null(column.type):
-        column = column.cast("float64")
+    if not (types.is_timestamp(column.type) or types.is_date(column.type)):
+        column = column.cast("float64", safe=False)  # integers may be rounded
     values = column.to_numpy(zero_copy_only=False)
     if values.dtype.kind == "M":
         # Since the first of all pieces, in integers: float64 has no nanoseconds since 1970.
-        since: Array = (values - starts.setdefault(name, values[:1])) / np.timedelta64(1, "s")
-        return since
-    return samples(path, name, values)
+        values = (values - starts.setdefault(name, values[:1])) / np.timedelta64(1, "s")
+    return np.asarray(values)

@@ -60,18 +60,18 @@ def bag_columns(path: str) -> Answer:
         for connection in sorted(bag.connections, key=lambda connection: connection.topic):
             topic, numbers = connection.topic, dict[str, float]()
             try:
-                for _, message in islice(_messages(bag, [connection]), _LOOKED_AT):
-                    numbers |= dict(_values(message, bag.start_time))
+                for row in islice(_rows(bag, [connection]), _LOOKED_AT):
+                    numbers |= row
                     check_columns(Path(path), len(names) + len(numbers))
             except KeyError:  # a type without definition
                 continue
-            if not numbers:
+            if len(numbers) < 2:  # none but its time
                 continue
             # A stamp that was never set is 0, and since the start of the bag it is minus that
             # start.
             stamped = numbers.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
             clock = f"{topic}/{'header.stamp' if stamped else 'bag_time'}"
-            columns = [f"{topic}/{name}" for name in ("bag_time", *numbers)]
+            columns = [f"{topic}/{name}" for name in numbers]
             names += [name for name in columns if name not in clocks]
             clocks |= dict.fromkeys(columns, clock)
     return (names, clocks), {}
@@ -87,11 +87,7 @@ def bag_samples(path: str, wanted: list[str]) -> Answer:
             if not keys:
                 continue
             used = [connection for connection in bag.connections if connection.topic == topic]
-            rows = []
-            for time, message in _messages(bag, used):
-                numbers = dict(_values(message, bag.start_time))
-                numbers["bag_time"] = (time - bag.start_time) * 1e-9
-                rows.append(np.array([numbers.get(field, np.nan) for field in keys.values()]))
+            rows = [[row.get(x, np.nan) for x in keys.values()] for row in _rows(bag, used)]
             data |= dict(zip(keys, np.array(rows, dtype=np.float64).T, strict=True))
     return None, data
 
@@ -127,9 +123,12 @@ def _labels(value: Any) -> list[str]:
     return list(value) if is_names else []
 
 
-def _messages(bag: Any, connections: list[Any]) -> Iterator[tuple[int, Any]]:
+def _rows(bag: Any, connections: list[Any]) -> Iterator[dict[str, float]]:
+    """Yield {field: number} of the messages of a topic, with the times at which they came."""
     for connection, time, raw in bag.messages(connections):
-        yield time, bag.deserialize(raw, connection.msgtype)
+        message = bag.deserialize(raw, connection.msgtype)
+        since = (time - bag.start_time) * 1e-9
+        yield {"bag_time": since, **dict(_values(message, bag.start_time))}
 
 
 @contextmanager

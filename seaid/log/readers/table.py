@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -35,8 +34,6 @@ def _machine_memory() -> float:
     with suppress(OSError, ValueError, IndexError, StopIteration):
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
-    with suppress(ValueError, OSError, AttributeError):
-        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     return float("inf")
 
 
@@ -86,16 +83,16 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
         else "read it in pieces with seaid.open_long_log, or write it as Parquet with the columns "
         "needed"
     )
-    if size > allowed:
-        raise LogError(
-            f"'{path}' of {stored / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
-            f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
-            f"padded with equal samples; {advice}"
-        )
-    raise LogError(
-        f"'{path}' takes {size / 1e9:.3g} GB of memory, too much for the {free / 1e9:.3g} GB that "
-        f"are free; {advice}"
+    fault = (
+        f"takes {size / 1e9:.3g} GB of memory, too much for the {free / 1e9:.3g} GB that are free"
     )
+    if size > allowed:
+        fault = (
+            f"of {stored / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
+            f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
+            "padded with equal samples"
+        )
+    raise LogError(f"'{path}' {fault}; {advice}")
 
 
 def check_columns(path: Path, count: int) -> None:
@@ -185,9 +182,8 @@ class Table:
             return f"several files have a column '{name}': write {' or '.join(columns)}"
         if not topics:
             return "; ".join(filter(None, [unknown_name("column", name, self.names), self.notice]))
-        for topic in topics:
-            if name.startswith(f"{topic}/"):
-                return unknown_name("column", name, [x for x in self.names if topic in x])
+        if near := [topic for topic in topics if name.startswith(f"{topic}/")]:
+            return unknown_name("column", name, [x for x in self.names if near[0] in x])
         return unknown_name("topic", name, topics)
 
 
@@ -335,14 +331,6 @@ class _Part:
         with self.named():
             rows = np.asarray(self.array[start:end])
             return {x: as_floats(rows if k is None else rows[:, k]) for x, k in self.places.items()}
-
-
-def samples(path: Path, name: str, values: Any) -> Array:
-    """Return a column as numbers. Raises LogError if it is not a vector of numbers."""
-    values = np.asarray(values)
-    if not is_number(values.dtype) or values.ndim != 1:
-        raise no_numbers(path, name, values.dtype, values.shape)
-    return as_floats(values)
 
 
 def as_floats(values: NDArray[Any]) -> Array:

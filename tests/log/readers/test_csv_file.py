@@ -199,8 +199,7 @@ def test_a_long_file_is_read_in_parts_like_a_short_one(
     path = tmp_path / "log.csv"
     path.write_text("a,b\n" + "".join(f"{k},{k if k % 7 else 'nan'}\n" for k in range(500)))
     whole = open_table(path).load(["b", "a"])
-    monkeypatch.setattr("seaid.log.readers.csv_file._LINES", 64)
-    monkeypatch.setattr("seaid.log.readers.csv_file._TEXT", 100)
+    monkeypatch.setattr("seaid.log.readers.csv_file._CELLS", 128)
     parts = open_table(path).load(["b", "a"])
     np.testing.assert_array_equal(parts["b"], whole["b"])
     assert parts["a"].tolist() == list(range(500))
