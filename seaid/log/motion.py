@@ -276,7 +276,9 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
 def motion_of(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
     """Return the motion of all samples of a log. Raises LogError for a hole in time."""
     check_whole(log)
-    return _motion(robot, log, None if cutoff_hz is None else _fixed_cutoff(cutoff_hz))
+    return _motion(
+        robot, log, None if cutoff_hz is None else CutoffSelection(cutoff_hz, "as given")
+    )
 
 
 def _shortest_s(cutoff_hz: float | None) -> float:
@@ -304,7 +306,7 @@ def reconstruct_motions(
         choices = [_selected_cutoff(robot, *_sampled(robot, part)) for part in (log, longest)]
         cutoff = min(choices, key=lambda choice: choice.cutoff_hz)
     else:
-        cutoff = _fixed_cutoff(cutoff_hz)
+        cutoff = CutoffSelection(cutoff_hz, "as given")
         # The mean rate of a log with holes would be too low for this check.
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
     # The factor 1.001 outweighs rounding: each stretch passes the check of its duration in
@@ -333,10 +335,6 @@ Where a motor stops at a reversal, its friction is not that by the sign of its s
 again. The low pass spreads this over the accelerations near the reversal, the largest ones: the
 rotor inertia is 0.2 to 0.5 % too large, up to nine standard errors, and at twice the cutoff 0.05 %
 (`scripts/benchmarks/unseen_plants.py`)."""
-
-
-def _fixed_cutoff(cutoff_hz: float) -> CutoffSelection:
-    return CutoffSelection(cutoff_hz, "as given")
 
 
 def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:

@@ -102,38 +102,29 @@ def pieces(motion: Motion, samples: int = PIECE_SAMPLES) -> Iterator[tuple[Motio
         yield motion.samples(part), float(times[start]), float(times[end])
 
 
-def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:
+def standstill(
+    motion: Motion, index: int, share: float = STANDSTILL_SHARE, *, of_joint: bool = False
+) -> BoolArray:
     """Return the mask (T,) of samples at which a motor's friction is unknown because it stands.
 
     The low pass averages over the neighbourhood of a sample: the sample counts if standstill makes
-    up more than `share` of that average. A reversal without a stop is no standstill.
+    up more than `share` of that average. A reversal without a stop is no standstill. `of_joint`:
+    the same of the joint's side.
     """
-    return _still(motion, motion.motor_velocity[:, index], still_speed(motion, index), share)
+    speed = motion.joint_velocity if of_joint else motion.motor_velocity
+    still = np.abs(speed[:, index]) < still_speed(motion, index, of_joint=of_joint)
+    return np.asarray(still | (in_band(motion, still.astype(float)) > share))
 
 
-def joint_standstill(motion: Motion, index: int) -> BoolArray:
-    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
-    least = _still_speed(motion.largest_speeds[1, index])
-    return _still(motion, motion.joint_velocity[:, index], least, STANDSTILL_SHARE)
-
-
-def still_speed(motion: Motion, index: int) -> float:
-    """Return the speed [rad/s] below which a motor counts as standing."""
-    return _still_speed(motion.largest_speeds[0, index])
-
-
-def _still_speed(fastest: float) -> float:
-    return max(filtering.STANDSTILL * float(fastest), filtering.REST_RAD_S)
+def still_speed(motion: Motion, index: int, *, of_joint: bool = False) -> float:
+    """Return the speed [rad/s] below which a motor, or a joint, counts as standing."""
+    fastest = float(motion.largest_speeds[int(of_joint), index])
+    return max(filtering.STANDSTILL * fastest, filtering.REST_RAD_S)
 
 
 def still_share(drive: Drive) -> float:
     """Return the share of standstill that is allowed for a drive with dry friction."""
     return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
-
-
-def _still(motion: Motion, speed: Array, least: float, share: float) -> BoolArray:
-    still = (np.abs(speed) < least).astype(float)
-    return np.asarray((still > 0) | (in_band(motion, still) > share))
 
 
 def inside_transients(motion: Motion) -> BoolArray:

@@ -20,7 +20,7 @@ from seaid.drives import ParameterName, is_dry, total_ratio
 from seaid.drives.terms import LEVEL_OF
 from seaid.errors import IdentificationError, LogError
 from seaid.log import row_samples, standstill
-from seaid.log.rows import PIECE_SAMPLES, in_band_at, joint_standstill, still_share
+from seaid.log.rows import PIECE_SAMPLES, in_band_at, still_share
 from seaid.regressor.base import (
     Joints,
     Links,
@@ -551,7 +551,7 @@ def _group_rests(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     unknown, index = np.zeros(len(motion.time), dtype=bool), robot.index(joint)
     for moved in group_of(robot.transmission, index):
         if "coulomb" in robot.drives[robot.joint_names[moved]].joint_friction:
-            unknown |= joint_standstill(motion, moved)
+            unknown |= standstill(motion, moved, of_joint=True)
     return unknown
 
 

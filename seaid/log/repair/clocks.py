@@ -291,10 +291,9 @@ def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
     """Return the channels grouped by their clock."""
     clocks: list[list[Channel]] = []
     for channel in channels:
-        for group in clocks:
-            if np.array_equal(group[0].time, channel.time, equal_nan=True):
-                group.append(channel)
-                break
+        alike = [x for x in clocks if np.array_equal(x[0].time, channel.time, equal_nan=True)]
+        if alike:
+            alike[0].append(channel)
         else:
             clocks.append([channel])
     return clocks
