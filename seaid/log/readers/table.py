@@ -26,35 +26,23 @@ def free_memory() -> float:
     It is the smallest of the free memory of the machine, of the process's address space, and of
     the control group of a container.
     """
-    # A container or a batch system kills a process long before the machine's memory is full.
-    return min(_machine_memory(), _process_memory(), _group_memory())
-
-
-def _machine_memory() -> float:
-    with suppress(OSError, ValueError, IndexError, StopIteration):
+    free = [math.inf]
+    with suppress(OSError, ValueError, IndexError, StopIteration):  # not Linux
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
-    return float("inf")
-
-
-def _process_memory() -> float:
+        free += [1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)]
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource  # not on Windows
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         if limit != resource.RLIM_INFINITY:
-            pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-            return float(limit - pages * resource.getpagesize())
-    return float("inf")
-
-
-def _group_memory() -> float:
-    group = Path("/sys/fs/cgroup")
-    with suppress(OSError, ValueError):
-        limit = (group / "memory.max").read_text(encoding="ascii")
-        used = (group / "memory.current").read_text(encoding="ascii")
-        return float(limit) - float(used)  # "max" raises ValueError: no limit
-    return float("inf")
+            free += [float(limit - pages * resource.getpagesize())]
+    # A container or a batch system kills a process long before the machine's memory is full.
+    with suppress(OSError, ValueError):  # "max" is no number: no limit
+        group = Path("/sys/fs/cgroup")
+        used, most = (group / f"memory.{x}" for x in ("current", "max"))
+        free += [float(most.read_text("ascii")) - float(used.read_text("ascii"))]
+    return min(free)
 
 
 MOST_COLUMNS = 10_000

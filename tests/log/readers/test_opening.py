@@ -8,12 +8,10 @@ import re
 import struct
 import sys
 import zipfile
-from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from io import BytesIO
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import h5py
@@ -27,14 +25,13 @@ from scipy import io
 
 import seaid.log.readers.table as limits
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidError, SeaidWarning
+from seaid.errors import LogError
 from seaid.log import Log, open_long_log, read_log
 from seaid.log.channels import SENSORS
 from seaid.log.log import LARGEST
 from seaid.log.readers.opening import READERS, open_table
 from seaid.log.readers.table import check_memory, free_memory
 from seaid.robot import Robot
-from tests.fuzz.mutators import damaged_bytes
 from tests.log.readers.files import FORMATS, TIME, error_of, loaded, one_log, save, write
 from tests.one_joint import one_joint
 from tests.representatives import quick_first
@@ -295,20 +292,6 @@ def test_file_that_is_cut_off_is_named(
     path.write_bytes(content.rpartition(b",")[0] if suffix == ".csv" else content)
     with pytest.raises(LogError, match=re.escape(f"'{path}'")):
         read_log(path, arm)
-
-
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_damaged_bytes_of_any_kind_are_read_or_refused(
-    arm: Robot, tmp_path: Path, suffix: str
-) -> None:
-    """Whatever bytes change, a log is read or refused, and nothing else is raised."""
-    path, rng = tmp_path / f"log{suffix}", Random(f"log{suffix}")
-    write(one_log().between(0.0, 0.6), path)
-    whole = path.read_bytes()
-    for _ in range(60):
-        path.write_bytes(damaged_bytes(rng, whole))
-        with suppress(SeaidError, SeaidWarning):
-            read_log(path, arm)
 
 
 @pytest.mark.parametrize(
