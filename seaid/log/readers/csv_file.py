@@ -210,15 +210,16 @@ def _header(path: Path, lines: Iterator[str]) -> _Header:
         if numbers is None or numbers.fits(header):
             return header
     if numbers and (comments or not _counts_from_zero(first)):
-        names = [str(number) for number in range(1, numbers.cells + 1)]
-        return _Header(path, names, *numbers, line - 1, has_names=False)
+        return numbers.header(path, line - 1)
     header = _named(path, first, second, line)
-    if units := _units(path, second, header):
-        header = _named(path, first, third, line_below)
-        pairs = zip_longest(header.names, units, fillvalue="")
-        names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
-        header = replace(header, names=names)
-    return header
+    units = _units(path, second, header)
+    return _with_units(_named(path, first, third, line_below), units) if units else header
+
+
+def _with_units(header: _Header, units: list[str]) -> _Header:
+    """Return a header whose names have their units in brackets."""
+    pairs = zip_longest(header.names, units, fillvalue="")
+    return replace(header, names=[f"{name} [{unit}]" if unit else name for name, unit in pairs])
 
 
 def _units(path: Path, line: str, header: _Header) -> list[str]:
@@ -284,6 +285,11 @@ class _Format(NamedTuple):
         """Return whether a header has a name for each of the cells, and their delimiter."""
         is_delimited = self.cells == 1 or header.delimiter == self.delimiter
         return len(header.names) == self.cells and is_delimited
+
+    def header(self, path: Path, skipped: int) -> _Header:
+        """Return the header of a file without one, whose columns are 1, 2, 3, ...."""
+        names = [str(number) for number in range(1, self.cells + 1)]
+        return _Header(path, names, *self, skipped, has_names=False)
 
 
 def _format_of(line: str) -> _Format | None:
@@ -386,13 +392,18 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
             )
     if len(values) != len(lines):
-        numbered = enumerate(_cells(header.path, lines, delimiter), first)
-        rows = [(line, _texts(header, cells, line)) for line, cells in numbered if cells]
-        named = [(place, header.names[place]) for place in places]
-        values = np.array(
-            [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
-        )
+        values = _parsed(header, lines, places, first)
     return dict(zip(wanted, values.T.copy(), strict=True))
+
+
+def _parsed(header: _Header, lines: list[str], places: list[int], first: int) -> Array:
+    """Return the numbers (T, k) of the cells at some places. Raises LogError, with the line."""
+    numbered = enumerate(_cells(header.path, lines, header.delimiter), first)
+    rows = ((line, _texts(header, cells, line)) for line, cells in numbered if cells)
+    named = [(place, header.names[place]) for place in places]
+    return np.array(
+        [[_number(header.path, line, name, row[x]) for x, name in named] for line, row in rows]
+    )
 
 
 def _texts(header: _Header, cells: list[str], line: int) -> list[str]:
