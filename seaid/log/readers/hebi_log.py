@@ -15,7 +15,7 @@ import numpy as np
 
 from seaid.errors import LogError
 from seaid.log.readers.child_process import Answer, read_in_child
-from seaid.log.readers.table import Block, Table, check_installed, part_of
+from seaid.log.readers.table import Block, Table, check_installed
 
 _FIELDS = (
     *("position", "velocity", "effort", "deflection", "deflection_velocity"),
@@ -46,13 +46,14 @@ def open_hebilog(path: Path) -> Table:
     check_installed("hebi", "hebi", path)
     _check_end(path)
     modules, fields = read_in_child(read_fields, path, "a HEBI log", bytes_per_second=2e5)
-    names = [f"{field}[{k}]" for k in range(modules) for field in (*_CLOCKS, *_FIELDS)]
+    kinds = (*_CLOCKS, *_FIELDS)
+    places = {f"{kind}[{k}]": (kind, k) for k in range(modules) for kind in kinds}
     clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
 
     def load(wanted: list[str]) -> Block:
-        return {name: _column(fields, name) for name in wanted}
+        return {name: _column(fields, *places[name]) for name in wanted}
 
-    return Table(names, load, clocks=clocks)
+    return Table(list(places), load, clocks=clocks)
 
 
 def read_fields(path: str) -> Answer:
@@ -89,14 +90,13 @@ def _samples(log: Any) -> Iterator[Any]:
             return
 
 
-def _column(fields: Any, name: str) -> Any:
-    base, module = part_of(name)
-    if base not in _CLOCKS:
-        return fields[base][:, module]
-    values = fields[_CLOCKS[base]]
+def _column(fields: Any, kind: str, module: int) -> Any:
+    if kind not in _CLOCKS:
+        return fields[kind][:, module]
+    values = fields[_CLOCKS[kind]]
     # The computer's clock is common to all modules, so that their offsets stay; each module has a
     # clock of its own, whose zero means nothing.
-    first = values[0].min() if base == "time" else values[0, module]
+    first = values[0].min() if kind == "time" else values[0, module]
     return (values[:, module] - first) * 1e-6
 
 

@@ -234,15 +234,16 @@ def table_of_arrays(
 
     `opened` yields the arrays of a file, which is "a NumPy archive" or of another `kind`.
     """
-    names: list[str] = []
     with damaged(path, kind), opened() as arrays:
-        for name, array in arrays.items():
-            names += with_parts(name, _shape_of(array))
-            check_columns(path, len(names))
+        columns = _columns_of(path, arrays)
 
     def blocks(wanted: list[str], size: int) -> Blocks:
+        of_arrays: dict[str, dict[str, int | None]] = {}
+        for name in wanted:
+            array, place = columns[name]
+            of_arrays.setdefault(array, {})[name] = place
         with damaged(path, kind), opened() as arrays:
-            parts = [_Part(path, kind, arrays, *each) for each in _parts_of(arrays, wanted)]
+            parts = [_Part(path, kind, arrays, *each) for each in of_arrays.items()]
             in_pieces = size < sys.maxsize
             if in_pieces:
                 check_lengths(path, {part.name: part.length for part in parts})
@@ -254,7 +255,7 @@ def table_of_arrays(
                     block |= part.columns(start, min(start + size, part.length))
                 yield {name: block[name] for name in wanted}
 
-    return in_pieces(names, blocks)
+    return in_pieces(list(columns), blocks)
 
 
 def in_pieces(
@@ -281,14 +282,16 @@ def _shape_of(array: Any) -> Sequence[int] | None:
     return None
 
 
-def _parts_of(arrays: Arrays, wanted: Sequence[str]) -> Iterable[tuple[str, dict[str, int | None]]]:
-    """Return {array: {column: its index in the array, None for a whole one}}."""
-    parts: dict[str, dict[str, int | None]] = {}
-    for name in wanted:
-        # "q[0]" may be the name of an array itself.
-        base, index = (name, None) if name in arrays else part_of(name)
-        parts.setdefault(base, {})[name] = index
-    return parts.items()
+def _columns_of(path: Path, arrays: Arrays) -> dict[str, tuple[str, int | None]]:
+    """Return {column: its array, and its place in a matrix}, of matrices up to a limit."""
+    columns: dict[str, tuple[str, int | None]] = {}
+    for name, array in arrays.items():
+        columns[name], shape = (name, None), _shape_of(array) or ()
+        if len(shape) == 2 and shape[1] <= MOST_COLUMNS:
+            columns |= {f"{name}[{place}]": (name, place) for place in range(shape[1])}
+        check_columns(path, len(columns))
+    # "q[0]" may be the name of an array itself.
+    return columns | {name: (name, None) for name in arrays}
 
 
 class _Part:
@@ -343,20 +346,6 @@ samples in columns: shorter logs of so many channels without names are not known
 def has_samples_in_columns(shape: Sequence[int]) -> bool:
     """Return whether the rows of a matrix without names are channels, not samples."""
     return len(shape) == 2 and shape[1] >= max(FEWEST_SAMPLES, _LONGER * shape[0])
-
-
-def with_parts(name: str, shape: Sequence[int] | None) -> list[str]:
-    """Return an array's name; of two dimensions "name[0]", "name[1]", ..., up to a limit."""
-    many = shape is not None and len(shape) == 2 and shape[1] <= MOST_COLUMNS
-    return [name, *(f"{name}[{index}]" for index in range(shape[1] if shape and many else 0))]
-
-
-def part_of(name: str) -> tuple[str, int | None]:
-    """Return the array of a column, and its place in the array: "q[2]" is ("q", 2)."""
-    base, bracket, index = name.rpartition("[")
-    if bracket and index.endswith("]") and index[:-1].isdecimal() and index.isascii():
-        return base, int(index[:-1])
-    return name, None
 
 
 def optional(module: str, extra: str, path: Path) -> Any:
