@@ -84,7 +84,6 @@ def test_between_keeps_the_start_and_leaves_the_end() -> None:
         ({"joint_torque": np.zeros(60)}, r"joint_torque must have shape \(60, 2\), found \(60,\)"),
         ({"time": np.zeros((60, 1))}, r"time must have shape \(any\), found \(60, 1\)"),
         ({"time": 3.0}, r"time must have shape \(any\), found \(\)"),
-        ({"time": np.zeros(60)}, r"time_s repeats at sample 1 \(0 s, then 0 s; 59 such places\)"),
         ({"joint_names": ("a", "a")}, "joint_names has a joint twice: a, a"),
         ({"is_prismatic": (True,)}, "is_prismatic needs one entry per joint, 2, found 1"),
     ],

@@ -118,21 +118,6 @@ def test_cells_far_down_are_named(tmp_path: Path) -> None:
         parts(with_cells(tmp_path / "log.csv", name, 1000, "nan"))
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        (np.array(["a"] * 6001), "must be a vector of numbers, found <U1"),
-        (np.zeros((6001, 2)), r"must be a vector of numbers, found float64 of shape"),
-        (np.zeros(70), "columns have different lengths"),
-    ],
-)
-def test_archives_with_bad_columns(tmp_path: Path, values: Any, words: str) -> None:
-    columns: dict[str, Any] = {"time_s": log().time, **log().columns()}
-    np.savez(tmp_path / "log.npz", **columns | {f"{JOINT}.motor_position_rad": values})
-    with pytest.raises(LogError, match=words):
-        parts(tmp_path / "log.npz")
-
-
 def test_time_must_be_regular(tmp_path: Path) -> None:
     holed = log().time + 0.5 * (np.arange(len(log().time)) >= 4000)
     uneven = log().time + np.where(np.arange(len(log().time)) % 2, 2e-4, 0.0)
