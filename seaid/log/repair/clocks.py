@@ -248,7 +248,10 @@ def clock_line(clock: Array, reference: Array) -> ClockLine:
     difference = clock - reference
     blocks = np.array_split(np.arange(len(clock)), min(_BLOCKS, len(clock)))
     at, apart = (np.array([np.median(x[part]) for part in blocks]) for x in (reference, difference))
-    drift, _, low, high = theilslopes(apart, at)
+    drift, low, high = 0.0, 0.0, 0.0
+    with np.errstate(invalid="ignore"):  # no interval of differences of which most are equal
+        if np.ptp(at) > 0:
+            drift, _, low, high = theilslopes(apart, at)
     middle = float(np.median(reference))
     detrended = difference - drift * (reference - middle)
     # At the middle of the log, where the errors of offset and slope are nearly uncorrelated.
