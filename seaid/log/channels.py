@@ -113,9 +113,13 @@ class Quantity:
         """The number of its columns."""
         return max(len(self.axes), 1)
 
+    def unit_of(self, is_prismatic: bool) -> str:
+        """Return the SI unit of a joint."""
+        return (is_prismatic and self.prismatic_unit) or self.unit
+
     def column(self, joint: str, is_prismatic: bool) -> str:
         """Return the name of the column of a joint."""
-        unit = (is_prismatic and self.prismatic_unit) or self.unit
+        unit = self.unit_of(is_prismatic)
         return (
             f"{joint}.{self.name.replace('torque', 'force') if unit == 'N' else self.name}_{unit}"
         )
@@ -192,12 +196,6 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
 def column_name(joint: str, is_prismatic: bool, field: str) -> str:
     """Return the column name in a file of one field of `Log` of one joint."""
     return OF_JOINTS[field].column(joint, is_prismatic)
-
-
-def unit_of_column(name: str) -> str:
-    """Return the SI unit at the end of the name of a column: "rad_per_s" or "Nm"."""
-    end = -3 if name.endswith("_per_s") else -1
-    return "_".join(name.split("_")[end:])
 
 
 def short_name(name: str) -> str:

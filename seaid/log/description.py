@@ -196,6 +196,13 @@ def _in_short(columns: Sequence[str]) -> Any:
     return columns[0] if len(columns) == 1 else list(columns)
 
 
+Sources = Mapping[str, Source]
+"""{quantity of a joint, of the base or of a contact: its source}."""
+
+Tables = dict[tuple[str, ...], Sources]
+"""{keys of a table of a description: its sources}."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LogDescription(Display):
     """The meaning of the columns of a log, for `read_log`.
@@ -254,10 +261,25 @@ class LogDescription(Display):
         object.__setattr__(self, "base", FrozenMapping(self.base))
         object.__setattr__(self, "contacts", FrozenMapping(links))
 
+    @property
+    def tables(self) -> Tables:
+        """The sources of each table: of ("joints", joint), ("base",) and ("contacts", link)."""
+        tables: Tables = {("joints", joint): sources for joint, sources in self.joints.items()}
+        tables |= {("base",): self.base} if self.base else {}
+        return tables | {("contacts", link): sources for link, sources in self.contacts.items()}
+
+    def with_tables(self, tables: Mapping[tuple[str, ...], Sources]) -> LogDescription:
+        """Return the description with the tables that have sources in place of its own."""
+
+        def of(kind: str) -> dict[str, Sources]:
+            return {key[-1]: table for key, table in tables.items() if key[0] == kind and table}
+
+        base = of("base").get("base", {})
+        return replace(self, joints=of("joints"), base=base, contacts=of("contacts"))
+
     def columns(self) -> set[str]:
         """Return the columns that the description uses, those of clocks too."""
-        tables = [*self.joints.values(), self.base, *self.contacts.values()]
-        sources = [*chain.from_iterable(table.values() for table in tables)]
+        sources = [*chain.from_iterable(table.values() for table in self.tables.values())]
         clocks = filter(None, [self.time, *(source.time for source in sources)])
         columns = [x.used for x in sources] + [x.columns() for x in clocks]
         return set(() if self.where is None else [self.where]).union(*columns)

@@ -29,9 +29,7 @@ from seaid.log.channels import (
     UNIT_FACTORS,
     Quantity,
     column_name,
-    column_names,
     short_name,
-    unit_of_column,
 )
 from seaid.log.description import Clock, LogDescription, Servo, Source
 from seaid.log.log import Log, columns_by_joint, near_names, own_names, sorted_log
@@ -115,12 +113,11 @@ class Selection:
 
 
 def selected(path: Path, table: Table, description: LogDescription, robot: Robot) -> Selection:
-    """Return the quantities of a complete description, and the vectors with seaid's own columns.
+    """Return the quantities of a complete description.
 
     Raises LogError for a file without any quantity of a joint.
     """
-    described = [*_described_quantities(path, table, description, robot)]
-    if not described:
+    if not description.joints:
         names = [name for names in columns_by_joint(robot).values() for name in names]
         found = "; ".join(filter(None, [listed(table.names), table.notice]))
         raise LogError(
@@ -128,9 +125,23 @@ def selected(path: Path, table: Table, description: LogDescription, robot: Robot
             f"need {DESCRIBED}), found: {found}{near_names(names, (), table.names)}",
             DESCRIBED,
         )
-    described += _described_vectors(path, table, description, robot)
+    _check_vectors(path, description, robot.floating_base)
+    described = tuple(_quantities(path, table, description, robot))
     where = description.where and table.in_file_of(description.where, described[0].source.used)
-    return Selection(path, table, robot, tuple(described), where)
+    return Selection(path, table, robot, described, where)
+
+
+def _quantities(
+    path: Path, table: Table, description: LogDescription, robot: Robot
+) -> Iterator[_Described]:
+    """Yield the quantities of a complete description, in its order."""
+    rows = _rows_of(robot, description.contacts)
+    for key, sources in description.tables.items():
+        for quantity, source in sources.items():
+            where = f"'{path}': [{'.'.join(key)}] {quantity}"
+            clock = _clock_of(where, table, description, source)
+            names = _names(where, key, rows[key][quantity], source, robot)
+            yield _Described(where, key[-1], quantity, names, source, clock)
 
 
 DESCRIBED = "description= (seaid.describe_log infers one)"
@@ -159,22 +170,128 @@ class _Described:
     clock: Clock
 
     def channels(self, data: Block, robot: Robot) -> list[Channel]:
-        """Return the channels of the columns of a file."""
-        is_of_joint = self.quantity in OF_JOINTS
-        return [_channel(data, robot, self)] if is_of_joint else _vector_channels(data, self)
+        """Return the channels of the columns of a file; a quaternion is without jumps of sign."""
+        source = self.source
+        try:
+            factor, offset = self._factor_and_offset(robot)
+            if source.servo:
+                logged = _servo_voltage(data, source.servo)[None]
+            else:
+                logged = np.array([data[name] for name in source.columns])
+                logged = logged * _number(data, source.times)
+            time = self.clock.seconds(data, logged.shape[1])
+        except (LogError, ValueError) as problem:
+            text = str(problem)
+            text = text if text.startswith(self.where) else f"{self.where}: {text}"
+            raise LogError(text) from None
+        times = source.times if isinstance(source.times, int | float) else 1.0
+        period = None if source.wraps is None else abs(factor * times) * source.wraps
+        # x + -0.0 is x bit by bit, also of x = -0.0.
+        values = factor * logged + (offset or -0.0)
+        if self.quantity == "orientation":
+            # Before gaps and other clocks are interpolated: between p and -p an interpolation
+            # passes zero.
+            values = continuous((values[[3, 0, 1, 2]] if source.order == "xyzw" else values).T).T
+        elif self.quantity == "contact" and source != Source(self.names):  # its own is 0 or 1
+            limit = 0.5 if source.above is None else source.above
+            is_known = np.isfinite(values) & (logged != source.unknown)
+            values = np.where(is_known, values > limit, np.nan)
+        return [
+            Channel(name, time, channel, period, source.delay_s)
+            for name, channel in zip(self.names, values, strict=True)
+        ]
+
+    def _factor_and_offset(self, robot: Robot) -> tuple[float, float]:
+        """Return factor and offset [SI] of the columns."""
+        source, factor = self.source, self.source.sign * self.source.scale
+        if self.quantity != "motor_temperature":
+            return factor * self._unit_factor(robot), source.offset
+        # sign scale (degree T + zero) + offset: the zero of the unit is scaled too, the offset is
+        # not.
+        degree, zero = TEMPERATURES[source.unit or "degC"]
+        return factor * degree, source.offset + factor * zero
+
+    def _unit_factor(self, robot: Robot) -> float:
+        """Return the factor from the column to the quantity: unit, torque constant, gear."""
+        source, factor, quantity = self.source, 1.0, self.quantity
+        own_side, _, kind = quantity.partition("_")
+        if source.side not in (None, own_side):
+            factor, quantity = self._gear_factor(robot), f"{source.side}_{kind}"
+        if source.unit is None:
+            return factor
+        if source.torque_constant_Nm_per_A is not None:
+            return factor * UNIT_FACTORS["A"][source.unit] * source.torque_constant_Nm_per_A
+        unit = _unit_of(robot, self.owner, quantity)
+        units = dict(UNIT_FACTORS[unit])
+        if source.counts_per_turn is not None and unit == "rad":
+            units["counts"] = 2 * np.pi / source.counts_per_turn
+        if source.counts_per_m is not None and unit == "m":
+            units["counts"] = 1.0 / source.counts_per_m
+        if source.unit not in units:
+            raise LogError(unknown_name("unit of this quantity", source.unit, units))
+        return factor * units[source.unit]
+
+    def _gear_factor(self, robot: Robot) -> float:
+        """Return the factor from the other side of the gear to that of the quantity."""
+        side = self.source.side
+        _check_own_drive(robot, self.owner, f"its {side} side does not determine the other")
+        ratio = total_ratio(robot.drives[self.owner])
+        # The motor moves N times as far, and the joint has N times the torque.
+        grows = self.quantity in ("motor_position", "joint_torque")  # with the ratio
+        return ratio if grows else 1.0 / ratio
 
 
 def completed(table: Table, description: LogDescription, robot: Robot) -> LogDescription:
-    """Return a description with the columns of seaid for what it does not describe of joints."""
+    """Return a description with the columns of seaid for what it does not describe."""
     described = [joint for joint in description.joints if joint not in robot.standing_joints]
     for joint in described:
         if joint not in robot.joint_names:
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
-    joints = {}
-    for joint in dict.fromkeys([*described, *robot.joint_names]):
-        sources = dict(description.joints.get(joint, {}))
-        joints[joint] = sources | _sources_by_name(table, robot, joint, sources)
-    return replace(description, joints={joint: entry for joint, entry in joints.items() if entry})
+    rows, tables = _rows_of(robot, description.contacts), description.tables
+    still = {("joints", joint) for joint in robot.standing_joints}
+    complete = dict[tuple[str, ...], dict[str, Source]]()
+    for key in [key for key in dict.fromkeys([*tables, *rows]) if key not in still]:
+        complete[key] = sources = dict(tables.get(key, {}))
+        used = {column for source in sources.values() for column in source.used}
+        for row in rows.get(key, {}).values():
+            columns = _own_columns(table, robot, key, row, used)
+            if columns and row.name not in sources:
+                sources[row.name] = Source(columns)
+    return description.with_tables(complete)
+
+
+def _rows_of(
+    robot: Robot, links: Iterable[str] = ()
+) -> dict[tuple[str, ...], Mapping[str, Quantity]]:
+    """Return {table of a description: the quantities that it may have} of a robot.
+
+    Other links than those of contacts may have wrenches.
+    """
+    rows = dict[tuple[str, ...], Mapping[str, Quantity]]()
+    rows |= {("joints", joint): OF_JOINTS for joint in robot.joint_names}
+    if robot.floating_base is not None:
+        rows["base",] = OF_BASE
+        links = dict.fromkeys([*links, *robot.floating_base.contact_links])
+        rows |= {("contacts", link): OF_CONTACTS for link in links}
+    return rows
+
+
+def _own_columns(
+    table: Table, robot: Robot, key: tuple[str, ...], row: Quantity, used: Collection[str]
+) -> tuple[str, ...]:
+    """Return the columns with seaid's own names of a quantity, which `Log` checks, if any.
+
+    A short name is one of seaid's unless a description uses it.
+    """
+    if key[0] == "joints":
+        name = row.column(key[1], _is_prismatic(robot, key[1]))
+        # The long name first: a file with both has the joint's own under it.
+        names = [name] if name in table.names else [x for x in [short_name(name)] if x not in used]
+        return tuple(x for x in names if x in table.names)
+    base = robot.floating_base
+    is_own = row.name != "angle" or (base is not None and base.normal is not None)
+    names = [*row.columns(key[-1])] if is_own and row.name != "acceleration" else []
+    return tuple(name for name in names if name in table.names)
 
 
 def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
@@ -182,62 +299,16 @@ def of_other_names(description: LogDescription, robot: Robot) -> LogDescription:
 
     Those are read without a description, unless it has another source of the quantity.
     """
-    vectors = _vectors_of(robot.floating_base)
-    own = own_names(robot).union(*(row.columns(owner) for owner, _, row in vectors))
-
-    def rest(tables: Mapping[str, Mapping[str, Source]]) -> dict[str, dict[str, Source]]:
-        others = {
-            owner: {x: y for x, y in sources.items() if not own.issuperset(y.used)}
-            for owner, sources in tables.items()
+    vectors = {key: rows for key, rows in _rows_of(robot).items() if key[0] != "joints"}
+    own = own_names(robot).union(
+        *(row.columns(key[-1]) for key, rows in vectors.items() for row in rows.values())
+    )
+    return description.with_tables(
+        {
+            key: {x: y for x, y in sources.items() if not own.issuperset(y.used)}
+            for key, sources in description.tables.items()
         }
-        return {owner: sources for owner, sources in others.items() if sources}
-
-    described = rest({"base": description.base}).get("base", {})
-    joints, contacts = rest(description.joints), rest(description.contacts)
-    return replace(description, joints=joints, base=described, contacts=contacts)
-
-
-def _described_quantities(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> Iterator[_Described]:
-    for joint, sources in description.joints.items():
-        for quantity, source in sources.items():
-            where = f"'{path}': [joints.{joint}] {quantity}"
-            clock = _clock_of(where, table, description, source)
-            name, own = _name_of(robot, joint, quantity)[0], _own_name(robot, joint, quantity)
-            name = own if source == Source((own,)) else name
-            yield _Described(where, joint, quantity, (name,), source, clock)
-
-
-def _described_vectors(
-    path: Path, table: Table, description: LogDescription, robot: Robot
-) -> Iterator[_Described]:
-    """Yield the vectors of a description, and those with seaid's own columns."""
-    base = robot.floating_base
-    _check_vectors(path, description, base)
-    for owner, place, row in _vectors_of(base, description.contacts):
-        assert base is not None
-        where, contacts = f"'{path}': {place} {row.name}", description.contacts
-        described = contacts.get(owner, {}) if row.name in OF_CONTACTS else description.base
-        source = described.get(row.name) or _own_vector(table, row, owner, base)
-        if source is not None:
-            is_own = row.name not in described
-            names = source.columns if is_own else _names(where, row, owner, source, base)
-            clock = _clock_of(where, table, description, source)
-            yield _Described(where, owner, row.name, names, source, clock)
-
-
-def _vectors_of(
-    base: FloatingBase | None, links: Iterable[str] = ()
-) -> Iterator[tuple[str, str, Quantity]]:
-    """Yield owner, table of a description, and row of all vectors of a base and its contacts.
-
-    Other links than those of contacts may have wrenches.
-    """
-    if base is not None:
-        yield from (("base", "[base]", row) for row in OF_BASE.values())
-        for link in dict.fromkeys([*links, *base.contact_links]):
-            yield from ((link, f"[contacts.{link}]", row) for row in OF_CONTACTS.values())
+    )
 
 
 def _check_vectors(path: Path, description: LogDescription, base: FloatingBase | None) -> None:
@@ -256,24 +327,27 @@ def _check_vectors(path: Path, description: LogDescription, base: FloatingBase |
             raise LogError(f"'{path}': [contacts.{link}]: {unknown}")
 
 
-def _own_vector(table: Table, row: Quantity, owner: str, base: FloatingBase) -> Source | None:
-    """Return the columns with seaid's own names of a vector, which `BaseLog` checks, if any."""
-    if row.name == "acceleration" or (row.name == "angle" and base.normal is None):
-        return None
-    logged = tuple(name for name in row.columns(owner) if name in table.names)
-    return Source(logged) if logged else None
-
-
 def _names(
-    where: str, row: Quantity, owner: str, source: Source, base: FloatingBase
+    where: str, key: tuple[str, ...], row: Quantity, source: Source, robot: Robot
 ) -> tuple[str, ...]:
-    """Return the names of the channels of a vector, also of the part that a planar base needs.
+    """Return the names of the channels of a quantity, also of the part that a planar base needs.
 
-    Those of a vector that is to be turned into the frame of `BaseLog` have its own frame.
+    Those of a vector that is to be turned into the frame of `BaseLog`, and of the deflection of a
+    spring, have names of their own.
     """
+    owner, base = key[-1], robot.floating_base
+    if key[0] == "joints":
+        own = row.column(owner, _is_prismatic(robot, owner))
+        is_of_spring = row.name == "deflection" and source != Source((own,))
+        return (
+            (f"{owner}.deflection_{_unit_of(robot, owner, row.name)}",) if is_of_spring else (own,)
+        )
+    assert base is not None
     if row.name == "angle" and base.normal is None:
         raise LogError(f"{where}: angle is that of a planar base, and this one is floating")
     names, frame = row.columns(owner), source.frame or row.frame
+    if source == Source(source.columns) and {*source.columns} <= {*names}:
+        return source.columns
     needed = needed_columns(base, row.name) if row.name in CHANNELS else names
     if row.name == "acceleration" or frame != row.frame:
         needed = names = tuple(f"base.{row.name}_in_{frame}_{x}" for x in row.axes)
@@ -284,19 +358,16 @@ def _names(
     return needed
 
 
-def _sources_by_name(
-    table: Table, robot: Robot, joint: str, described: Mapping[str, Source]
-) -> dict[str, Source]:
-    """Return the columns with seaid's names for the quantities that are not described."""
-    names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-    used = {column for source in described.values() for column in source.used} - {*names}
-    logged: dict[str, Source] = {}
-    for name, field in names.items():
-        # The long name first: a file with both has the joint's own under it.
-        columns = [x for x in (name, short_name(name)) if x in table.names and x not in used]
-        if columns and field not in described:
-            logged[field] = Source((columns[0],))
-    return logged
+def _is_prismatic(robot: Robot, joint: str) -> bool:
+    return robot.is_prismatic[robot.index(joint)]
+
+
+def _unit_of(robot: Robot, joint: str, quantity: str) -> str:
+    """Return the SI unit of a quantity of a joint; a deflection is that of the spring."""
+    drive = robot.drives[joint]
+    if quantity == "deflection":
+        return drive.spring_units[1] if drive.is_elastic else "rad"
+    return OF_JOINTS[quantity].unit_of(_is_prismatic(robot, joint))
 
 
 def both_sides(
@@ -382,102 +453,6 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
         return clock
     rest = clock.nanoseconds and table.in_file_of(clock.nanoseconds, columns)
     return replace(clock, column=table.in_file_of(clock.column, columns), nanoseconds=rest)
-
-
-def _channel(data: Block, robot: Robot, spec: _Described) -> Channel:
-    """Return the channel of a quantity of a joint."""
-    source, unit = spec.source, _name_of(robot, spec.owner, spec.quantity)[1]
-    factor, offset = source.sign * source.scale, source.offset
-    try:
-        if source.servo:
-            values = _servo_voltage(data, source.servo)
-        else:
-            if unit == "degC":
-                degree, zero = TEMPERATURES[source.unit or unit]
-                # sign scale (degree T + zero) + offset: the zero of the unit is scaled too, the
-                # offset is not.
-                factor, offset = factor * degree, offset + factor * zero
-            else:
-                factor *= _unit_factor(robot, spec, unit)
-            values = data[source.column] * _number(data, source.times)
-        time = spec.clock.seconds(data, len(values))
-        times = source.times if isinstance(source.times, int | float) else 1.0
-        period = None if source.wraps is None else abs(factor * times) * source.wraps
-        # x + -0.0 is x bit by bit, also of x = -0.0.
-        values = factor * values + (offset or -0.0)
-        return Channel(spec.names[0], time, values, period, source.delay_s)
-    except (LogError, ValueError) as problem:
-        text = str(problem)
-        raise LogError(text if text.startswith(spec.where) else f"{spec.where}: {text}") from None
-
-
-def _vector_channels(data: Block, spec: _Described) -> list[Channel]:
-    """Return the channels of a vector as logged: a quaternion without changes of sign."""
-    source = spec.source
-    logged = np.column_stack([data[name] for name in source.columns])
-    values = source.scale * logged
-    if spec.quantity == "orientation":
-        if source.order == "xyzw":
-            values = values[:, [3, 0, 1, 2]]
-        # Before gaps and other clocks are interpolated: between p and -p an interpolation passes
-        # zero.
-        values = continuous(values)
-    if spec.quantity == "contact" and source != Source(spec.names):  # its own is 0 or 1
-        limit = 0.5 if source.above is None else source.above
-        unknown = np.nan if source.unknown is None else source.unknown
-        is_known = np.isfinite(values) & (logged != unknown)
-        values = np.where(is_known, values > limit, np.nan)
-    time = spec.clock.seconds(data, len(values))
-    return [
-        Channel(name, time, column, None, source.delay_s)
-        for name, column in zip(spec.names, values.T, strict=True)
-    ]
-
-
-def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
-    """Return the name of a channel, and the SI unit at its end."""
-    drive = robot.drives[joint]
-    if quantity == "deflection":
-        unit = drive.spring_units[1] if drive.is_elastic else "rad"
-        return f"{joint}.deflection_{unit}", unit
-    name = _own_name(robot, joint, quantity)
-    return name, unit_of_column(name)
-
-
-def _own_name(robot: Robot, joint: str, quantity: str) -> str:
-    """Return seaid's own name of the column of a quantity of a joint."""
-    return column_name(joint, robot.is_prismatic[robot.index(joint)], quantity)
-
-
-def _unit_factor(robot: Robot, spec: _Described, unit: str) -> float:
-    """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    source, factor = spec.source, 1.0
-    own_side, _, kind = spec.quantity.partition("_")
-    if source.side not in (None, own_side):
-        factor = _gear_factor(robot, spec, source.side)
-        _, unit = _name_of(robot, spec.owner, f"{source.side}_{kind}")
-    if source.unit is None:
-        return factor
-    if source.torque_constant_Nm_per_A is not None:
-        return factor * UNIT_FACTORS["A"][source.unit] * source.torque_constant_Nm_per_A
-    units = dict(UNIT_FACTORS[unit])
-    if source.counts_per_turn is not None and unit == "rad":
-        units["counts"] = 2 * np.pi / source.counts_per_turn
-    if source.counts_per_m is not None and unit == "m":
-        units["counts"] = 1.0 / source.counts_per_m
-    if source.unit not in units:
-        raise LogError(f"{spec.where}: {unknown_name('unit of this quantity', source.unit, units)}")
-    return factor * units[source.unit]
-
-
-def _gear_factor(robot: Robot, spec: _Described, side: str) -> float:
-    """Return the factor from the other side of the gear to that of the quantity."""
-    _check_own_drive(robot, spec.owner, f"its {side} side does not determine the other")
-    drive = robot.drives[spec.owner]
-    ratio = total_ratio(drive)
-    # The motor moves N times as far, and the joint has N times the torque.
-    grows = spec.quantity in ("motor_position", "joint_torque")  # with the ratio
-    return ratio if grows else 1.0 / ratio
 
 
 def _servo_voltage(data: Block, servo: Servo) -> Array:

@@ -23,7 +23,7 @@ from seaid._files import read_toml
 from seaid.errors import LogError, in_one_line, listed
 from seaid.log.channels import UNIT_FACTORS
 from seaid.log.describe.names import Meaning, Role, is_of_another_part
-from seaid.log.description import Source
+from seaid.log.description import Source, Sources
 from seaid.log.readers.table import Block
 from seaid.robot import Robot
 
@@ -52,9 +52,6 @@ class Doubt(str):
         """Return the doubt behind the columns, joints or files that it is about."""
         return type(self)(in_one_line(f"{listed(names, most)}: {self}"), self.code)
 
-
-Sources = Mapping[str, Source]
-"""{quantity of a joint: its source}."""
 
 _LISTED = 100
 """Most columns named in one note."""

@@ -37,7 +37,7 @@ _RATE = re.compile(
 """A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
 
 _BRACKETED = re.compile(r"(.*)([\[(])([^\[\]()]*)[\])]\s*", re.DOTALL)
-_RUN = re.compile(r"(?<![^\W_])(?:[kK]_[pd]|[iI]_q)(?![^\W_])|[^\W_]+|[°%‰]")
+_RUN = re.compile(rf"{_RATE.pattern}|(?<![^\W_])(?:[kK]_[pd]|[iI]_q)(?![^\W_])|[^\W_]+|[°%‰]")
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|[°%‰]")
 _GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
 _DOTS = (
@@ -77,24 +77,27 @@ def vocabulary() -> Vocabulary:
     """Return the words of column names, which are read from their file once."""
     path = Path(__file__).with_name("vocabulary.toml")
     tables = read_toml(path, "the words of column names", LogError)
-    words = {name: frozenset(text.split()) for name, text in tables["roles"].items()}
+    words = {
+        name: frozenset(text.split())
+        for table in ("roles", "marks")
+        for name, text in tables[table].items()
+    }
     quantities = {
         word: kind for kind, text in tables["quantities"].items() for word in text.split()
     }
     of_quantities = frozenset(quantities)
-    not_of_joints = of_quantities.union(*(words[role] for role in words.keys() - {"joint"}))
-    marks = {name: frozenset(text.split()) for name, text in tables["marks"].items()}
-    more = {
+    not_of_joints = of_quantities.union(*(words[x] for x in tables["roles"].keys() - {"joint"}))
+    words |= {
         "computed": words["commanded"] | words["derived"] | words["elsewhere"],
         "understood": not_of_joints | words["joint"] | {"jnt"},
         "no label": not_of_joints,
         "generic": of_quantities.union(words["motor"], words["joint"], words["filler"]),
-        "desired": of_quantities | marks.pop("desired"),
+        "desired": of_quantities | words["desired"],
     }
     units = dict(_spellings())
     # The first unit of a spelling in small letters counts.
     small = {spelling.lower(): unit for spelling, unit in reversed(units.items())}
-    return Vocabulary(tables, quantities, words | marks | more, units, small)
+    return Vocabulary(tables, quantities, words, units, small)
 
 
 def _spellings() -> Iterator[tuple[str, Unit]]:
@@ -211,9 +214,8 @@ class _TopicPart:
 class _Parts:
     """The parts of a name: a topic, the field behind it, and what stands in its brackets.
 
-    `words` are those of the field without its rate and its joint, with the quantity for a unit that
-    stands for it, and `texts` are the words as written; `joint` is that of the brackets, or of the
-    robot.
+    `words` are those of the field without its joint, with the quantity for a unit that stands for
+    it, and `texts` are the words as written; `joint` is that of the brackets, or of the robot.
     """
 
     topic: list[_TopicPart]
@@ -224,7 +226,6 @@ class _Parts:
     joint: str
     label: str
     unit: Unit | None
-    rate: Unit | None
 
 
 def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
@@ -232,7 +233,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     head, label, unit = _without_brackets(name)
     path = head.split("/") if head.startswith("/") else [head]
     topic = [_topic_part(part, joints) for part in path[1:-1]]
-    field, rate = _without_rate(_in_latin(path[-1]))
+    field = _in_latin(path[-1])
     joint, words = _joint_of(label, joints), _words(field)
     if not label:
         joint, words = _joint_in(words, joints)
@@ -242,7 +243,7 @@ def _parts_of(name: str, joints: Sequence[str]) -> _Parts:
     if not quantity and (by_unit := _unit_of(words, "", "", joint) or _counts_of(words, unit)):
         quantity = by_unit[0]
         words = [replace(word, text=quantity) if word.unit == by_unit else word for word in words]
-    return _Parts(topic, field, words, texts, quantity, joint, label, unit, rate)
+    return _Parts(topic, field, words, texts, quantity, joint, label, unit)
 
 
 def _topic_part(text: str, joints: Sequence[str]) -> _TopicPart:
@@ -292,8 +293,7 @@ def _side_of(parts: _Parts) -> str:
 
 def _unit_and_joint(parts: _Parts, quantity: str, side: str, joint: str) -> tuple[Unit | None, str]:
     """Return the unit in brackets if the quantity has it, else that of the words; and the joint."""
-    is_rate = parts.rate and quantity in ("", "velocity", "acceleration")
-    unit = parts.rate if is_rate else parts.unit
+    unit = parts.unit
     if unit is None or not _fits(unit, quantity):
         label = unit[1] if unit else ""
         # Brackets with a unit that the quantity cannot have are the label of a joint: "tau[m]".
@@ -369,22 +369,15 @@ def _without_brackets(name: str) -> tuple[str, str, Unit | None]:
     return name, label, unit
 
 
-def _without_rate(head: str) -> tuple[str, Unit | None]:
-    """Return a name without the unit of a velocity or an acceleration, and that unit."""
-    match = _RATE.search(head)
-    if match is None:
-        return head, None
-    length, time, square = match.groups()
-    _, length = known_unit(length) or ("", length)
-    rate = ("acceleration", f"{length}/s^2") if square else ("velocity", f"{length}/{time[0]}")
-    return head[: match.start()] + head[match.end() :], rate
-
-
 def known_unit(text: str) -> Unit | None:
     """Return the unit that a text is, in the spelling of the table or in that of small letters."""
-    if _RATE.fullmatch(text):
-        return _without_rate(text)[1]
-    return vocabulary().units.get(text, vocabulary().small.get(text.lower()))
+    if not (match := _RATE.fullmatch(text)):
+        return vocabulary().units.get(text, vocabulary().small.get(text.lower()))
+    length, time, square = match.groups()
+    _, length = known_unit(length) or ("", length)
+    if square:
+        return "acceleration", f"{length}/s^2"
+    return "velocity", f"{length}/{'min' if time == 'min' else 's'}"
 
 
 def _texts(name: str) -> tuple[str, ...]:
@@ -395,8 +388,8 @@ def _texts(name: str) -> tuple[str, ...]:
 def _words(text: str) -> list[_Word]:
     """Return the words of a name; a unit such as mA is one word."""
     words: list[_Word] = []
-    for run in _RUN.findall(text):
-        head, unit = _without_unit(run)
+    for run in _RUN.finditer(text):
+        head, unit = _without_unit(run[0])
         for number, part in enumerate(_parts_of_run(head)):
             glued = number > 0 and part.isdigit()
             words += [_Word(piece, known_unit(part), glued) for piece in _split(part.lower())]
