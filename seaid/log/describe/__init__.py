@@ -23,7 +23,7 @@ from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.drives import COMMANDS, Controller
 from seaid.errors import LogError, abridged, checked, in_one_line, listed, shortened
-from seaid.log.describe.base import BaseGuess, infer_base
+from seaid.log.describe.base import infer_base
 from seaid.log.describe.inference import Doubt, Inference, check_used, is_state, sentences
 from seaid.log.describe.joints import (
     every_joint,
@@ -99,9 +99,7 @@ class Description(Display):
 
     def _rows(self) -> Iterator[tuple[str, ...]]:
         """Yield a row of texts for each quantity of a joint, of the base and of a contact."""
-        described = self.description
-        tables = [*described.joints.items(), ("base", described.base), *described.contacts.items()]
-        for owner, sources in tables:
+        for (*_, owner), sources in self.description.tables.items():
             for name, source in sources.items():
                 yield tuple(map(in_one_line, (owner, name, *self._cells(source))))
 
@@ -166,7 +164,7 @@ def describe_log(
     table = held or open_tables(paths)
     if columns:
         table = replace(table, labels=_labels(table, columns, robot))
-    samples, inference, guess = _understood(table, robot)
+    samples, inference = _understood(table, robot)
     clocks = _file_clocks(table, inference)
     inference.time = _time_of(inference, clocks.get(""))
     names = joint_names(inference)
@@ -181,28 +179,23 @@ def describe_log(
     gains = _gains(samples, inference, joints)
     check_used(inference, drafts, {x for clock in clocks.values() for x in clock.columns()})
     description = LogDescription(
-        joints,
-        _common_clock(table, inference, clocks, names, rate_hz),
-        base=guess.base,
-        contacts=guess.contacts,
-        files=_file_names(paths),
-    )
+        time=_common_clock(table, inference, clocks, names, rate_hz), files=_file_names(paths)
+    ).with_tables(inference.tables | {("joints", x): y for x, y in joints.items()})
     used = description.columns()
     unused = tuple(name for name in table.names if not used & {name, table.bare(name)})
     unsure, assumed = sentences(inference.notes), sentences(inference.assumed)
     return Description(description, unsure, unused, assumed, gains)
 
 
-def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference, BaseGuess]:
-    """Return all samples, the columns with a signal and what they mean, and those of the base."""
+def _understood(table: Table, robot: Robot | None) -> tuple[Block, Inference]:
+    """Return all samples, and the columns with a signal and what they mean."""
     inference = Inference({}, _meanings(table, robot), robot)
     take_bare_names(inference)
-    samples, guess = _all_samples(table, inference), BaseGuess()
+    samples = _all_samples(table, inference)
     if robot is not None and not robot.base_is_held:
-        guess = infer_base(table, replace(inference, data=samples), robot)
-        inference.meanings |= guess.taken
+        infer_base(table, replace(inference, data=samples), robot)
     inference.data |= _signal_columns(samples, inference)
-    return samples, inference, guess
+    return samples, inference
 
 
 def _meanings(table: Table, robot: Robot | None) -> dict[str, Meaning]:

@@ -18,9 +18,9 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from seaid._arrays import Array
-from seaid.log.base_log import matrices
 from seaid.log.channels import UNIT_FACTORS, Frame
 from seaid.log.describe.inference import Inference
 from seaid.log.describe.names import (
@@ -85,62 +85,54 @@ class Vector:
         return Source(self.columns, **{"scale": self.factor, **more})
 
 
-def force_sensors(vectors: Sequence[Vector]) -> dict[str, dict[str, Vector]]:
-    """Return {sensor: {"force" and "moment": vector}} of what is no command."""
-    sensors: dict[str, dict[str, Vector]] = {}
-    for vector in vectors:
-        match = _WRENCH.fullmatch(vector.stem)
-        if match and len(vector.columns) == 3 and not is_commanded(vector.stem):
-            quantity = "force" if match[2].lower().startswith("f") else "moment"
-            sensors.setdefault(match[1], {})[quantity] = vector
-    return {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
+def infer_base(table: Table, inference: Inference, robot: Robot) -> None:
+    """Find the base and the contacts of a log, and the joints that are in arrays with the base.
 
-
-@dataclass
-class BaseGuess:
-    """What was found: vectors of the base and of contacts, and meanings of the other columns."""
-
-    base: dict[str, Source] = field(default_factory=dict)
-    contacts: dict[str, dict[str, Source]] = field(default_factory=dict)
-    meanings: dict[str, Meaning] = field(default_factory=dict)
-
-    @property
-    def taken(self) -> dict[str, Meaning]:
-        """The meanings of all columns that are taken, those of the vectors too."""
-        tables = [self.base, *self.contacts.values()]
-        columns = chain.from_iterable(x.columns for table in tables for x in table.values())
-        return {**self.meanings, **dict.fromkeys(columns, _TAKEN)}
-
-
-def infer_base(table: Table, inference: Inference, robot: Robot) -> BaseGuess:
-    """Return the columns of the base and of contacts of a log; `inference` has all samples."""
+    `inference` has all samples; it gets the sources, and the meanings of the columns.
+    """
     assert robot.floating_base is not None
     search = _Search(table, inference, robot, robot.floating_base)
     vectors = search.named_vectors() or search.vectors_of_one_table()
     search.take_states(vectors)
-    search.take_wrenches(vectors)
+    forces = search.take_wrenches(vectors)
     for vector in vectors:
-        if search.guess.taken.keys().isdisjoint(vector.columns):
+        if search.taken.keys().isdisjoint(vector.columns):
             search.take_vector(vector)
-    search.note_unused_forces()
+    of_base = {source.columns for source in search.base.values()}
+    for sensor in [x for x, vector in forces.items() if vector.columns not in of_base]:
+        search.note(sensor, "other_force")
     search.take_contacts(vectors)
     search.take_loads()
     search.take_planar()
     search.decide_frames()
     search.note_what_is_lacking()
-    return search.guess
+    inference.meanings |= search.taken
 
 
 @dataclass
 class _Search:
-    """The search for a base and its contacts in the columns of a log."""
+    """The search for a base and its contacts in the columns of a log.
+
+    `meanings` are those of columns that are taken for a joint, or for a coordinate of the base.
+    """
 
     table: Table
     inference: Inference
     robot: Robot
     floating: FloatingBase
-    guess: BaseGuess = field(default_factory=BaseGuess)
-    other_forces: dict[str, Vector] = field(default_factory=dict)
+    meanings: dict[str, Meaning] = field(default_factory=dict)
+
+    @property
+    def base(self) -> dict[str, Source]:
+        """The sources of the base."""
+        return self.inference.tables["base",]
+
+    @property
+    def taken(self) -> dict[str, Meaning]:
+        """The meanings of all columns that are taken, those of the vectors too."""
+        sources = chain.from_iterable(x.values() for x in self.inference.tables.values())
+        columns = chain.from_iterable(source.columns for source in sources)
+        return {**self.meanings, **dict.fromkeys(columns, _TAKEN)}
 
     def note(self, about: str, doubt: str, /, **values: Any) -> None:
         """Note what is in doubt."""
@@ -156,36 +148,34 @@ class _Search:
         """Return the samples (T, k) of k columns."""
         return np.column_stack([self.inference.data[name] for name in columns])
 
+    def is_quaternion(self, columns: Sequence[str]) -> bool:
+        """Return whether columns are four that have unit length together."""
+        length = np.linalg.norm(self.samples(columns), axis=1)
+        return len(columns) == 4 and float(np.median(np.abs(length - 1))) < _UNIT
+
     def named_vectors(self) -> list[Vector]:
         """Return the vectors by their names: arrays, files without names, and components.
 
         Columns that differ in their last number, as "gyro_0", are a vector if there are as many as
         of a vector of the base, or of its contacts.
         """
-        groups = self._groups()
-        sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
-        vectors = []
-        for (form, stem), parts in groups.items():
-            is_known = ("array", stem) in groups or len(parts) not in sizes
-            if form == "number" and is_known:
-                continue
-            places = self._axes(stem, parts) if form == "axis" else sorted(parts, key=int)
-            factors = {parts[place][1] for place in places}
-            if places:
-                columns = tuple(parts[place][0] for place in places)
-                factor = factors.pop() if len(factors) == 1 else 1.0
-                vectors.append(Vector(stem, columns, factor, is_array=form != "axis"))
-        return vectors
-
-    def _groups(self) -> dict[tuple[str, str], dict[str, tuple[str, float]]]:
-        """Return {(form, stem): {place: (column, factor)}} of the columns."""
         groups: dict[tuple[str, str], dict[str, tuple[str, float]]] = {}
         for name in self.inference.data:
             file = self.table.files.get(name, "")
             form, stem, place, factor = place_of(self.table.label(name), file)
-            if form:
-                groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
-        return groups
+            groups.setdefault((form, stem), {}).setdefault(place, (name, factor))
+        sizes = {3, 4, 7, *self.widths, len(self.floating.contacts)}
+        vectors = []
+        for (form, stem), parts in groups.items():
+            is_known = ("array", stem) in groups or len(parts) not in sizes
+            if form == "" or (form == "number" and is_known):
+                continue
+            places = self._axes(stem, parts) if form == "axis" else sorted(parts, key=int)
+            if places:
+                columns, factors = zip(*(parts[place] for place in places), strict=True)
+                factor = factors[0] if len({*factors}) == 1 else 1.0
+                vectors.append(Vector(stem, columns, factor, is_array=form != "axis"))
+        return vectors
 
     def _axes(self, stem: str, parts: Collection[str]) -> list[str]:
         """Return the axes of a whole vector in order, none of one that lacks an axis: note that."""
@@ -203,62 +193,37 @@ class _Search:
         Behind the n + 7 positions come arrays of n + 6, those of n torques, and flags of the
         contacts.
         """
-        names = list(self.inference.data)
+        names, n = list(self.inference.data), self.robot.n
         if self.table.files or not all(map(str.isdecimal, names)):
             return []
-        n, feet = self.robot.n, len(self.floating.contacts)
-        start = self._start_of_pose(names)
+        # A pose is three coordinates and then a quaternion.
+        starts = range(len(names) - n - 6)
+        start = next((x for x in starts if self.is_quaternion(names[x + 3 : x + 7])), None)
         if start is None:
             return []
         place = start + n + 7
         vectors = [Vector("q", tuple(names[start:place]), is_array=True)]
-        rate = self.samples(names[place - n : place])
-        widths = {"velocity": n + 6, "acceleration": n + 6, "torque": n, "contact": feet}
-        for stem, width in widths.items():
-            columns = names[place : place + width]
-            if len(columns) < width:
-                continue
-            if width == n + 6:
-                values, derivative = self.samples(columns[-n:]), np.diff(rate, axis=0)
-                if _cosine(derivative, values[: len(derivative)]) < _DERIVED:
-                    continue
-                rate = values
-            vectors.append(Vector(stem, tuple(columns), is_array=True))
-            place += width
+        widths = {"velocity": n + 6, "acceleration": n + 6, "torque": n}
+        for stem, width in {**widths, "contact": len(self.floating.contacts)}.items():
+            vector = Vector(stem, tuple(names[place : place + width]), is_array=True)
+            is_whole, is_rate = len(vector.columns) == width, width == n + 6
+            if is_whole and (not is_rate or self._likeness(vectors[-1], vector) >= _DERIVED):
+                vectors.append(vector)
+                place += width
         parts = ", ".join(f"{vector.stem} ({len(vector.columns)})" for vector in vectors)
-        self.note(f"columns {names[start]} to {names[place - 1]}", "one_table", vectors=parts)
+        about = f"columns {names[start]} to {vectors[-1].columns[-1]}"
+        self.note(about, "one_table", vectors=parts)
         return vectors
 
-    def _start_of_pose(self, names: Sequence[str]) -> int | None:
-        """Return the first of n + 7 columns that have three coordinates and then a quaternion."""
-        starts = range(len(names) - self.robot.n - 6)
-        poses = (x for x in starts if _is_quaternion(self.samples(names[x + 3 : x + 7])))
-        return next(poses, None)
+    def _likeness(self, vector: Vector, rate: Vector) -> float:
+        """Return the cosine of the derivative of one array and another one, by their joints."""
+        values, rates = (self.samples(x.columns[-self.robot.n :]) for x in (vector, rate))
+        return _cosine(np.diff(values, axis=0), rates[:-1])
 
     def take_states(self, vectors: Sequence[Vector]) -> None:
         """Take arrays of n, n + 3, n + 6 or n + 7 columns for states of base and joints."""
         widths = {self.robot.n, *self.widths} - {*range(5)}
         arrays = [x for x in vectors if x.is_array and len(x.columns) in widths]
-        for vector, quantity in self._state_quantities(arrays).items():
-            if quantity:
-                self._take_state(vector, quantity)
-
-    def _take_state(self, vector: Vector, quantity: str) -> None:
-        """Take an array for the states of the base, if it has them, and of the joints."""
-        names, n = self.robot.joint_names, self.robot.n
-        base, joints = vector.columns[:-n], vector.columns[-n:]
-        for name, part in _STATES.get((len(base), quantity), {}).items():
-            self.guess.base[name] = Source(base[part])
-        self.guess.meanings |= dict.fromkeys(base, _TAKEN)
-        meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
-        for column, joint in zip(joints, names, strict=True):
-            self.guess.meanings[column] = replace(meaning, joint=joint)
-        about = f"{vector.stem}: its last {n} columns" if base else vector.stem
-        order = f"{names[0]}, {names[1]}, ..." if n > 1 else "one"
-        self.note(about, "states", order=order)
-
-    def _state_quantities(self, arrays: Sequence[Vector]) -> dict[Vector, str]:
-        """Return the quantities of arrays by their names, by a quaternion, and as derivatives."""
         quantities = {vector: self._named_quantity(vector) for vector in arrays}
         positions = [
             vector
@@ -270,60 +235,63 @@ class _Search:
         if positions:
             position = max(positions, key=lambda vector: len(vector.columns))
             quantities |= self._derivatives(position, unnamed)
-        return quantities
+        for vector, quantity in quantities.items():
+            if quantity:
+                self._take_state(vector, quantity)
 
     def _named_quantity(self, vector: Vector) -> str:
         """Return the quantity of an array by its name, of one with a pose by its quaternion."""
         if len(vector.columns) == self.robot.n + 7:
-            return "position" if _is_quaternion(self.samples(vector.columns[3:7])) else ""
+            return "position" * self.is_quaternion(vector.columns[3:7])
         return meaning_of(vector.stem).quantity
 
     def _derivatives(self, position: Vector, arrays: Sequence[Vector]) -> dict[Vector, str]:
         """Return which arrays are the velocity and the acceleration, by those of the joints."""
-        samples = {x: self.samples(x.columns[-self.robot.n :]) for x in (position, *arrays)}
         quantities: dict[Vector, str] = {}
-        rate = samples.pop(position)
+        # The acceleration is compared with the derivative of the velocity that was found: one
+        # derivative has less noise than two.
         for quantity in ("velocity", "acceleration"):
-            # The acceleration is compared with the derivative of the velocity that was found, if
-            # any: one derivative has less noise than two.
-            rate = np.diff(rate, axis=0)
-            cosines = {x: _cosine(rate, values[: len(rate)]) for x, values in samples.items()}
-            best = max(cosines, key=cosines.__getitem__, default=None)
-            if best is not None and cosines[best] > _DERIVED:
-                quantities[best] = quantity
-                rate = samples.pop(best)
-                self.note(best.stem, "by_samples", quantity=quantity)
+            rates = {x: self._likeness(position, x) for x in arrays if x not in quantities}
+            best = max(rates, key=rates.__getitem__, default=position)
+            if rates.get(best, 0.0) <= _DERIVED:
+                break
+            quantities[best], position = quantity, best
+            self.note(best.stem, "by_samples", quantity=quantity)
         return quantities
+
+    def _take_state(self, vector: Vector, quantity: str) -> None:
+        """Take an array for the states of the base, if it has them, and of the joints."""
+        names, n = self.robot.joint_names, self.robot.n
+        base, joints = vector.columns[:-n], vector.columns[-n:]
+        for name, part in _STATES.get((len(base), quantity), {}).items():
+            self.base[name] = Source(base[part])
+        self.meanings |= dict.fromkeys(base, _TAKEN)
+        meaning = replace(meaning_of(vector.stem), quantity=quantity, side="", unknown=())
+        for column, joint in zip(joints, names, strict=True):
+            self.meanings[column] = replace(meaning, joint=joint)
+        about = f"{vector.stem}: its last {n} columns" if base else vector.stem
+        order = f"{names[0]}, {names[1]}, ..." if n > 1 else "one"
+        self.note(about, "states", order=order)
 
     def take_vector(self, vector: Vector) -> None:
         """Take a vector for what its name and its samples say."""
         width, kind = len(vector.columns), kind_of(vector.stem)
         if is_contact(vector.stem) or is_elsewhere(vector.stem):
             return
-        if width in (4, 7) and _is_quaternion(self.samples(vector.columns[-4:])):
-            self._take_pose(vector)
+        if width in (4, 7) and self.is_quaternion(vector.columns[-4:]):
+            order: Order | None = "wxyz" if width == 4 and not vector.is_array else None
+            if width == 7:
+                self.base.setdefault("position", Source(vector.columns[:3]))
+            self.base.setdefault("orientation", Source(vector.columns[-4:], order=order))
         elif width == 3 and kind == "specific_force":
-            self._take_acceleration(vector, self.samples(vector.columns))
+            values = vector.factor * self.samples(vector.columns)
+            # One without gravity is an acceleration in the axes of the base.
+            if factor := self._acceleration_factor(vector.stem, values, "no_gravity"):
+                self.base.setdefault(kind, vector.source(scale=factor * vector.factor))
+            else:
+                self.base.setdefault("acceleration", vector.source(frame="base"))
         elif width == 3 and kind not in ("", "orientation"):
-            self.guess.base.setdefault(kind, vector.source())
-
-    def _take_pose(self, vector: Vector) -> None:
-        """Take a quaternion for the orientation, and three columns before it for the position."""
-        is_alone = len(vector.columns) == 4
-        order: Order | None = "wxyz" if is_alone and not vector.is_array else None
-        quaternion = Source(vector.columns[-4:], order=order)
-        if not is_alone:
-            self.guess.base.setdefault("position", Source(vector.columns[:3]))
-        self.guess.base.setdefault("orientation", quaternion)
-
-    def _take_acceleration(self, vector: Vector, values: Array) -> None:
-        """Take an acceleration with gravity, or one without it in the axes of the base."""
-        factor = self._acceleration_factor(vector.stem, vector.factor * values, "no_gravity")
-        if factor:
-            source = vector.source(scale=factor * vector.factor)
-            self.guess.base.setdefault("specific_force", source)
-        else:
-            self.guess.base.setdefault("acceleration", vector.source(frame="base"))
+            self.base.setdefault(kind, vector.source())
 
     def _acceleration_factor(self, about: str, values: Array, doubt: str) -> float:
         """Return the factor to m/s^2 of an acceleration (T, k), zero with a note of its `doubt`."""
@@ -337,47 +305,44 @@ class _Search:
             return 0.0
         return 1.0
 
-    def take_wrenches(self, vectors: Sequence[Vector]) -> None:
-        """Take force sensors for the contacts whose names share the most words with theirs."""
-        sensors = force_sensors(vectors)
+    def take_wrenches(self, vectors: Sequence[Vector]) -> dict[str, Vector]:
+        """Take force sensors for the contacts whose names share the most words with theirs.
+
+        Return the forces of the others.
+        """
+        sensors: dict[str, dict[str, Vector]] = {}
+        for vector in vectors:
+            match = _WRENCH.fullmatch(vector.stem)
+            if match and len(vector.columns) == 3 and not is_commanded(vector.stem):
+                quantity = "force" if match[2].lower().startswith("f") else "moment"
+                sensors.setdefault(match[1], {})[quantity] = vector
+        sensors = {sensor: parts for sensor, parts in sensors.items() if "force" in parts}
         shared = {sensor: nearest(sensor, self.floating.contact_links) for sensor in sensors}
+        rest = {}
         for sensor, parts in sensors.items():
             link, count = shared[sensor]
             # No other sensor that is nearest to this contact shares as many words with it.
-            is_rival = [x == link and words >= count for x, words in shared.values()]
-            if not link or is_rival.count(True) > 1:
-                self.other_forces[sensor] = parts["force"]
+            rivals = [words for x, words in shared.values() if x == link and words >= count]
+            if not link or len(rivals) > 1:
+                rest[sensor] = parts["force"]
                 continue
-            self.guess.contacts[link] = {x: vector.source() for x, vector in parts.items()}
+            self.inference.tables["contacts", link] = {x: y.source() for x, y in parts.items()}
             self.note(sensor, "force_sensor", link=link)
-
-    def note_unused_forces(self) -> None:
-        """Note the forces that are neither at a contact nor a vector of the base."""
-        taken = {source.columns for source in self.guess.base.values()}
-        for sensor, vector in self.other_forces.items():
-            if vector.columns not in taken:
-                self.note(sensor, "other_force")
+        return rest
 
     def take_contacts(self, vectors: Sequence[Vector]) -> None:
         """Take columns for contacts: with the words of a link, or an array of one for each."""
-        links = [x for x in self.floating.contact_links if x not in self.guess.contacts]
+        every, tables = self.floating.contact_links, self.inference.tables
+        links = [link for link in every if ("contacts", link) not in tables]
         for name in self.inference.data:
-            link = self._contact_in(self.table.label(name))
-            if link in links:
+            label = self.table.label(name)
+            if is_contact(label) and (link := nearest(label, every)[0]) in links:
                 self._take_contact(link, name)
         arrays = [x for x in vectors if is_contact(x.stem) and len(x.columns) == len(links)]
-        if arrays and not self.guess.contacts:
-            self._take_in_order(links, arrays[0])
-
-    def _contact_in(self, name: str) -> str:
-        """Return the contact in a name that is one of a contact, an empty text if none."""
-        return nearest(name, self.floating.contact_links)[0] if is_contact(name) else ""
-
-    def _take_in_order(self, links: Sequence[str], vector: Vector) -> None:
-        """Take an array for the contacts of the robot in their order."""
-        for link, name in zip(links, vector.columns, strict=True):
-            self._take_contact(link, name)
-        self.note(vector.stem, "contacts_in_order", links=", ".join(links))
+        if arrays and tables.keys() <= {("base",)}:
+            for link, name in zip(links, arrays[0].columns, strict=True):
+                self._take_contact(link, name)
+            self.note(arrays[0].stem, "contacts_in_order", links=", ".join(links))
 
     def _take_contact(self, link: str, name: str) -> None:
         """Take a column for a flag, or for a force with a threshold in the middle of its range."""
@@ -395,17 +360,17 @@ class _Search:
             above = float(f"{low + 0.2 * (high - low):.3g}")
             self.note(name, "force", above=above)
         source = Source((name,), scale=scale, above=above, unknown=unknown)
-        self.guess.contacts.setdefault(link, {}).setdefault("contact", source)
+        self.inference.tables["contacts", link].setdefault("contact", source)
 
     def take_loads(self) -> None:
         """Take "hip.load" for the torque of a joint, as Spot names it, if no column has one."""
-        meanings = {**self.inference.meanings, **self.guess.meanings}
+        meanings = {**self.inference.meanings, **self.meanings}
         if any(meaning.quantity in ("torque", "current") for meaning in meanings.values()):
             return
         for name, m in self.inference.meanings.items():
             is_load = words_of(name)[-1:] == ["load"] and m.joint in self.robot.joint_names
             if is_load and not m.quantity:
-                self.guess.meanings[name] = replace(m, quantity="torque", side="")
+                self.meanings[name] = replace(m, quantity="torque", side="")
                 self.note(name, "load")
 
     def take_planar(self) -> None:
@@ -424,7 +389,7 @@ class _Search:
             about, values = force.column, self.samples(force.columns)
             if factor := self._acceleration_factor(about, values, "no_gravity_or_unit"):
                 vectors["specific_force"] = replace(force, scale=factor)
-        self.guess.base = {**vectors, **self.guess.base}
+        self.inference.tables["base",] = {**vectors, **self.base}
 
     def _planar_vectors(self, normal: str) -> dict[str, Source]:
         """Return the vectors of single columns; note one that lacks an axis."""
@@ -442,7 +407,7 @@ class _Search:
     def _planar_columns(self, normal: str) -> dict[str, dict[str, str]]:
         """Return {quantity: {axis: column}} of single columns that nothing else has taken."""
         # What arrays and vectors were taken for has precedence over single columns.
-        free = self.inference.data.keys() - self.guess.taken.keys()
+        free = self.inference.data.keys() - self.taken.keys()
         parts = dict[str, dict[str, str]]()
         for column in filter(free.__contains__, self.inference.data):
             meaning = planar_meaning(self.table.label(column), normal)
@@ -474,15 +439,15 @@ class _Search:
 
     def decide_frames(self) -> None:
         """Decide the order of a quaternion and the frames of velocities by their samples."""
-        base = self.guess.base
+        base = self.base
         if "orientation" in base:
+            columns = base["orientation"].columns
             order, frame = self._order(base["orientation"])
             if frame == "world":
                 base["angular_velocity"] = replace(base["angular_velocity"], frame="world")
-            columns = base["orientation"].columns
-            R = _rotations(self.samples(columns), order)
             base["orientation"] = Source(columns, order=None if order == "wxyz" else order)
             if "velocity" in base:
+                R = _rotations(self.samples(columns), order)
                 base["velocity"] = replace(base["velocity"], frame=self._velocity_frame(R))
         if {"velocity", "position", "specific_force"} & base.keys():
             base.pop("acceleration", None)
@@ -491,45 +456,41 @@ class _Search:
 
     def _order(self, source: Source) -> tuple[Order, Frame | None]:
         """Return the order of a quaternion, and the frame of the angular velocity."""
-        base, values = self.guess.base, self.samples(source.columns)
+        base, values = self.base, self.samples(source.columns)
         orders: tuple[Order, ...] = ("wxyz",) if source.order else ("xyzw", "wxyz")
         scores: dict[tuple[Order, Frame | None], float] = {}
         for order in orders:
             R = _rotations(values, order)
             if "angular_velocity" in base:
-                w = self.samples(base["angular_velocity"].columns)
-                # the rows of R' are those of R turned: R(t+1) R(t)^T is a turn about w in the world
-                turn = np.einsum("tij,tkj->tik", R[1:], R[:-1])
-                axial = [turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))]
-                world = np.column_stack(axial)
-                scores[order, "base"] = _cosine(np.einsum("tji,tj->ti", R[:-1], world), w[:-1])
-                scores[order, "world"] = _cosine(world, w[:-1])
+                w = self.samples(base["angular_velocity"].columns)[:-1]
+                # R(t+1) R(t)^T is a turn about w in the world, and R(t)^T R(t+1) one in the base.
+                world = (R[1:] * R[:-1].inv()).as_rotvec()
+                scores[order, "base"] = _cosine(R[:-1].inv().apply(world), w)
+                scores[order, "world"] = _cosine(world, w)
             elif "specific_force" in base:
-                f = self.samples(base["specific_force"].columns)
                 # R f = a - g, whose mean is 9.81 upwards in the right order: a base does not
                 # accelerate for long.
-                up = float(np.mean(np.einsum("tij,tj->ti", R, f)[:, 2]))
-                scores[order, None] = up / 9.81
+                f = self.samples(base["specific_force"].columns)
+                scores[order, None] = float(np.mean(R.apply(f)[:, 2])) / 9.81
             else:
                 # The z axis of a base is about upright: R_zz is near 1 in the right order.
-                scores[order, None] = float(np.mean(R[:, 2, 2]))
+                scores[order, None] = float(np.mean(R.as_matrix()[:, 2, 2]))
         (order, frame), best = max(scores.items(), key=lambda item: item[1])
         rivals = [score for (rival, _), score in scores.items() if rival != order]
         if rivals and best - max(rivals) < _CLEARER:
             self.note("orientation", "guessed_order", order=order)
         return order, frame
 
-    def _velocity_frame(self, R: Array) -> Frame | None:
+    def _velocity_frame(self, R: Rotation) -> Frame | None:
         """Return the frame of the velocity: that in which it is the derivative of the position."""
-        base = self.guess.base
-        if "position" not in base:
+        if "position" not in self.base:
             self.note("velocity", "of_odometry")
             return "base"
-        v = self.samples(base["velocity"].columns)
-        rate = np.diff(self.samples(base["position"].columns), axis=0)
+        v = self.samples(self.base["velocity"].columns)[:-1]
+        rate = np.diff(self.samples(self.base["position"].columns), axis=0)
         # p' = v in the world, or R v of one in the base's axes; they are equal while the base
         # hardly turns.
-        in_world, in_base = _cosine(rate, v[:-1]), _cosine(rate, np.einsum("tij,tj->ti", R, v)[:-1])
+        in_world, in_base = _cosine(rate, v), _cosine(rate, R[:-1].apply(v))
         if abs(in_world - in_base) < _CLEARER / 5:
             self.note("velocity", "guessed_frame")
         return "base" if in_base > in_world else None
@@ -538,7 +499,7 @@ class _Search:
         """Note the motion of a base of six degrees of freedom that no column says."""
         if self.floating.normal is not None:
             return
-        quantities = self.guess.base.keys()
+        quantities = self.base.keys()
         if quantities.isdisjoint(("orientation", "angular_velocity")):
             self.note("base", "no_turn")
         has_pose = "orientation" in quantities and not quantities.isdisjoint(
@@ -557,15 +518,10 @@ _STATES: dict[tuple[int, str], dict[str, slice]] = {
 """{(columns of the base, quantity): {its vectors: their columns}} of generalised coordinates."""
 
 
-def _is_quaternion(values: Array) -> bool:
-    length = np.linalg.norm(values, axis=1)
-    return values.shape[1] == 4 and float(np.median(np.abs(length - 1))) < _UNIT
-
-
-def _rotations(quaternions: Array, order: Order) -> Array:
-    """Return the rotations (T, 3, 3) of quaternions (T, 4) of any length, in an order."""
-    values = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return matrices(values if order == "wxyz" else values[:, [3, 0, 1, 2]])
+def _rotations(quaternions: Array, order: Order) -> Rotation:
+    """Return the rotations of quaternions (T, 4) of any length, zero too, in an order."""
+    values = np.where(np.any(quaternions, axis=1, keepdims=True), quaternions, [1.0, 0, 0, 0])
+    return Rotation.from_quat(values, scalar_first=order == "wxyz")
 
 
 def _cosine(first: Array, second: Array) -> float:

@@ -8,10 +8,10 @@ in whole numbers. Everything else becomes a doubt; usual conventions become assu
 from __future__ import annotations
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Self
@@ -106,6 +106,9 @@ class Inference:
     notes: dict[Doubt, list[str]] = field(default_factory=dict)
     assumed: dict[Doubt, list[str]] = field(default_factory=dict)
     time: Array | None = None
+    tables: defaultdict[tuple[str, ...], dict[str, Source]] = field(
+        default_factory=partial(defaultdict, dict)
+    )
 
     def having(self, quantity: str, joint: str, *sides: str, role: Role = "measured") -> list[str]:
         """Return the columns with a quantity of a joint, in one role.
