@@ -519,9 +519,10 @@ _STATES: dict[tuple[int, str], dict[str, slice]] = {
 
 
 def _rotations(quaternions: Array, order: Order) -> Rotation:
-    """Return the rotations of quaternions (T, 4) of any length, zero too, in an order."""
-    values = np.where(np.any(quaternions, axis=1, keepdims=True), quaternions, [1.0, 0, 0, 0])
-    return Rotation.from_quat(values, scalar_first=order == "wxyz")
+    """Return the rotations of quaternions (T, 4) of any length in an order; lost ones are held."""
+    is_there = np.linalg.norm(quaternions, axis=1) > 0
+    rows = np.maximum.accumulate(np.where(is_there, np.arange(len(is_there)), np.argmax(is_there)))
+    return Rotation.from_quat(quaternions[rows], scalar_first=order == "wxyz")
 
 
 def _cosine(first: Array, second: Array) -> float:
