@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
@@ -377,12 +377,14 @@ class _Search:
         """Take single columns for the coordinates, the angle and the rates of a planar base."""
         if self.floating.normal is None:
             return
-        normal = "xyz"[int(np.argmax(np.abs(np.array(self.floating.normal))))]
-        vectors = self._planar_vectors(normal)
-        for quantity in ("angle", "angular_velocity"):
-            if quantity in vectors:
-                vectors[quantity] = self._in_radians(vectors[quantity])
-        self._check_signs(vectors)
+        vectors = self._planar_vectors("xyz"[int(np.argmax(np.abs(self.floating.normal)))])
+        turns = {x: vectors[x] for x in ("angle", "angular_velocity") if x in vectors}
+        vectors |= {quantity: self._in_radians(source) for quantity, source in turns.items()}
+        if len(turns) == 2:
+            # Steps over rates: constant factors are in both norms and do not change the cosine.
+            angle, rate = (self.samples(source.columns) for source in turns.values())
+            if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
+                self.note(turns["angular_velocity"].column, "opposite_rate")
         # If the normal points up, gravity is along it, and no component in the plane feels it.
         if "specific_force" in vectors and abs(float(self.floating.normal_in_world[2])) < 0.5:
             force = vectors.pop("specific_force")
@@ -392,28 +394,23 @@ class _Search:
         self.inference.tables["base",] = {**vectors, **self.base}
 
     def _planar_vectors(self, normal: str) -> dict[str, Source]:
-        """Return the vectors of single columns; note one that lacks an axis."""
-        plane, vectors = "xyz".replace(normal, ""), dict[str, Source]()
-        axes = {**dict.fromkeys(PLANAR, plane), "angle": normal, "angular_velocity": normal}
-        columns = self._planar_columns(normal)
-        for quantity in [x for x in axes if x in columns]:
-            parts = columns[quantity]
-            if lacking := [axis for axis in axes[quantity] if axis not in parts]:
-                self.note(next(iter(parts.values())), "no_plane_axis", axis=lacking[0])
-            else:
-                vectors[quantity] = Source(tuple(parts[axis] for axis in axes[quantity]))
+        """Return the vectors of single columns that nothing else has taken; note a lacking axis."""
+        axes = dict.fromkeys(PLANAR, "xyz".replace(normal, ""))
+        axes |= {"angle": normal, "angular_velocity": normal}
+        parts: dict[str, dict[str, str]] = {quantity: {} for quantity in axes}
+        taken, joints = self.taken, self.robot.joint_names
+        for column in [x for x in self.inference.data if x not in taken]:
+            quantity, axis = planar_meaning(self.table.label(column), normal)
+            if quantity and self.inference.meanings[column].joint not in joints:
+                parts[quantity].setdefault(axis, column)
+        vectors = dict[str, Source]()
+        for quantity, columns in parts.items():
+            lacking = [axis for axis in axes[quantity] if axis not in columns]
+            if not lacking:
+                vectors[quantity] = Source(tuple(columns[axis] for axis in axes[quantity]))
+            elif columns:
+                self.note(next(iter(columns.values())), "no_plane_axis", axis=lacking[0])
         return vectors
-
-    def _planar_columns(self, normal: str) -> dict[str, dict[str, str]]:
-        """Return {quantity: {axis: column}} of single columns that nothing else has taken."""
-        # What arrays and vectors were taken for has precedence over single columns.
-        free = self.inference.data.keys() - self.taken.keys()
-        parts = dict[str, dict[str, str]]()
-        for column in filter(free.__contains__, self.inference.data):
-            meaning = planar_meaning(self.table.label(column), normal)
-            if meaning and self.inference.meanings[column].joint not in self.robot.joint_names:
-                parts.setdefault(meaning[0], {}).setdefault(meaning[1], column)
-        return parts
 
     def _in_radians(self, source: Source) -> Source:
         """Return the source of an angle or its rate, in degrees by its name or its range."""
@@ -423,19 +420,6 @@ class _Search:
             unit = "deg"
             self.note(source.column, "in_degrees", turn=turn)
         return replace(source, scale=math.pi / 180 if unit in ("deg", "deg/s") else 1.0)
-
-    def _check_signs(self, vectors: Mapping[str, Source]) -> None:
-        """Note an angle whose derivative is minus the angular velocity."""
-        if not {"angle", "angular_velocity"} <= vectors.keys():
-            return
-        angle, rate = (
-            vectors[x].scale * self.samples(vectors[x].columns)
-            for x in ("angle", "angular_velocity")
-        )
-        # Steps over rates: a constant step of time is in both norms and does not change the cosine.
-        if _cosine(np.diff(angle, axis=0), rate[:-1]) < _OPPOSITE:
-            column = vectors["angular_velocity"].columns[0]
-            self.note(column, "opposite_rate")
 
     def decide_frames(self) -> None:
         """Decide the order of a quaternion and the frames of velocities by their samples."""

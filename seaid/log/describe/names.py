@@ -740,27 +740,25 @@ def _component(bare: str) -> tuple[str, str, float] | None:
     return None
 
 
-def planar_meaning(bare: str, normal: str) -> tuple[str, str] | None:
-    """Return (quantity, axis) of a name, None if it is not that of a planar base."""
+def planar_meaning(bare: str, normal: str) -> tuple[str, str]:
+    """Return (quantity, axis) of a name, empty texts if it is not that of a planar base."""
     words, known = {*words_of(bare)}, _planar_words()
     rest = words - known["body"] - known["filler"]
     axes, angles = rest & {*"xyz"}, rest & {*_phrases("base_words", _TURNING_ABOUT[normal])}
     if words & known["body"] and not axes:
         angles |= rest & known["angle"]
     rest -= axes | angles
-    is_angle = bool(angles) and not axes  # "base_pos_pitch_dot" is a rate
-    kind = _planar_kind(rest - {"pos"} if is_angle else rest, is_angle)
+    if angles and not axes:
+        rest -= {"pos"}  # "base_pos_pitch_dot" is a rate
+        kinds = {"angle": known["position"], "angular_velocity": known["angular_velocity"]}
+    else:
+        kinds = {kind: known[kind] for kind in PLANAR}
+    # An unknown word makes it another column.
+    kind = next((kind for kind, of_kind in kinds.items() if rest <= of_kind), "")
     if kind in ("angle", "angular_velocity"):  # it may lack its axis: "gyro"
-        return (kind, normal) if axes <= {normal} else None
-    (axis, *more) = [*axes, ""]
-    return (kind, axis) if kind and more == [""] and axis != normal else None
-
-
-def _planar_kind(words: set[str], is_angle: bool) -> str:
-    """Return the quantity of words without axes; an unknown word makes it another column."""
-    kinds = {"position": "angle", "angular_velocity": "angular_velocity"} if is_angle else {}
-    known = _planar_words()
-    return next((kinds.get(x, x) for x in kinds or PLANAR if words <= known[x]), "")
+        return (kind, normal) if axes <= {normal} else ("", "")
+    is_in_plane = len(axes) == 1 and axes != {normal}
+    return (kind, axes.pop()) if kind and is_in_plane else ("", "")
 
 
 PLANAR = ("position", "velocity", "specific_force", "angular_velocity")
